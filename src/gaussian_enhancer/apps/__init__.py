@@ -1,0 +1,1 @@
+"""One short Hydra entry point a job."""

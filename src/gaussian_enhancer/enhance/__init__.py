@@ -1,0 +1,1 @@
+"""The fusion network, knowing neither Lightning nor Hydra."""

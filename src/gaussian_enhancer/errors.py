@@ -1,0 +1,27 @@
+"""The one error that a user can cause and mend."""
+
+
+class InputError(ValueError):
+    """What the user handed in cannot be used; the command line turns it into one line and exit code 2.
+
+    Args:
+        subject: what is wrong, named as the user knows it: a file, an option.
+        received: the value or state that was found.
+        remedy: what to do instead, as an imperative.
+
+    Example:
+        >>> raise InputError("photo a.png", "is truncated after 812 bytes", "replace the file")
+        Traceback (most recent call last):
+        ...
+        gaussian_enhancer.errors.InputError: photo a.png: is truncated after 812 bytes; replace the file
+    """
+
+    def __init__(self, subject: object, received: str, remedy: str) -> None:
+        super().__init__(f"{subject}: {received}; {remedy}")
+        self.subject = str(subject)
+        self.received = received
+        self.remedy = remedy
+
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
+        """Pickle by the three parts, so that the error survives worker processes."""
+        return InputError, (self.subject, self.received, self.remedy)

@@ -1,0 +1,1 @@
+"""Quality and cost of images on disk, as records on disk."""

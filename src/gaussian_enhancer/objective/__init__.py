@@ -1,0 +1,1 @@
+"""Unreduced loss terms and their named, weighted sum."""

@@ -1,0 +1,1 @@
+"""Four families of procedural worlds with exact depth at any resolution."""

@@ -1,0 +1,80 @@
+"""A scene: posed photos, read lazily, and which of them are kept aside to measure on.
+
+Axes: h height, w width, p points.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True)
+class Points:
+    """A coloured point cloud, usually of structure from motion.
+
+    Args:
+        positions: world coordinates.
+        colours: sRGB in [0, 1].
+    """
+
+    positions: Float[Tensor, "p 3"]
+    colours: Float[Tensor, "p 3"]
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photo of a scene. Pixels are read when asked for, each time anew.
+
+    Args:
+        name: the file's name with ending, unique in its scene; outputs keep it.
+        camera: where it was taken from; None in a folder without cameras.
+        read: returns the image, shape (3, height, width), [0, 1], over the scene's background.
+        read_depth: returns true z depth, shape (1, height, width), where it is known (procedural scenes).
+        read_alpha: returns the object's coverage, shape (1, height, width), where it is known.
+    """
+
+    name: str
+    camera: Camera | None
+    read: Callable[[], Float[Tensor, "3 h w"]]
+    read_depth: Callable[[], Float[Tensor, "1 h w"]] | None = None
+    read_alpha: Callable[[], Float[Tensor, "1 h w"]] | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Photos sorted by name, split into those that may be learnt from or referred to and those that measure.
+
+    Args:
+        name: short name, used in records and folders.
+        photos: all photos, sorted by name.
+        train: indices of photos that a splat is fitted to and that serve as references.
+        test: indices of held-out photos; never a reference.
+        background: colour behind the scene, composited under renders.
+        points: sparse points, if the capture has them.
+    """
+
+    name: str
+    photos: tuple[Photo, ...]
+    train: tuple[int, ...]
+    test: tuple[int, ...]
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: Points | None = None
+
+    @property
+    def train_photos(self) -> tuple[Photo, ...]:
+        """The photos to fit to and to refer to."""
+        return tuple(self.photos[i] for i in self.train)
+
+    @property
+    def test_photos(self) -> tuple[Photo, ...]:
+        """The held-out photos."""
+        return tuple(self.photos[i] for i in self.test)
+
+    def with_split(self, train: tuple[int, ...], test: tuple[int, ...]) -> "Scene":
+        """The same photos under another split."""
+        return dataclasses.replace(self, train=train, test=test)

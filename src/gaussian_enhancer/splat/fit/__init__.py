@@ -1,0 +1,1 @@
+"""Fitting a splat to photos."""

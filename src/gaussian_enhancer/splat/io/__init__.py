@@ -1,0 +1,1 @@
+"""Splat files: 3DGS .ply in and out, PlayCanvas compressed .ply and .spz in."""

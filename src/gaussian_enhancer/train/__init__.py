@@ -1,0 +1,1 @@
+"""Thin Lightning modules and data modules."""

@@ -1,0 +1,152 @@
+"""The values that cross the borders between stages: cameras, Gaussians, renders, and what the network sees.
+
+Axes: b batch, h height, w width, n Gaussians, k spherical-harmonics coefficients (1, 4, 9 or 16),
+s scale axes (3 for ellipsoids, 2 for disks), r references. Images are float in [0, 1], sRGB, channels first.
+Cameras are pinhole with OpenCV axes (x right, y down, z forward); the first pixel's centre is at (0.5, 0.5).
+Depth is z in scene units and 0 where nothing was hit.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+class Movable:
+    """Frozen dataclass whose tensors (nested ones too) move together: Lightning calls ``.to(device)``."""
+
+    def to(self, *args: Any, **kwargs: Any) -> Self:
+        """Return a copy with every tensor moved as `torch.Tensor.to` would move it."""
+
+        def moved(value: Any) -> Any:
+            if isinstance(value, Tensor | Movable):
+                return value.to(*args, **kwargs)
+            return value
+
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return dataclasses.replace(self, **{f.name: moved(getattr(self, f.name)) for f in fields})  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class Camera(Movable):
+    """A pinhole camera: where it stands, what it projects, how large its image is.
+
+    Args:
+        K: intrinsics in pixels, last row (0, 0, 1).
+        world_to_camera: rigid transform from world to OpenCV camera axes.
+        height: image height in pixels.
+        width: image width in pixels.
+    """
+
+    K: Float[Tensor, "3 3"]
+    world_to_camera: Float[Tensor, "4 4"]
+    height: int
+    width: int
+
+    @property
+    def rotation(self) -> Float[Tensor, "3 3"]:
+        """World-to-camera rotation."""
+        return self.world_to_camera[:3, :3]
+
+    @property
+    def centre(self) -> Float[Tensor, " 3"]:
+        """The camera's position in the world."""
+        return -self.rotation.T @ self.world_to_camera[:3, 3]
+
+    @property
+    def forward(self) -> Float[Tensor, " 3"]:
+        """Unit viewing direction in the world."""
+        return self.rotation[2]
+
+    def resized(self, height: int, width: int) -> "Camera":
+        """The same view sampled on another pixel grid (the field of view is kept)."""
+        scale = self.K.new_tensor([[width / self.width], [height / self.height], [1.0]])
+        return dataclasses.replace(self, K=self.K * scale, height=height, width=width)
+
+
+@dataclass(frozen=True)
+class Gaussians(Movable):
+    """A splat: n Gaussians in the unconstrained parameters that are stored and optimised (as in 3DGS).
+
+    Args:
+        means: centres in the world.
+        log_scales: natural logarithm of the standard deviation along each own axis; two axes mean disks (2DGS).
+        quaternions: rotation from own axes to the world, (w, x, y, z), of any non-zero length.
+        opacity_logits: opacity before the sigmoid.
+        sh: spherical-harmonics colour coefficients, 3DGS order and sign; colour = SH(direction) + 0.5.
+        smoothing: standard deviation of the 3D low-pass filter of Mip-Splatting, world units; None for the others.
+    """
+
+    means: Float[Tensor, "n 3"]
+    log_scales: Float[Tensor, "n s"]
+    quaternions: Float[Tensor, "n 4"]
+    opacity_logits: Float[Tensor, " n"]
+    sh: Float[Tensor, "n k 3"]
+    smoothing: Float[Tensor, " n"] | None = None
+
+    def __len__(self) -> int:
+        return self.means.shape[0]
+
+    def __getitem__(self, index: Tensor) -> "Gaussians":
+        """The Gaussians that a mask or an index tensor selects."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return Gaussians(**{name: None if value is None else value[index] for name, value in values.items()})
+
+
+@dataclass(frozen=True)
+class Render(Movable):
+    """What a rasteriser gives for one camera.
+
+    Args:
+        colour: composited over the background, not clamped.
+        depth: expected z (weights normalised by alpha), 0 where alpha is below 1e-3.
+        alpha: accumulated opacity in [0, 1].
+        median_depth: z at which transmittance falls below one half, 0 where it never does; None if not asked for.
+        normals: unit normals in camera axes towards the camera (2DGS), 0 where nothing was hit; None otherwise.
+    """
+
+    colour: Float[Tensor, "3 h w"]
+    depth: Float[Tensor, "1 h w"]
+    alpha: Float[Tensor, "1 h w"]
+    median_depth: Float[Tensor, "1 h w"] | None = None
+    normals: Float[Tensor, "3 h w"] | None = None
+
+
+@dataclass(frozen=True)
+class Views(Movable):
+    """All that an enhancement network sees of a batch of targets.
+
+    References lie on the target's pixel grid: reprojected where alignment warps them by geometry, as they are
+    (resized) otherwise. A reference that is missing, or does not see a pixel, has visibility 0 there.
+
+    Args:
+        render: splat render of the target view.
+        references: photos brought to the target's grid, zero where not visible.
+        visibility: how surely each reference shows the target's surface at the pixel, in [0, 1].
+        depth: rendered depth of the target, None where the renderer gave none.
+        alpha: rendered opacity of the target, None where the renderer gave none.
+    """
+
+    render: Float[Tensor, "b 3 h w"]
+    references: Float[Tensor, "b r 3 h w"]
+    visibility: Float[Tensor, "b r 1 h w"]
+    depth: Float[Tensor, "b 1 h w"] | None = None
+    alpha: Float[Tensor, "b 1 h w"] | None = None
+
+
+@dataclass(frozen=True)
+class Batch(Movable):
+    """Training or validation samples: what the network sees, the photo it should return, and their names."""
+
+    views: Views
+    photo: Float[Tensor, "b 3 h w"]
+    names: tuple[str, ...] = ()
+
+
+def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = torch.float32) -> Camera:
+    """A camera at the world's origin looking along +z, with its principal point in the image's middle."""
+    K = torch.tensor([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]], dtype=dtype)
+    return Camera(K, torch.eye(4, dtype=dtype), height, width)
