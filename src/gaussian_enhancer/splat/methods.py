@@ -1,0 +1,51 @@
+"""The three ways to turn Gaussians into pixels that this package knows, as plain values.
+
+A method says how a Gaussian's footprint on the image is made; sorting, blending and
+thresholds are common to all.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True)
+class ThreeDGS:
+    """Ellipsoids projected by the local affine approximation: cov2d = J W S W^T J^T + dilation I.
+
+    Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023; Zwicker et al., EWA Splatting, 2002.
+
+    Args:
+        dilation: variance in square pixels that is added to every footprint: none falls between pixels.
+    """
+
+    name: ClassVar[str] = "3dgs"
+    dilation: float = 0.3
+
+
+@dataclass(frozen=True)
+class TwoDGS:
+    """Flat disks intersected exactly by each pixel's ray, with a screen-space low-pass of half a pixel.
+
+    Source: Huang et al., 2D Gaussian Splatting, SIGGRAPH 2024.
+    """
+
+    name: ClassVar[str] = "2dgs"
+
+
+@dataclass(frozen=True)
+class MipSplatting:
+    """Ellipsoids smoothed in 3D by the sampling limit and in 2D by a pixel-sized filter that keeps energy.
+
+    3D: scales -> sqrt(s^2 + f^2) and opacity *= prod(s / sqrt(s^2 + f^2)), f the Gaussians' ``smoothing``.
+    2D: cov2d + dilation I and opacity *= sqrt(det(cov2d) / det(cov2d + dilation I)).
+    Source: Yu et al., Mip-Splatting, CVPR 2024, equations 9 and 10.
+
+    Args:
+        dilation: variance of the 2D filter in square pixels.
+    """
+
+    name: ClassVar[str] = "mip_splatting"
+    dilation: float = 0.1
+
+
+Method = ThreeDGS | TwoDGS | MipSplatting
