@@ -1,0 +1,34 @@
+"""From configuration to objects: the only place that instantiates what a configuration names."""
+
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.errors import InputError
+
+
+def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
+    """Build the object that a configuration node names by ``_target_``.
+
+    Args:
+        node: configuration with ``_target_`` and its parameters; nested targets are built first.
+        *args: positional arguments that a configuration cannot hold.
+        **kwargs: keyword arguments that a configuration cannot hold; they win over the node's.
+
+    Raises:
+        InputError: a value marked ``???`` was not given.
+    """
+    require(node)
+    return hydra.utils.instantiate(node, *args, _convert_="all", **kwargs)
+
+
+def require(cfg: DictConfig) -> None:
+    """Refuse a configuration in which a mandatory value (``???``) is missing, naming the override that gives it.
+
+    Raises:
+        InputError: a value marked ``???`` was not given.
+    """
+    missing = sorted(OmegaConf.missing_keys(cfg))
+    if missing:
+        raise InputError(missing[0], "is mandatory and was not given", f"add {' '.join(f'{n}=...' for n in missing)}")

@@ -1,0 +1,83 @@
+"""Runs: folders named by the hash of what determines their content, with a marker for completion.
+
+A run that was finished once is found again, so a killed sweep resumes where it stopped and equal cells of
+different tables are computed once (as DomainBed names its jobs).
+"""
+
+import hashlib
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.apps.build import require
+
+WITHOUT_EFFECT = ("runs", "output", "runtime")
+"""Keys that do not change a result: where it is written, on which device, with how many threads."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run's folder.
+
+    Args:
+        folder: where the run writes; it exists.
+        digest: eight hexadecimal digits of the hash of job and configuration.
+    """
+
+    folder: Path
+    digest: str
+
+    @property
+    def done(self) -> bool:
+        """Whether the run was completed."""
+        return (self.folder / "done").is_file()
+
+    def finish(self) -> None:
+        """Mark the run as completed; the last thing that a job does."""
+        write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
+
+
+def open_run(cfg: DictConfig, job: str, label: str) -> Run:
+    """Create or find the folder of a run and write its configuration there.
+
+    Args:
+        cfg: the job's whole configuration.
+        job: the job's name, the folder's first part.
+        label: a readable part of the folder's name, for instance scene and splat.
+
+    Raises:
+        InputError: a value marked ``???`` was not given.
+    """
+    require(cfg)
+    values = effective(cfg)
+    digest = digest_of({"job": job, **values})
+    folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
+    return Run(folder, digest)
+
+
+def effective(cfg: DictConfig) -> dict[str, Any]:
+    """The resolved configuration without the keys that do not change a result."""
+    values = OmegaConf.to_container(cfg, resolve=True)
+    if not isinstance(values, dict):
+        raise TypeError(f"a job's configuration is a mapping, got {type(values).__name__}")
+    return {str(key): value for key, value in values.items() if key not in WITHOUT_EFFECT}
+
+
+def digest_of(values: dict[str, Any]) -> str:
+    """Eight hexadecimal digits of SHA-256 over the values in canonical JSON."""
+    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()[:8]
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a small text file so that a reader sees the old or the new content, never a part."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)

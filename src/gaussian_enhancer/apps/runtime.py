@@ -1,0 +1,36 @@
+"""Where a job computes: device, threads, progress bars."""
+
+import os
+
+import torch
+from omegaconf import DictConfig
+
+from gaussian_enhancer.errors import InputError
+
+
+def start(runtime: DictConfig) -> torch.device:
+    """Set the number of CPU threads and choose the device.
+
+    Args:
+        runtime: ``device`` (auto, cpu or cuda) and ``threads`` (None: all cores).
+
+    Raises:
+        InputError: the device is unknown or absent, or the thread count is not positive.
+    """
+    threads = len(os.sched_getaffinity(0)) if runtime.threads is None else runtime.threads
+    if not isinstance(threads, int) or threads < 1:
+        raise InputError("runtime.threads", f"is {threads!r}", "give a positive number or null")
+    torch.set_num_threads(threads)
+    os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
+    return choose_device(runtime.device)
+
+
+def choose_device(name: str) -> torch.device:
+    """The device that a name stands for; ``auto`` is CUDA where there is one."""
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if name not in ("cpu", "cuda"):
+        raise InputError("runtime.device", f"is {name!r}", "choose auto, cpu or cuda")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise InputError("runtime.device", "is 'cuda', but torch finds no CUDA device", "choose cpu or auto")
+    return torch.device(name)
