@@ -1,0 +1,51 @@
+"""Writing files whole or not at all: a killed run, or a full disk, leaves either the old file or none."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gaussian_enhancer.errors import InputError
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path`` that takes its place when the block ends without an error.
+
+    Parent folders are made. The temporary file keeps the ending, for writers that choose by it.
+
+    Args:
+        path: the file to write.
+
+    Raises:
+        InputError: if the system refuses to write (disk full, no permission); nothing is left behind.
+    """
+    path = Path(path)
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+        os.close(handle)
+        temporary = Path(name)
+        os.chmod(temporary, 0o666 & ~_umask())
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def unwritable(path: str | Path, error: OSError) -> InputError:
+    """The system's refusal to write ``path``, in the user's terms."""
+    reason = error.strerror or str(error)
+    return InputError(path, f"cannot be written ({reason})", "free some space or choose another folder")
+
+
+def _umask() -> int:
+    """The process's file-creation mask; the system only tells it while setting it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
