@@ -1,0 +1,85 @@
+"""Sessions: `nox --list` shows them, `nox -s NAME` runs one, `nox` runs lint and tests."""
+
+import os
+import shutil
+from pathlib import Path
+
+import nox
+
+nox.needs_version = ">=2025.2.9"
+nox.options.default_venv_backend = "uv"
+nox.options.reuse_venv = "yes"
+nox.options.sessions = ["lint", "tests"]
+
+PROJECT = nox.project.load_toml("pyproject.toml")
+
+
+def install(session: nox.Session, *groups: str) -> None:
+    """Install the project, editable, with dependency groups, at the versions of constraints.txt."""
+    packages = [package for group in groups for package in nox.project.dependency_groups(PROJECT, group)]
+    session.install("-c", "constraints.txt", "-e", ".", *packages)
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Check style and types: ruff and mypy."""
+    install(session, "lint")
+    session.run("ruff", "check", ".")
+    session.run("ruff", "format", "--check", ".")
+    session.run("mypy")
+
+
+@nox.session
+def tests(session: nox.Session) -> None:
+    """Run the tests, shapes checked; words after -- go to pytest."""
+    install(session, "test")
+    session.run("pytest", *session.posargs)
+
+
+@nox.session(default=False)
+def demo(session: nox.Session) -> None:
+    """Fit, enhance, measure and report one procedural scene; words after -- are overrides."""
+    install(session)
+    session.run("gaussian-enhancer", "demo", *session.posargs)
+
+
+@nox.session(default=False)
+def wheel(session: nox.Session) -> None:
+    """Build the wheel, install it alone in an empty environment, run the demo from another folder."""
+    session.install("build")
+    folder = Path(session.create_tmp())
+    shutil.rmtree(folder / "dist", ignore_errors=True)
+    session.run("python", "-m", "build", "--installer", "uv", "--outdir", str(folder / "dist"), silent=True)
+    (built,) = (folder / "dist").glob("*.whl")
+    session.run("uv", "venv", "--clear", "-q", str(folder / "empty"), external=True)
+    python = folder / "empty" / "bin" / "python"
+    constraints = str(Path("constraints.txt").resolve())
+    session.run("uv", "pip", "install", "-q", "--python", str(python), "-c", constraints, str(built), external=True)
+    command = str((folder / "empty" / "bin" / "gaussian-enhancer").resolve())
+    elsewhere = folder / "elsewhere"
+    shutil.rmtree(elsewhere, ignore_errors=True)
+    elsewhere.mkdir(parents=True)
+    with session.chdir(elsewhere):
+        session.run(command, "demo", *session.posargs, external=True)
+
+
+@nox.session(default=False, venv_backend="none")
+def constraints(session: nox.Session) -> None:
+    """Resolve constraints.txt anew for every platform and Python version (needs uv)."""
+    header = "# Exact versions of everything, resolved by `nox -s constraints`.\n"
+    arguments = [
+        "--universal",
+        "--all-extras",
+        "--group",
+        "dev",
+        "--no-header",
+        "--no-annotate",
+        "--no-emit-index-url",
+        "--upgrade",
+    ]
+    session.run("uv", "pip", "compile", "-q", "pyproject.toml", *arguments, "-o", "constraints.txt", external=True)
+    path = Path("constraints.txt")
+    path.write_text(header + path.read_text(encoding="utf-8"), encoding="utf-8")
+
+
+os.environ.setdefault("UV_HTTP_TIMEOUT", "300")  # torch's wheel is large, and slow lines are common
