@@ -8,17 +8,19 @@ Depth is z in scene units and 0 where nothing was hit.
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+_M = TypeVar("_M", bound="Movable")
+
 
 class Movable:
     """Frozen dataclass whose tensors (nested ones too) move together: Lightning calls ``.to(device)``."""
 
-    def to(self, *args: Any, **kwargs: Any) -> Self:
+    def to(self: _M, *args: Any, **kwargs: Any) -> _M:
         """Return a copy with every tensor moved as `torch.Tensor.to` would move it."""
 
         def moved(value: Any) -> Any:
@@ -93,7 +95,7 @@ class Gaussians(Movable):
     def __getitem__(self, index: Tensor) -> "Gaussians":
         """The Gaussians that a mask or an index tensor selects."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return Gaussians(**{name: None if value is None else value[index] for name, value in values.items()})
+        return Gaussians(**{name: None if value is None else value[index] for name, value in values.items()})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

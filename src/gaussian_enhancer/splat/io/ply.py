@@ -73,7 +73,7 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
         InputError: if the file cannot be written.
     """
     count, coefficients = gaussians.sh.shape[:2]
-    higher = gaussians.sh[:, 1:].transpose(1, 2).reshape(count, -1)
+    higher = gaussians.sh[:, 1:].transpose(1, 2).reshape(count, 3 * (coefficients - 1))
     blocks: dict[tuple[str, ...], torch.Tensor] = {
         _POSITION: gaussians.means,
         _NORMAL: torch.zeros_like(gaussians.means),
