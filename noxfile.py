@@ -67,17 +67,11 @@ def wheel(session: nox.Session) -> None:
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""
     header = "# Exact versions of everything, resolved by `nox -s constraints`.\n"
-    arguments = [
-        "--universal",
-        "--all-extras",
-        "--group",
-        "dev",
-        "--no-header",
-        "--no-annotate",
-        "--no-emit-index-url",
-        "--upgrade",
-    ]
-    session.run("uv", "pip", "compile", "-q", "pyproject.toml", *arguments, "-o", "constraints.txt", external=True)
+    options = ["--universal", "--all-extras", "--group", "dev", "--upgrade"]
+    silence = ["--no-header", "--no-annotate", "--no-emit-index-url"]
+    session.run(
+        "uv", "pip", "compile", "-q", "pyproject.toml", *options, *silence, "-o", "constraints.txt", external=True
+    )
     path = Path("constraints.txt")
     path.write_text(header + path.read_text(encoding="utf-8"), encoding="utf-8")
 
