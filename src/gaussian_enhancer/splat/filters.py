@@ -1,0 +1,52 @@
+"""How finely the training photos sampled each Gaussian: the size of Mip-Splatting's 3D low-pass filter.
+
+Axes: n Gaussians.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Camera
+
+FILTER_VARIANCE = 0.2
+SCREEN_MARGIN = 0.15
+
+
+@torch.no_grad()
+def smoothing_size(
+    means: Float[Tensor, "n 3"], cameras: Sequence[Camera], *, near: float = 0.01
+) -> Float[Tensor, " n"]:
+    """Standard deviation of the 3D filter that leaves no detail finer than the best photo could see.
+
+    f = sqrt(0.2) min over cameras that see the Gaussian of z / focal (Yu et al., Mip-Splatting, CVPR 2024,
+    equations 7 to 9; 0.2 is theirs). A camera sees what lies in front of z = near and projects into its image
+    enlarged by 15% on every side (their implementation's margin). Of two focal lengths the longer, finer one counts.
+    A Gaussian that no camera sees takes the largest size found, as theirs does.
+
+    Args:
+        means: centres in the world.
+        cameras: those that the splat is fitted to, all on one device with the means.
+        near: smallest z in scene units that counts as seen.
+
+    Raises:
+        InputError: if there are Gaussians but no camera sees any of them.
+    """
+    spacing = means.new_full((len(means),), torch.inf)
+    for camera in cameras:
+        points = means @ camera.rotation.to(means).T + camera.world_to_camera[:3, 3].to(means)
+        z = points[:, 2]
+        projected = points @ camera.K.to(means).T
+        position = projected[:, :2] / projected[:, 2:] / means.new_tensor((camera.width, camera.height))
+        inside = (position > -SCREEN_MARGIN) & (position < 1 + SCREEN_MARGIN)
+        focal = camera.K.diagonal()[:2].max().to(means)
+        spacing = torch.where((z > near) & inside.all(-1), torch.minimum(spacing, z / focal), spacing)
+    seen = spacing.isfinite()
+    if len(means) and not seen.any():
+        received = f"{len(cameras)} see none of the {len(means)} Gaussians"
+        raise InputError("training cameras", received, "give the cameras that the splat was fitted to")
+    largest = spacing[seen].max() if len(means) else 0.0
+    return FILTER_VARIANCE**0.5 * torch.where(seen, spacing, largest)
