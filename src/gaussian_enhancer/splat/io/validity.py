@@ -47,9 +47,7 @@ def validated(path: str | Path, gaussians: Gaussians, invalid: Invalid = "refuse
     if bool(good.all()):
         return gaussians
     bad = (~good).nonzero().flatten()
-    found = (
-        f"{len(bad)} of {len(gaussians)} Gaussians are not finite or lack a rotation (first: {int(bad[0])})"
-    )
+    found = f"{len(bad)} of {len(gaussians)} Gaussians are not finite or lack a rotation (first: {int(bad[0])})"
     if invalid == "refuse":
         raise InputError(path, found, 'repair the file or pass invalid="drop" to leave them out')
     if len(bad) == len(gaussians):

@@ -1,0 +1,44 @@
+"""One door for every splat format that is read; the content decides, not the file's ending."""
+
+from pathlib import Path
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
+from gaussian_enhancer.splat.io.ply import read_ply
+from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
+from gaussian_enhancer.splat.io.validity import Invalid
+from gaussian_enhancer.types import Gaussians
+
+_FORMATS = "a 3DGS .ply, a PlayCanvas compressed .ply or a .spz"
+
+
+def read_splat(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+    """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, or Niantic .spz.
+
+    Args:
+        path: the file.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+
+    Raises:
+        InputError: if the file is missing, empty, of no known format, or not what its format promises.
+    """
+    head = _head(path)
+    if head[:4] == MAGIC or head[:2] == GZIP_MAGIC:
+        return read_spz(path, invalid=invalid)
+    if head[:3] == b"ply":
+        compressed = b"packed_position" in head.split(b"end_header", 1)[0]
+        return (read_compressed_ply if compressed else read_ply)(path, invalid=invalid)
+    if not head:
+        raise InputError(path, "is empty", f"give {_FORMATS}")
+    raise InputError(path, f"is no splat that can be read (it starts with {head[:4]!r})", f"give {_FORMATS}")
+
+
+def _head(path: str | Path) -> bytes:
+    """The file's first bytes, enough for the header of any .ply that holds a splat."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(16_384)
+    except FileNotFoundError:
+        raise InputError(path, "does not exist", "check the path") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror or error})", "check the path") from None

@@ -1,0 +1,192 @@
+"""Niantic's .spz, versions 2 and 3 (one gzip stream) and 4 (a plain header, one zstd stream per attribute; read only).
+
+Attributes in file order: positions (three signed 24-bit fixed-point numbers), opacity (byte), base colour (three bytes,
+0.15 a unit of the harmonic coefficient), log scale (three bytes, 1/16 a step from -10), rotation (version 2: x, y, z as
+bytes; later: 32-bit words, index of the largest of x, y, z, w, then the others as sign and 9 bits over 1/sqrt(2)),
+higher harmonics (bytes around 128, 1/128 a step; colour varies fastest). The axes are right-up-back (OpenGL); they
+are turned half round x into the right-down-forward axes of 3DGS's .ply. Source: the format's own documentation
+(nianticlabs/spz, MIT).
+
+Axes: n Gaussians, k spherical-harmonics coefficients.
+"""
+
+import gzip
+import io
+import itertools
+import struct
+import warnings
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.io.quantised import completed_rotation, opacity_logits
+from gaussian_enhancer.splat.io.validity import Invalid, validated
+from gaussian_enhancer.types import Gaussians
+
+MAGIC = b"NGSP"
+GZIP_MAGIC = b"\x1f\x8b"
+_REMEDY = "copy or export the file again"
+_HARMONICS = (0, 3, 8, 15)  # coefficients above the constant, by degree
+# Parity of 3DGS's harmonics (degrees 1 to 3) under (x, y, z) -> (x, -y, -z).
+_HALF_TURN = (-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What a file says of itself."""
+
+    version: int
+    count: int
+    degree: int
+    fractional_bits: int
+    antialiased: bool
+    extended: bool
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Bytes of each attribute, in file order, none of them empty."""
+        rotation = 3 if self.version == 2 else 4
+        each = (9, 1, 3, 3, rotation, 3 * _HARMONICS[self.degree])
+        return tuple(self.count * size for size in each if size)
+
+
+def read_spz(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+    """Read a .spz of version 2, 3 or 4, float32 on the CPU, in the axes of 3DGS's .ply.
+
+    Args:
+        path: the file.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+
+    Raises:
+        InputError: if the file is missing, truncated, of another version, or inconsistent.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "does not exist", "check the path") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror or error})", "check the path") from None
+    if data[:4] == MAGIC:
+        header, streams = _read_zstd(path, data)
+    elif data[:2] == GZIP_MAGIC:
+        header, streams = _read_gzip(path, data)
+    else:
+        raise InputError(path, f"is no .spz (it starts with {data[:4]!r})", "give a .spz of version 2, 3 or 4")
+    if header.antialiased:
+        warnings.warn(f"{path}: was trained with anti-aliasing; render it as Mip-Splatting", stacklevel=2)
+    if header.extended:
+        warnings.warn(f"{path}: has vendor extensions, which are ignored; check its axes", stacklevel=2)
+    return validated(path, _decoded(header, streams), invalid)
+
+
+def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _Header:
+    """The sixteen bytes that all versions begin with."""
+    if len(data) < 16:
+        raise InputError(path, f"ends within its header, after {len(data)} bytes", _REMEDY)
+    magic, version, count, degree, fractional_bits, flags, _ = struct.unpack_from("<4sIIBBBB", data)
+    if magic != MAGIC:
+        raise InputError(path, f"is no .spz (it starts with {magic!r})", "give a .spz of version 2, 3 or 4")
+    if version not in versions:
+        raise InputError(path, f"is of version {version}", "convert it to version 2, 3 or 4")
+    if count == 0:
+        raise InputError(path, "holds no Gaussians", "export the splat again")
+    if degree >= len(_HARMONICS):
+        raise InputError(path, f"has harmonics of degree {degree}", "export it with degree 3 or less")
+    return _Header(version, count, degree, fractional_bits, bool(flags & 1), bool(flags & 2))
+
+
+def _read_gzip(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
+    """Versions 2 and 3: header and attributes one after the other within one gzip stream."""
+    try:
+        with gzip.open(io.BytesIO(data)) as stream:
+            header = _parse_header(path, stream.read(16), (2, 3))
+            body = stream.read()
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(path, f"is truncated or damaged ({error})", _REMEDY) from None
+    need = sum(header.sizes)
+    if len(body) < need or (len(body) > need and not header.extended):
+        found = f"holds {len(body)} bytes where {header.count} Gaussians need {need}"
+        raise InputError(path, found, _REMEDY)
+    ends = list(itertools.accumulate(header.sizes, initial=0))
+    return header, [body[start:end] for start, end in itertools.pairwise(ends)]
+
+
+def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
+    """Version 4: a header of 32 bytes, a table of (compressed, full) sizes, and the streams themselves."""
+    import zstandard
+
+    header = _parse_header(path, data, (4,))
+    if len(data) < 32:
+        raise InputError(path, f"ends within its header, after {len(data)} bytes", _REMEDY)
+    stream_count, (table,) = data[15], struct.unpack_from("<I", data, 16)
+    start = table + 16 * stream_count
+    if table < 32 or len(data) < start:
+        raise InputError(path, f"ends within its table of streams, after {len(data)} bytes", _REMEDY)
+    sizes = [struct.unpack_from("<QQ", data, table + 16 * i) for i in range(stream_count)]
+    sizes = [size for size in sizes if size[1]]
+    if tuple(full for _, full in sizes) != header.sizes:
+        found = f"has streams of {[full for _, full in sizes]} bytes where {header.count} Gaussians need"
+        raise InputError(path, f"{found} {list(header.sizes)}", _REMEDY)
+    if len(data) < start + sum(packed for packed, _ in sizes):
+        need = start + sum(packed for packed, _ in sizes)
+        raise InputError(path, f"is truncated after {len(data)} of {need} bytes", _REMEDY)
+    streams = []
+    for packed, full in sizes:
+        try:
+            stream = zstandard.ZstdDecompressor().decompress(data[start : start + packed], max_output_size=full)
+        except zstandard.ZstdError as error:
+            raise InputError(path, f"is damaged ({error})", _REMEDY) from None
+        if len(stream) != full:
+            raise InputError(path, f"has a stream of {len(stream)} bytes instead of {full}", _REMEDY)
+        streams.append(stream)
+        start += packed
+    return header, streams
+
+
+def _decoded(header: _Header, streams: list[bytes]) -> Gaussians:
+    """Bytes as numbers, turned half round x."""
+    count, higher = header.count, _HARMONICS[header.degree]
+    position, opacity, colour, scale, rotation = (np.frombuffer(stream, np.uint8) for stream in streams[:5])
+    sh = ((colour.reshape(count, 1, 3) / 255.0) - 0.5) / 0.15
+    if higher:
+        stored = np.frombuffer(streams[5], np.uint8).reshape(count, higher, 3)
+        turned = (stored.astype(np.float64) - 128.0) / 128.0 * np.array(_HALF_TURN[:higher])[:, None]
+        sh = np.concatenate([sh, turned], axis=1)
+    means = _fixed_point(position.reshape(count, 3, 3)) / float(1 << header.fractional_bits)
+    quaternions = _rotations(header.version, rotation.reshape(count, -1))
+    return Gaussians(
+        means=_tensor(means * (1.0, -1.0, -1.0)),
+        log_scales=_tensor(scale.reshape(count, 3) / 16.0 - 10.0),
+        quaternions=_tensor(quaternions * (1.0, 1.0, -1.0, -1.0)),
+        opacity_logits=_tensor(opacity_logits(opacity)),
+        sh=_tensor(sh),
+    )
+
+
+def _fixed_point(stored: np.ndarray) -> Float[np.ndarray, "n 3"]:
+    """Signed 24-bit little-endian integers, shape (n, 3, 3 bytes)."""
+    wide = np.zeros((*stored.shape[:2], 4), np.uint8)
+    wide[..., 1:] = stored  # the upper three bytes of 32 bits, so that the shift back extends the sign
+    return (wide.view("<i4")[..., 0] >> 8).astype(np.float64)
+
+
+def _rotations(version: int, stored: np.ndarray) -> Float[np.ndarray, "n 4"]:
+    """Quaternions (w, x, y, z) in the file's axes."""
+    if version == 2:
+        three = stored / 127.5 - 1.0
+        return completed_rotation(three, np.zeros(len(stored), np.int64))
+    packed = np.ascontiguousarray(stored).view("<u4")[:, 0]
+    fields = np.stack([(packed >> np.uint32(shift)) & np.uint32(1023) for shift in (20, 10, 0)], axis=1)
+    magnitude = (fields & np.uint32(511)) / 511.0 * np.sqrt(0.5)
+    three = np.where(fields & np.uint32(512), -magnitude, magnitude)
+    xyzw = completed_rotation(three, (packed >> np.uint32(30)).astype(np.int64))
+    return xyzw[:, [3, 0, 1, 2]]
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
