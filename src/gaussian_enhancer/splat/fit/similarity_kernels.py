@@ -7,7 +7,9 @@ the columns into a row buffer first and along that row afterwards, which keeps b
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel
 
 RADIUS = 5
 C1 = 0.01**2
@@ -21,7 +23,7 @@ def gaussian_window() -> np.ndarray:
     return (weights / weights.sum()).astype(np.float32)
 
 
-@njit(fastmath=True, cache=True, inline="always")
+@inner
 @no_type_check
 def _along_row(padded, window, out, width):
     """Filter one zero-padded row; the window's symmetry halves the multiplications."""
@@ -37,7 +39,7 @@ def _along_row(padded, window, out, width):
         )
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@kernel
 @no_type_check
 def photo_statistics(photo, window, mean, square):
     """Filtered photo and filtered squared photo; constant over a fit, so computed once."""
@@ -56,7 +58,7 @@ def photo_statistics(photo, window, mean, square):
         _along_row(second, window, square[c, y], width)
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@kernel
 @no_type_check
 def similarity_forward(image, photo, mean, square, window, partial, ssim, absolute):
     """Sums of SSIM and of absolute differences per row, and SSIM's partials by its three filtered inputs.
@@ -103,7 +105,7 @@ def similarity_forward(image, photo, mean, square, window, partial, ssim, absolu
         absolute[task] = distance
 
 
-@njit(parallel=True, fastmath=True, cache=True)
+@kernel
 @no_type_check
 def similarity_backward(image, photo, partial, window, by_ssim, by_absolute, gradient):
     """Gradient by the image; a symmetric zero-padded filter is its own adjoint."""

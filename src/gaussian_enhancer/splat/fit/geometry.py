@@ -1,0 +1,66 @@
+"""What the cameras alone say about a scene: its extent, its distance, which views match well.
+
+Axes: none beyond plain vectors; distances are in scene units.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.types import Camera
+
+TRIANGULATION = 0.15
+"""Baseline over distance (radians) at which two views match well: enough parallax, little change of appearance."""
+
+
+def camera_extent(cameras: Sequence[Camera]) -> float:
+    """Largest distance of a camera from the cameras' mean, times 1.1: the unit of 3DGS's learning rates.
+
+    Args:
+        cameras: training cameras; one alone has extent 1.
+    """
+    centres = torch.stack([camera.centre for camera in cameras])
+    radius = (centres - centres.mean(0)).norm(dim=1).max().item()
+    return 1.1 * radius if radius > 0 else 1.0
+
+
+def focus_distance(cameras: Sequence[Camera]) -> float:
+    """Median distance along the viewing axes to the point that is nearest to all of them.
+
+    Where the axes are parallel or diverge no such point exists; then five times the median step between
+    neighbouring cameras, which is an overlap of about three quarters at common fields of view.
+
+    Args:
+        cameras: training cameras.
+    """
+    centres = torch.stack([camera.centre for camera in cameras]).double()
+    axes = torch.stack([camera.forward for camera in cameras]).double()
+    projectors = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    system = projectors.mean(0)
+    right_side = (projectors @ centres[:, :, None]).mean(0)
+    if torch.linalg.eigvalsh(system)[0] > 1e-3:
+        point = torch.linalg.solve(system, right_side)[:, 0]
+        depths = ((point - centres) * axes).sum(1)
+        if (depths > 0).double().mean() > 0.8:
+            return float(depths[depths > 0].median())
+    steps = torch.cdist(centres, centres)
+    steps.fill_diagonal_(torch.inf)
+    nearest = steps.min(1).values
+    nearest = nearest[nearest.isfinite() & (nearest > 0)]
+    return 5.0 * float(nearest.median()) if len(nearest) else 1.0
+
+
+def matching_cost(centres: Float[Tensor, "v 3"], axes: Float[Tensor, "v 3"], distance: float) -> Float[Tensor, "v v"]:
+    """How badly two views suit each other for stereo: far from the ideal triangulation angle, or turned away.
+
+    Args:
+        centres: camera positions.
+        axes: unit viewing directions.
+        distance: typical distance to the scene.
+    """
+    angle = torch.cdist(centres, centres) / distance
+    turned = torch.arccos((axes @ axes.T).clamp(-1, 1))
+    cost = (angle / TRIANGULATION).log().abs() + 3.0 * (turned - 0.5).clamp(min=0)
+    return cost.fill_diagonal_(torch.inf)

@@ -1,0 +1,124 @@
+"""Where Gaussians start: on points, or at random where the cameras look.
+
+Axes: p points, n Gaussians, k spherical-harmonics coefficients, s scale axes.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Points
+from gaussian_enhancer.splat.fit.geometry import focus_distance
+from gaussian_enhancer.types import Camera, Gaussians
+
+SH_C0 = 0.28209479177387814
+
+
+def from_points(
+    points: Points,
+    *,
+    axes: int = 3,
+    sh_degree: int = 1,
+    opacity: float = 0.1,
+    deviations: Float[Tensor, " p"] | None = None,
+    facing: Float[Tensor, "p 3"] | None = None,
+) -> Gaussians:
+    """One Gaussian a point, as wide as the distance to its neighbours: sqrt(mean of the three smallest d^2).
+
+    Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.1.
+
+    Args:
+        points: positions and colours.
+        axes: scale axes, 3 for ellipsoids and 2 for disks.
+        sh_degree: degree of the colour's spherical harmonics, 0 to 3; all but the constant start at zero.
+        opacity: opacity to start with, in (0, 1).
+        deviations: standard deviations in scene units, instead of the neighbours' distances.
+        facing: unit direction in which a point's surface looks, for the third axis (a disk's normal).
+
+    Raises:
+        InputError: no points, or values that are not finite.
+    """
+    count = len(points.positions)
+    if count == 0:
+        raise InputError("points to start from", "are none", "start with init=plane_sweep or init=random")
+    if not (points.positions.isfinite().all() and points.colours.isfinite().all()):
+        raise InputError("points to start from", "hold values that are not finite", "remove those points")
+    if deviations is None:
+        deviations = neighbour_distances(points.positions)
+    scales = deviations.clamp(min=1e-7).log()[:, None].repeat(1, axes)
+    sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
+    sh[:, 0] = (points.colours - 0.5) / SH_C0
+    quaternions = torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1) if facing is None else _turn_to(facing)
+    logits = torch.full((count,), math.log(opacity / (1 - opacity)))
+    return Gaussians(points.positions.clone(), scales, quaternions, logits, sh)
+
+
+def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator) -> Points:
+    """Points drawn where at least two cameras (or the only one) look, uniform over pixels and over inverse depth.
+
+    Args:
+        cameras: training cameras.
+        count: number of points.
+        generator: source of randomness.
+    """
+    distance = focus_distance(cameras)
+    kept: list[Tensor] = []
+    drawn, enough = 0, 0
+    while enough < count:
+        points = torch.cat([_in_frustum(c, 1 + count // len(cameras), distance, generator) for c in cameras])
+        seen = torch.stack([_sees(camera, points) for camera in cameras]).sum(0)
+        # Cameras that share nothing would draw for ever: after some rounds every point counts.
+        kept.append(points[seen >= 2] if len(cameras) > 1 and drawn < 8 else points)
+        drawn, enough = drawn + 1, enough + len(kept[-1])
+    positions = torch.cat(kept)
+    positions = positions[torch.randperm(len(positions), generator=generator)[:count]]
+    return Points(positions, torch.rand(count, 3, generator=generator))
+
+
+def neighbour_distances(positions: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+    """Root mean square distance to the three nearest other points; exact.
+
+    Args:
+        positions: points in scene units; a single one has distance 1.
+    """
+    if len(positions) < 2:
+        return torch.ones(len(positions))
+    from gaussian_enhancer.splat.fit.neighbour_kernels import nearest_three
+
+    values = positions.detach().cpu().double()
+    order = values[:, values.var(0).argmax()].argsort()
+    axis = int(values.var(0).argmax())
+    squared = np.empty(len(values))
+    nearest_three(np.ascontiguousarray(values[order].numpy()), axis, squared)
+    result = torch.empty(len(values))
+    result[order] = torch.from_numpy(squared).sqrt().float()
+    return result
+
+
+def _in_frustum(camera: Camera, count: int, distance: float, generator: torch.Generator) -> Tensor:
+    """Points in front of one camera between a third of and three times the focus distance."""
+    pixels = torch.rand(count, 2, generator=generator) * torch.tensor([camera.width, camera.height])
+    inverse = (1 / 3 + torch.rand(count, 1, generator=generator) * (3 - 1 / 3)) / distance
+    rays = torch.cat([pixels, torch.ones(count, 1)], 1) @ torch.linalg.inv(camera.K).T
+    return (rays / inverse - camera.world_to_camera[:3, 3]) @ camera.rotation
+
+
+def _sees(camera: Camera, points: Tensor) -> Tensor:
+    local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = local @ camera.K.T
+    x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
+    return (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+
+
+def _turn_to(normals: Tensor) -> Tensor:
+    """Quaternions that turn the z axis to the given unit directions along the shortest way."""
+    w = 1 + normals[:, 2]
+    quaternions = torch.stack([w, -normals[:, 1], normals[:, 0], torch.zeros_like(w)], 1)
+    half_turn = torch.tensor([0.0, 1.0, 0.0, 0.0])
+    quaternions = torch.where((w < 1e-6)[:, None], half_turn, quaternions)
+    return quaternions / quaternions.norm(dim=1, keepdim=True)

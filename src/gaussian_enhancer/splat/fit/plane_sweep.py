@@ -1,0 +1,224 @@
+"""Depth of training photos by plane sweep, and from it coloured points to start a splat on.
+
+Axes: v views, d inverse depths, h height, w width (of the reduced photos), p points. Every view is compared with its best
+neighbours at inverse depths in equal steps; what neighbouring views confirm becomes points.
+Source: Collins, A Space-Sweep Approach to True Multi-Image Matching, CVPR 1996; smoothed as in
+Hirschmueller, TPAMI 2008.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Points
+from gaussian_enhancer.splat.fit.geometry import focus_distance, matching_cost
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How finely and how strictly depth is searched.
+
+    Args:
+        planes: inverse depths that are tried.
+        neighbours: views that each view is compared with.
+        reduction: photos are made smaller by this factor first.
+        radius: half the side of the comparison window, in reduced pixels.
+        smoothness: price of a depth step of one plane, in units of colour difference; 0 smooths nothing.
+        agreement: largest relative difference of inverse depth that confirms a neighbour's, besides one plane.
+        confirmations: number of neighbours that must confirm a depth.
+    """
+
+    planes: int = 64
+    neighbours: int = 3
+    reduction: int = 2
+    radius: int = 2
+    smoothness: float = 0.005
+    agreement: float = 0.02
+    confirmations: int = 1
+
+
+@dataclass(frozen=True)
+class SweptPoints:
+    """Points found by the sweep.
+
+    Args:
+        points: positions and colours.
+        footprints: side of the pixel that saw the point, in scene units at its depth.
+    """
+
+    points: Points
+    footprints: Float[Tensor, " p"]
+
+
+@dataclass(frozen=True)
+class _View:
+    """A reduced photo, channels last, with its camera and its neighbours' indices."""
+
+    image: np.ndarray
+    camera: Camera
+    neighbours: list[int]
+
+
+def sweep_points(
+    photos: Sequence[Float[Tensor, "3 _ _"]],
+    cameras: Sequence[Camera],
+    settings: SweepSettings = SweepSettings(),
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> SweptPoints:
+    """Points on the surfaces that several photos agree on, each kept from the first view that saw it.
+
+    Args:
+        photos: training photos in [0, 1].
+        cameras: their cameras.
+        settings: how finely and how strictly.
+        progress: called with the number of finished views.
+
+    Raises:
+        InputError: fewer than two photos.
+    """
+    views = _views(photos, cameras, settings)
+    near, far = _depth_range(views, cameras, settings)
+    inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
+    depths = []
+    for number, view in enumerate(views):
+        depths.append(inverse_depth(view.image, view.camera, *_others(views, view), inverse, settings))
+        if progress is not None:
+            progress(number + 1)
+    step = float(inverse[1] - inverse[0])
+    return _merge(views, depths, step, settings)
+
+
+def inverse_depth(
+    image: np.ndarray,
+    camera: Camera,
+    others: np.ndarray,
+    other_cameras: Sequence[Camera],
+    inverse: Float[Tensor, " d"],
+    settings: SweepSettings = SweepSettings(),
+) -> Float[Tensor, "h w"]:
+    """Inverse depth of every pixel of a view.
+
+    The plane z = 1/q of the view maps onto a neighbour by H = K' (R + q t e_z^T) K^-1, (R, t) the relative pose.
+
+    Args:
+        image: the view, (h, w, 3) float32.
+        camera: its camera.
+        others: neighbours, (j, H, W, 3) float32.
+        other_cameras: their cameras.
+        inverse: ascending inverse depths to try, in equal steps.
+        settings: window and smoothness.
+    """
+    from gaussian_enhancer.splat.fit import plane_sweep_kernels as kernels
+
+    homographies = _homographies(camera, other_cameras, inverse)
+    volume = np.empty((*image.shape[:2], len(inverse)), np.float32)
+    kernels.cost_volume(image, others, homographies, settings.radius, volume)
+    if settings.smoothness > 0:
+        total = np.zeros_like(volume)
+        small = np.float32(settings.smoothness)
+        kernels.smooth(volume, image, small, np.float32(8 * small), total)
+        volume = total
+    index = np.empty(image.shape[:2], np.float32)
+    kernels.best_plane(volume, index)
+    return (inverse[0] + torch.from_numpy(index) * (inverse[1] - inverse[0])).float()
+
+
+def _views(photos: Sequence[Tensor], cameras: Sequence[Camera], settings: SweepSettings) -> list[_View]:
+    if len(photos) < 2:
+        raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
+    centres = torch.stack([camera.centre for camera in cameras])
+    cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), focus_distance(cameras))
+    views = []
+    for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
+        height, width = (max(8, side // settings.reduction) for side in (camera.height, camera.width))
+        image = functional.interpolate(photo[None], (height, width), mode="area")[0]
+        # A view at the same place tells nothing about depth: its cost is infinite.
+        ranked = [int(j) for j in cost[i].argsort() if cost[i, j].isfinite()]
+        channels_last = np.ascontiguousarray(image.permute(1, 2, 0).numpy())
+        views.append(_View(channels_last, camera.resized(height, width), ranked[: settings.neighbours]))
+    if not any(view.neighbours for view in views):
+        raise InputError("plane sweep", "found all cameras at one place", "start with init=random")
+    return views
+
+
+def _others(views: list[_View], view: _View) -> tuple[np.ndarray, list[Camera]]:
+    """The neighbours' images on a common canvas (photos of a scene may differ in size) and their cameras."""
+    chosen = [views[j] for j in view.neighbours]
+    height = max((v.image.shape[0] for v in chosen), default=1)
+    width = max((v.image.shape[1] for v in chosen), default=1)
+    canvas = np.zeros((len(chosen), height, width, 3), np.float32)
+    for k, v in enumerate(chosen):
+        canvas[k, : v.image.shape[0], : v.image.shape[1]] = v.image
+    return canvas, [v.camera for v in chosen]
+
+
+def _homographies(camera: Camera, others: Sequence[Camera], inverse: Tensor) -> np.ndarray:
+    back = torch.linalg.inv(camera.K.double())
+    maps = []
+    for other in others:
+        relative = other.world_to_camera.double() @ torch.linalg.inv(camera.world_to_camera.double())
+        planes = relative[:3, :3].repeat(len(inverse), 1, 1)
+        planes[:, :, 2] += inverse[:, None].double() * relative[:3, 3]
+        maps.append(other.K.double() @ planes @ back)
+    return torch.stack(maps, 1).float().numpy()
+
+
+def _depth_range(views: list[_View], cameras: Sequence[Camera], settings: SweepSettings) -> tuple[float, float]:
+    """Nearest and farthest depth worth searching: a coarse sweep over a wide range, then where it was confirmed."""
+    distance = focus_distance(cameras)
+    wide = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
+    every = max(1, len(views) // 8)
+    found = []
+    for view in views[::every]:
+        sparse = view.image[::2, ::2]
+        camera = view.camera.resized(*sparse.shape[:2])
+        found.append(inverse_depth(np.ascontiguousarray(sparse), camera, *_others(views, view), wide, settings))
+    values = torch.cat([v.flatten() for v in found]).double()
+    near, far = values.quantile(0.995), values.quantile(0.005)
+    return 1 / min(1.3 * float(near), float(wide[-1])), 1 / max(0.7 * float(far), float(wide[0]))
+
+
+def _merge(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
+    """Keep what enough neighbours confirm and what no earlier view has given already."""
+    positions, colours, footprints = [], [], []
+    for i, view in enumerate(views):
+        world = _unproject(view.camera, depths[i])
+        confirmed = torch.zeros(len(world))
+        known = torch.zeros(len(world), dtype=torch.bool)
+        for j in view.neighbours:
+            agrees = _agrees(world, views[j].camera, depths[j], step, settings)
+            confirmed += agrees
+            if j < i:
+                known |= agrees
+        keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~known
+        positions.append(world[keep])
+        colours.append(torch.from_numpy(view.image).reshape(-1, 3)[keep])
+        footprints.append(1 / (depths[i].flatten()[keep] * view.camera.K[0, 0]))
+    return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(footprints))
+
+
+def _agrees(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
+    """Whether a view's inverse depth map holds each point at its inverse depth."""
+    local = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = local @ camera.K.T
+    depth = pixels[:, 2].clamp(min=1e-9)
+    x, y = (pixels[:, 0] / depth).long(), (pixels[:, 1] / depth).long()
+    inside = (pixels[:, 2] > 0) & (x >= 0) & (y >= 0) & (x < inverse.shape[1]) & (y < inverse.shape[0])
+    held = inverse[y.clamp(0, inverse.shape[0] - 1), x.clamp(0, inverse.shape[1] - 1)]
+    return inside & ((1 / depth - held).abs() < torch.clamp(settings.agreement * held, min=step))
+
+
+def _unproject(camera: Camera, inverse: Tensor) -> Tensor:
+    """World position of every pixel's surface, row by row."""
+    height, width = inverse.shape
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    rays = torch.stack([x, y, torch.ones_like(x)], -1).reshape(-1, 3) @ torch.linalg.inv(camera.K).T
+    return (rays / inverse.reshape(-1, 1) - camera.world_to_camera[:3, 3]) @ camera.rotation

@@ -1,0 +1,60 @@
+"""Plane sweep: the depth of a textured plane that cameras see from several places."""
+
+import math
+
+import pytest
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_points
+from gaussian_enhancer.types import Camera, identity_camera
+
+HEIGHT, WIDTH, FOCAL = 48, 64, 60.0
+
+
+def view_of_plane(x: float, turn: float, slope: float, depth: float) -> tuple[torch.Tensor, Camera]:
+    """A camera at (x, 0, 0) turned about y, and its photo of the plane z = depth + slope * x."""
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = torch.tensor([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    pose = torch.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ torch.tensor([x, 0.0, 0.0])
+    K = identity_camera(HEIGHT, WIDTH, FOCAL).K
+    v, u = torch.meshgrid(torch.arange(HEIGHT) + 0.5, torch.arange(WIDTH) + 0.5, indexing="ij")
+    rays = torch.stack([u, v, torch.ones_like(u)], -1) @ torch.linalg.inv(K).T @ rotation
+    along = (depth + slope * x) / (rays[..., 2] - slope * rays[..., 0])
+    hit_x, hit_y = x + along * rays[..., 0], along * rays[..., 1]
+    waves = [(5.0, 1.3, 0.2), (-2.1, 6.3, 1.0), (9.1, 4.7, 2.0)]
+    photo = torch.stack([0.5 + 0.4 * torch.sin(a * hit_x + b * hit_y + p) for a, b, p in waves])
+    return photo, Camera(K, pose, HEIGHT, WIDTH)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_plane_is_recovered(slope):
+    views = [view_of_plane(x, -x / 4, slope, 4.0) for x in (-0.6, -0.2, 0.2, 0.6)]
+    swept = sweep_points([p for p, _ in views], [c for _, c in views], SweepSettings(reduction=1))
+    positions = swept.points.positions
+    error = (positions[:, 2] - 4.0 - slope * positions[:, 0]).abs() / 4.0
+    assert len(positions) > HEIGHT * WIDTH / 2
+    assert error.median() < 0.01
+    assert error.quantile(0.95) < 0.05
+    assert swept.footprints.median().item() == pytest.approx(4.0 / FOCAL, rel=0.1)
+
+
+def test_points_carry_the_photo_colours():
+    views = [view_of_plane(x, 0.0, 0.0, 4.0) for x in (0.0, 0.5)]
+    points = sweep_points([p for p, _ in views], [c for _, c in views], SweepSettings(reduction=1)).points
+    expected = 0.5 + 0.4 * torch.sin(5.0 * points.positions[:, 0] + 1.3 * points.positions[:, 1] + 0.2)
+    assert (points.colours[:, 0] - expected).abs().median() < 0.05
+
+
+def test_one_photo_is_refused():
+    photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
+    with pytest.raises(InputError, match="at least two"):
+        sweep_points([photo], [camera])
+
+
+def test_cameras_at_one_place_are_refused():
+    photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
+    with pytest.raises(InputError, match="one place"):
+        sweep_points([photo, photo], [camera, camera])
