@@ -1,0 +1,67 @@
+"""HTML by construction: whatever is not `Markup` is text, and text is escaped."""
+
+import html
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from string import Template
+
+
+class Markup(str):
+    """A string that is HTML already."""
+
+    __slots__ = ()
+
+
+def escaped(value: str) -> Markup:
+    """Text made safe for element content and for quoted attributes; markup stays as it is.
+
+    Characters that no HTML document may hold (control characters, lone surrogates of undecodable file names)
+    become U+FFFD.
+    """
+    if isinstance(value, Markup):
+        return value
+    legal = (c if c in "\t\n\r" or (ord(c) >= 32 and not 0xD800 <= ord(c) <= 0xDFFF) else "\ufffd" for c in value)
+    return Markup(html.escape("".join(legal), quote=True))
+
+
+def tag(name: str, *children: str, **attributes: str | float | bool | None) -> Markup:
+    """An element with its children.
+
+    Args:
+        name: the element's name.
+        *children: text (escaped) or markup (kept).
+        **attributes: ``data_view`` becomes ``data-view``, ``class_`` becomes ``class``; True stands for an
+            attribute without a value, None and False leave it out.
+    """
+    opening = name
+    for key, value in attributes.items():
+        if value is None or value is False:
+            continue
+        opening += f" {key.rstrip('_').replace('_', '-')}"
+        if value is not True:
+            opening += f'="{escaped(str(value))}"'
+    if name in ("img", "input", "meta", "link"):
+        return Markup(f"<{opening}>")
+    return Markup(f"<{opening}>{joined(*children)}</{name}>")
+
+
+def joined(*parts: str) -> Markup:
+    """Text and markup one after the other."""
+    return Markup("".join(escaped(part) for part in parts))
+
+
+def fill(template: str, values: Mapping[str, str]) -> Markup:
+    """A template of this package with its ``$names`` replaced; text among the values is escaped.
+
+    Args:
+        template: file name in ``report/templates``.
+        values: exactly the names that the template asks for.
+    """
+    return Markup(Template(resource(template)).substitute({key: escaped(value) for key, value in values.items()}))
+
+
+@cache
+def resource(name: str) -> str:
+    """The text of a file in ``report/templates``, as it was packaged."""
+    return files("gaussian_enhancer.report").joinpath("templates", name).read_text(encoding="utf-8")

@@ -1,0 +1,129 @@
+"""The report page: one file that opens from any disk, with every image, number and script inside.
+
+No address outside the page is ever loaded; a content security policy in the page makes the browser enforce it.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.report.cards import Pictures, card, pictured
+from gaussian_enhancer.report.compared import ComparedView, check_views
+from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
+from gaussian_enhancer.report.overview import overview_table, summary_tiles
+from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
+
+
+def write_report(
+    path: str | Path,
+    title: str,
+    views: Sequence[ComparedView],
+    provenance: Mapping[str, str],
+    *,
+    most_pictured: int = 60,
+) -> None:
+    """Write the page that compares renders before and after enhancing.
+
+    Args:
+        path: the HTML file; written whole or not at all.
+        title: the page's title.
+        views: the compared views, in the order in which they are shown.
+        provenance: what made the numbers: commit, configuration, machine, time, weights.
+        most_pictured: views that get pictures; beyond it an even choice with the worst among them, and the page
+            says so. Numbers are always shown of all views.
+
+    Raises:
+        InputError: no views, a name twice, images of one view that differ in size, or the file cannot be written.
+    """
+    text = document(title, views, provenance, most_pictured=most_pictured)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def document(
+    title: str, views: Sequence[ComparedView], provenance: Mapping[str, str], *, most_pictured: int = 60
+) -> Markup:
+    """The page's HTML; arguments as for `write_report`."""
+    check_views(views)
+    summaries = [summarise(views, quantity) for quantity in measured(views)]
+    worst = worst_view(summaries)
+    shown = pictured(len(views), worst, most_pictured)
+    pictures = Pictures.of([views[i] for i in shown])
+    quantities = [summary.quantity for summary in summaries]
+    values = {
+        "title": title,
+        "subtitle": _subtitle(views, len(shown)),
+        "style": Markup(resource("report.css")),
+        "script": Markup(resource("report.js")),
+        "ramp": pictures.ramp,
+        "summary": summary_tiles(views, summaries),
+        "overview": overview_table(views, quantities, worst, set(shown)),
+        "modes": Markup("" if pictures.scale is None else resource("modes.html")),
+        "cards": joined(*(card(i, views[i], quantities, pictures, worst=i == worst) for i in shown)),
+        "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
+        "data": _json(report_data(title, views, summaries, provenance)),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
+    return fill("report.html", values)
+
+
+def report_data(
+    title: str, views: Sequence[ComparedView], summaries: Sequence[Summary], provenance: Mapping[str, str]
+) -> dict[str, Any]:
+    """Every number of the page, unrounded, as it stands in the page's JSON block (element ``report-data``)."""
+    return {
+        "title": title,
+        "provenance": dict(provenance),
+        "summary": {
+            s.quantity.key: {
+                "raw": s.raw,
+                "enhanced": s.enhanced,
+                "gain": s.gain,
+                "sd": s.deviation,
+                "n": s.count,
+                "left_out": s.left_out,
+                "improved": s.improved,
+                "worst": None if s.worst is None else views[s.worst].name,
+            }
+            for s in summaries
+        },
+        "views": [
+            {
+                "name": view.name,
+                "raw": dict(view.metrics_raw),
+                "enhanced": dict(view.metrics_enhanced),
+                "gain": {key: gain for key in view.metrics_raw if (gain := gain_of(view, key)) is not None},
+                "milliseconds": view.milliseconds,
+                "reasons": dict(view.reasons),
+            }
+            for view in views
+        ],
+    }
+
+
+def _subtitle(views: Sequence[ComparedView], shown: int) -> str:
+    photos = sum(view.photo is not None for view in views)
+    count = f"{len(views)} view{'s' if len(views) != 1 else ''}"
+    against = f"measured against {'their' if photos == len(views) else str(photos)} photos" if photos else "no photos"
+    left = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
+    return f"{count} · {against}{left}"
+
+
+def _json(value: Any) -> Markup:
+    """JSON for a script element: no character that could end it; numbers that are not finite as words."""
+    text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return value

@@ -1,0 +1,72 @@
+"""How a metric is written and which way is better: data, so that no page or table decides it anew."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A metric as readers see it.
+
+    Args:
+        key: the metric's name in the records.
+        label: the name on the page.
+        higher_is_better: direction of improvement; None where the metric has none that is known.
+        decimals: digits after the point.
+        unit: unit after the number, without a blank; empty where there is none.
+        meaning: the metric in a few words; shown where a reader asks for it.
+    """
+
+    key: str
+    label: str
+    higher_is_better: bool | None
+    decimals: int
+    unit: str = ""
+    meaning: str = ""
+
+    def written(self, value: float) -> str:
+        """The number for a reader, ``∞`` and ``–`` for what is not finite."""
+        if math.isnan(value):
+            return "–"
+        if math.isinf(value):
+            return "∞" if value > 0 else "−∞"
+        return f"{value:.{self.decimals}f}".replace("-", "−")
+
+    def gain_written(self, gain: float) -> str:
+        """A difference with its sign; one that rounds to nothing has none."""
+        if not math.isfinite(gain):
+            return self.written(gain)
+        if self.verdict(gain) == "same":
+            return f"±{0:.{self.decimals}f}"
+        return f"{gain:+.{self.decimals}f}".replace("-", "−")
+
+    def verdict(self, gain: float) -> str:
+        """``better``, ``worse``, or ``same`` where the digits shown do not tell, or no direction is known."""
+        if math.isnan(gain) or self.higher_is_better is None:
+            return "same"
+        if math.isfinite(gain) and round(gain, self.decimals) == 0:
+            return "same"
+        return "better" if (gain > 0) == self.higher_is_better else "worse"
+
+
+KNOWN = (
+    Quantity("psnr", "PSNR", True, 2, "dB", "peak signal-to-noise ratio of 8-bit images"),
+    Quantity("psnr_aligned", "PSNR aligned", True, 2, "dB", "PSNR after the best affine colour map to the photo"),
+    Quantity("psnr_masked", "PSNR object", True, 2, "dB", "PSNR over the object's pixels"),
+    Quantity("ssim", "SSIM", True, 4, "", "structural similarity, 11×11 window, sigma 1.5"),
+    Quantity("lpips_alex", "LPIPS alex", False, 4, "", "perceptual distance, AlexNet; lower is better"),
+    Quantity("lpips_squeeze", "LPIPS squeeze", False, 4, "", "perceptual distance, SqueezeNet; lower is better"),
+    Quantity("lpips_vgg", "LPIPS vgg", False, 4, "", "perceptual distance, VGG; lower is better"),
+    Quantity("lpips_vgg_unscaled", "LPIPS vgg 3DGS", False, 4, "", "VGG on [0, 1] as in 3DGS; lower is better"),
+)
+"""Metrics of the pinned protocol, in the order in which they are shown."""
+
+DECIDING = ("psnr_aligned", "psnr", "psnr_masked")
+"""The first of these that was measured says which frame fared worst."""
+
+
+def quantities(keys: set[str]) -> tuple[Quantity, ...]:
+    """The metrics that are there: known ones in their order, then others by name, without a direction."""
+    known = tuple(quantity for quantity in KNOWN if quantity.key in keys)
+    others = sorted(keys - {quantity.key for quantity in known})
+    return known + tuple(Quantity(key, key, None, 4) for key in others)
