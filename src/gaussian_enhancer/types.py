@@ -130,6 +130,8 @@ class Views(Movable):
         visibility: how surely each reference shows the target's surface at the pixel, in [0, 1].
         depth: rendered depth of the target, None where the renderer gave none.
         alpha: rendered opacity of the target, None where the renderer gave none.
+        depth_unit: the length that counts as 1 when a network normalises depth, so that crops and tiles of an
+            image agree; None means the median of the given depth.
     """
 
     render: Float[Tensor, "b 3 h w"]
@@ -137,6 +139,7 @@ class Views(Movable):
     visibility: Float[Tensor, "b r 1 h w"]
     depth: Float[Tensor, "b 1 h w"] | None = None
     alpha: Float[Tensor, "b 1 h w"] | None = None
+    depth_unit: Float[Tensor, " b"] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,64 @@
+"""Bringing a reference's colours to those of the render: photos of one capture differ in exposure and white balance.
+
+Axes: h height, w width.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+
+def fit_colour(
+    source: Float[Tensor, "3 h w"],
+    target: Float[Tensor, "3 h w"],
+    weight: Float[Tensor, "1 h w"],
+    robustness: float = 0.05,
+    prior: float = 0.02,
+    iterations: int = 3,
+) -> Float[Tensor, "3 2"]:
+    """Gain and offset per channel that bring one image's colours to another's.
+
+    Minimises sum_i w_i rho(g s_i + o - t_i) + prior sum_i w_i ((g - 1)^2 / 4 + o^2) by iteratively reweighted least
+    squares with Geman-McClure weights, 1 / (1 + (r / robustness)^2)^2, so that what is misaligned or occluded has
+    no say. Images are averaged over 4x4 blocks first, which forgives small misalignment.
+
+    Args:
+        source: the reference's colours, [0, 1].
+        target: the render's colours, [0, 1].
+        weight: visibility in [0, 1]; all zero gives gain 1 and offset 0.
+        robustness: difference, in colour units, at which a pixel counts a quarter.
+        prior: pull towards the identity, relative to the data.
+        iterations: reweightings.
+
+    Returns:
+        Gain and offset of each channel; gains lie in [1/3, 3].
+    """
+    source, target, weight = source.double(), target.double(), weight.double()
+    step = min(4, *source.shape[-2:])
+    mass = F.avg_pool2d(weight, step).flatten(1)
+    s, t = (F.avg_pool2d(image * weight, step).flatten(1) / mass.clamp_min(1e-6) for image in (source, target))
+    gain, offset = source.new_ones(3, 1), source.new_zeros(3, 1)
+    if float(mass.sum()) < 1e-3:
+        return torch.cat([gain, offset], dim=1)
+    for _ in range(iterations):
+        residual = gain * s + offset - t
+        w = mass / (1 + (residual / robustness) ** 2) ** 2
+        pull = prior * mass.sum()
+        a, b, c = (w * s * s).sum(1) + pull / 4, (w * s).sum(1), w.sum(1) + pull
+        u, v = (w * s * t).sum(1) + pull / 4, (w * t).sum(1)
+        determinant = (a * c - b * b).clamp_min(1e-12)
+        gain = ((u * c - v * b) / determinant).clamp(1 / 3, 3)[:, None]
+        offset = ((v - gain[:, 0] * b) / c)[:, None]
+    return torch.cat([gain, offset], dim=1)
+
+
+def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"]) -> Float[Tensor, "3 h w"]:
+    """Apply gain and offset per channel and keep the result in [0, 1].
+
+    Args:
+        image: colours in [0, 1].
+        transform: what `fit_colour` returns.
+    """
+    transform = transform.to(image.dtype)
+    return (image * transform[:, :1, None] + transform[:, 1:, None]).clamp(0, 1)

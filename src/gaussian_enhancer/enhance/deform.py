@@ -1,0 +1,130 @@
+"""Modulated deformable sampling (DCNv2: Zhu et al., CVPR 2019) by grid_sample.
+
+Axes: b batch, c channels, d output channels, h height, w width, k kernel side.
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+
+def deformable_sample(
+    x: Float[Tensor, "b c h w"],
+    offset: Float[Tensor, "b _ h w"],
+    mask: Float[Tensor, "b _ h w"],
+    weight: Float[Tensor, "d c k k"],
+    bias: Float[Tensor, " d"] | None = None,
+) -> Float[Tensor, "b d h w"]:
+    """Modulated deformable convolution, stride 1, padding k // 2, zero outside the image.
+
+    y(p) = sum_k W_k m_k(p) x(p + p_k + offset_k(p)), with an own offset and mask per group of channels. Equal to
+    torchvision.ops.deform_conv2d and laid out as it wants: channel 2 (g k^2 + tap) of offset moves along y, the next
+    along x. Positions are computed in single precision at least.
+
+    Args:
+        x: features.
+        offset: shifts in pixels, 2 g k^2 channels for g groups.
+        mask: factor on each tap, g k^2 channels.
+        weight: of the convolution.
+        bias: of the convolution.
+    """
+    batch, channels, height, width = x.shape
+    side = weight.shape[-1]
+    taps, groups = side * side, mask.shape[1] // (side * side)
+    precise = torch.promote_types(x.dtype, torch.float32)
+    offset = offset.to(precise).reshape(batch * groups, taps, 2, height, width)
+    along = torch.arange(side, device=x.device, dtype=precise) - side // 2
+    row = torch.arange(height, device=x.device, dtype=precise)[:, None] + along.repeat_interleave(side)[:, None, None]
+    column = torch.arange(width, device=x.device, dtype=precise) + along.repeat(side)[:, None, None]
+    grid = torch.stack(
+        [(2 * (offset[:, :, 1] + column) + 1) / width - 1, (2 * (offset[:, :, 0] + row) + 1) / height - 1], dim=-1
+    )
+    with torch.autocast(x.device.type, enabled=False):
+        read = F.grid_sample(
+            x.to(precise).reshape(batch * groups, channels // groups, height, width),
+            grid.view(batch * groups, taps * height, width, 2),
+            align_corners=False,
+        )
+    read = read.view(batch, groups, channels // groups, taps, height, width)
+    read = read * mask.to(precise).reshape(batch, groups, 1, taps, height, width)
+    read = read.reshape(batch, channels * taps, height, width).to(x.dtype)
+    return F.conv2d(read, weight.reshape(weight.shape[0], -1, 1, 1), bias)
+
+
+class Deformation(nn.Module):
+    """Reads a reference's features where the target's features suggest.
+
+    Offsets are reach x tanh(.) (BasicVSR++'s remedy against runaway offsets, Chan et al., CVPR 2022) and masks
+    2 x sigmoid(.), both from a zero-initialised convolution: at birth a plain convolution. They are predicted at
+    half the features' resolution, which widens what is looked at and costs a quarter.
+
+    Args:
+        channels: of the features.
+        kernel: side of the sampled neighbourhood, odd; 1 moves features without mixing them.
+        groups: groups of channels that move together.
+        reach: largest offset in pixels of the features.
+        width: channels that are sampled, a multiple of groups; fewer are faster, None means all.
+    """
+
+    def __init__(
+        self, channels: int, kernel: int = 3, groups: int = 4, reach: float = 10.0, width: int | None = None
+    ) -> None:
+        super().__init__()
+        self.kernel, self.groups, self.reach = kernel, groups, reach
+        taps = groups * kernel * kernel
+        self.compare = nn.Conv2d(2 * channels, channels, 4, stride=2, padding=1)
+        self.widen = nn.Conv2d(channels, channels, 3, padding=1)
+        self.predict = nn.Conv2d(channels, 3 * taps, 3, padding=1)
+        nn.init.zeros_(self.predict.weight)
+        nn.init.zeros_(self.predict.bias)  # type: ignore[arg-type]
+        self.narrow = nn.Identity() if width is None else nn.Conv2d(channels, width, 1)
+        self.mix = nn.Conv2d(width or channels, channels, kernel, padding=kernel // 2)
+        if kernel == 1 and width is None:
+            nn.init.dirac_(self.mix.weight)
+
+    def forward(
+        self, reference: Float[Tensor, "b c h w"], target: Float[Tensor, "b c h w"]
+    ) -> Float[Tensor, "b c h w"]:
+        """Align a reference's features to the target's; height and width are even."""
+        x = F.relu(self.compare(torch.cat([reference, target], dim=1)))
+        x = self.predict(F.relu(self.widen(x)))
+        x = F.interpolate(x.float(), scale_factor=2, mode="bilinear", align_corners=False)
+        split = 2 * self.groups * self.kernel**2
+        offset, mask = self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
+        return deformable_sample(self.narrow(reference), offset, mask, self.mix.weight, self.mix.bias)
+
+
+class Unmoved(nn.Module):
+    """No learned alignment: the reference's features as they are."""
+
+    def forward(
+        self, reference: Float[Tensor, "b c h w"], target: Float[Tensor, "b c h w"]
+    ) -> Float[Tensor, "b c h w"]:
+        """Return the reference's features."""
+        return reference
+
+
+@dataclass(frozen=True)
+class Deformable:
+    """Choice of learned alignment: modulated deformable sampling; see `Deformation` for the parameters."""
+
+    kernel: int = 3
+    groups: int = 4
+    reach: float = 10.0
+    width: int | None = None
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return Deformation(channels, self.kernel, self.groups, self.reach, self.width)
+
+
+@dataclass(frozen=True)
+class Unrefined:
+    """Choice of no learned alignment."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return Unmoved()

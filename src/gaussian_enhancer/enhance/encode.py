@@ -1,0 +1,35 @@
+"""Images to features at half resolution.
+
+Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.enhance.block import Block
+
+
+class Encoder(nn.Module):
+    """F[image]: pixel-unshuffle by 2, so that no detail is lost, a convolution and blocks.
+
+    Args:
+        channels: of the features.
+        blocks: number of residual blocks.
+    """
+
+    def __init__(self, channels: int, blocks: int = 1) -> None:
+        super().__init__()
+        self.stem = nn.Conv2d(16, channels, 3, padding=1)
+        self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
+
+    def forward(self, image: Float[Tensor, "b 3 h w"], mask: Float[Tensor, "b 1 h w"]) -> Float[Tensor, "b c i j"]:
+        """Encode an image and how far each pixel of it counts.
+
+        Args:
+            image: colours in [0, 1].
+            mask: opacity of a render or visibility of a reference, in [0, 1].
+        """
+        x = torch.cat([image - 0.5, mask], dim=1)
+        return self.blocks(self.stem(F.pixel_unshuffle(x, 2)))

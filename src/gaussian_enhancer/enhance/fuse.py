@@ -1,0 +1,97 @@
+"""Features of the target and of any number of references to one.
+
+Axes: b batch, r references, c channels, h height, w width (of the features).
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.enhance.block import Block
+
+
+class TrustFusion(nn.Module):
+    """Per pixel, a softmax over render and references decides whom to trust; their news are added to the target.
+
+    w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i), where v is
+    visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
+    and the references' order does not matter. Logits are bounded, so that no reference can drown the render.
+
+    Args:
+        channels: of the features.
+        heads: groups of channels with a trust of their own.
+    """
+
+    def __init__(self, channels: int, heads: int = 4) -> None:
+        super().__init__()
+        self.heads = heads
+        self.compare = nn.Conv2d(2 * channels, channels, 3, padding=1)
+        self.block = Block(channels)
+        self.trust = nn.Conv2d(channels, heads, 3, padding=1)
+        self.value = nn.Conv2d(channels, channels, 1)
+        self.project = nn.Conv2d(channels, channels, 1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell how far each reference was trusted at each pixel."""
+        batch, count, channels, height, width = references.shape
+        if count == 0:
+            return target + self.project(torch.zeros_like(target)), visibility
+        pairs = torch.cat([references, target[:, None].expand_as(references)], dim=2).flatten(0, 1)
+        seen = self.block(F.relu(self.compare(pairs)))
+        logits = 6 * torch.tanh(self.trust(seen).float() / 6)
+        scores = visibility.float() * torch.exp(logits).reshape(batch, count, self.heads, height, width)
+        weights = scores / (1 + scores.sum(1, keepdim=True))
+        values = self.value(seen).reshape(batch, count, self.heads, -1, height, width)
+        news = (weights[:, :, :, None].to(values.dtype) * values).sum(1).reshape(batch, channels, height, width)
+        return target + self.project(news), weights.mean(2, keepdim=True)
+
+
+class MeanFusion(nn.Module):
+    """The plain way: references are averaged by visibility and joined to the target by a convolution.
+
+    Args:
+        channels: of the features.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.join = nn.Conv2d(2 * channels, channels, 3, padding=1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell each reference's share at each pixel."""
+        weights = visibility / visibility.sum(1, keepdim=True).clamp_min(1)
+        mean = (weights.to(references.dtype) * references).sum(1)
+        return target + self.join(torch.cat([target, mean], dim=1)), weights
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Choice of fusion by trust; see `TrustFusion`."""
+
+    heads: int = 4
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return TrustFusion(channels, self.heads)
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Choice of fusion by visibility alone; see `MeanFusion`."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return MeanFusion(channels)

@@ -1,0 +1,144 @@
+"""Loss terms, unreduced: what each pixel costs.
+
+Axes: b batch, c channels, h height, w width. Every term takes the enhanced view, the photo and the render it started
+from, in that order, and returns a cost per pixel, so that a caller may mask or weigh before it averages.
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+
+def charbonnier(
+    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"], softness: float = 1e-3
+) -> Float[Tensor, "b c h w"]:
+    """Smooth absolute difference, sqrt(d^2 + softness^2) - softness (Lai et al., CVPR 2017).
+
+    Args:
+        enhanced: colours in [0, 1].
+        photo: colours in [0, 1].
+        softness: difference below which the cost is quadratic, > 0.
+    """
+    return ((enhanced - photo).square() + softness**2).sqrt() - softness
+
+
+def dissimilarity(
+    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"], sigma: float = 1.5, side: int = 11
+) -> Float[Tensor, "b c h w"]:
+    """1 - SSIM (Wang et al., TIP 2004): Gaussian window, zero padding as in 3DGS, C = (0.01^2, 0.03^2).
+
+    Args:
+        enhanced: colours in [0, 1].
+        photo: colours in [0, 1].
+        sigma: of the window, pixels.
+        side: of the window, pixels, odd.
+    """
+    taps = torch.arange(side, dtype=enhanced.dtype, device=enhanced.device) - side // 2
+    window = torch.exp(-(taps**2) / (2 * sigma**2))
+    window = window / window.sum()
+    x, y = enhanced, photo
+    batch = torch.cat([x, y, x * x, y * y, x * y])
+    channels = batch.shape[1]
+    blurred = F.conv2d(
+        batch, window.view(1, 1, 1, -1).repeat(channels, 1, 1, 1), padding=(0, side // 2), groups=channels
+    )
+    blurred = F.conv2d(
+        blurred, window.view(1, 1, -1, 1).repeat(channels, 1, 1, 1), padding=(side // 2, 0), groups=channels
+    )
+    mean_x, mean_y, xx, yy, xy = blurred.chunk(5)
+    contrast = (2 * (xy - mean_x * mean_y) + 0.03**2) / (xx - mean_x**2 + yy - mean_y**2 + 0.03**2)
+    return 1 - contrast * (2 * mean_x * mean_y + 0.01**2) / (mean_x**2 + mean_y**2 + 0.01**2)
+
+
+def gradient_difference(
+    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]
+) -> Float[Tensor, "b c h w"]:
+    """Absolute difference of the forward differences along x and y: punishes blur more than a shift of tone."""
+    difference = enhanced - photo
+    along_x = F.pad(difference[..., :, 1:] - difference[..., :, :-1], (0, 1))
+    along_y = F.pad(difference[..., 1:, :] - difference[..., :-1, :], (0, 0, 0, 1))
+    return along_x.abs() + along_y.abs()
+
+
+def frequency_difference(
+    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]
+) -> Float[Tensor, "b c h w"]:
+    """Absolute difference of the orthonormal Fourier spectra, |F(d)|, laid out as `torch.fft.fft2` gives it.
+
+    The L1 form of the spectral losses in image restoration (Cho et al., ICCV 2021); the orthonormal transform keeps
+    its size independent of the image's.
+    """
+    return (torch.fft.fft2((enhanced - photo).float(), norm="ortho").abs().square() + 1e-8).sqrt()
+
+
+def harm(
+    enhanced: Float[Tensor, "b c h w"],
+    photo: Float[Tensor, "b c h w"],
+    render: Float[Tensor, "b c h w"],
+    window: int = 9,
+) -> Float[Tensor, "b c h w"]:
+    """How much worse than the render a neighbourhood became: max(0, mean |e - p| - mean |r - p|) over a window.
+
+    Args:
+        enhanced: colours in [0, 1].
+        photo: colours in [0, 1].
+        render: what was to be enhanced.
+        window: side of the neighbourhood, odd: single pixels may lose where their surroundings win.
+    """
+    change = (enhanced - photo).abs() - (render - photo).abs()
+    return F.relu(F.avg_pool2d(change, window, stride=1, padding=window // 2, count_include_pad=False))
+
+
+@dataclass(frozen=True)
+class Charbonnier:
+    """Term: `charbonnier`."""
+
+    softness: float = 1e-3
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        return charbonnier(enhanced, photo, self.softness)
+
+
+@dataclass(frozen=True)
+class Dissimilarity:
+    """Term: `dissimilarity`, 1 - SSIM."""
+
+    sigma: float = 1.5
+    side: int = 11
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        return dissimilarity(enhanced, photo, self.sigma, self.side)
+
+
+@dataclass(frozen=True)
+class GradientDifference:
+    """Term: `gradient_difference`."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        return gradient_difference(enhanced, photo)
+
+
+@dataclass(frozen=True)
+class FrequencyDifference:
+    """Term: `frequency_difference`."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per frequency."""
+        return frequency_difference(enhanced, photo)
+
+
+@dataclass(frozen=True)
+class Harm:
+    """Term: `harm`, the only one that looks at the render."""
+
+    window: int = 9
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        return harm(enhanced, photo, render, self.window)
