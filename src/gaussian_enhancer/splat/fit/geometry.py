@@ -40,7 +40,7 @@ def focus_distance(cameras: Sequence[Camera]) -> float:
     projectors = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
     system = projectors.mean(0)
     right_side = (projectors @ centres[:, :, None]).mean(0)
-    if torch.linalg.eigvalsh(system)[0] > 1e-3:
+    if torch.linalg.eigvalsh(system)[0] > 1e-2:
         point = torch.linalg.solve(system, right_side)[:, 0]
         depths = ((point - centres) * axes).sum(1)
         if (depths > 0).double().mean() > 0.8:

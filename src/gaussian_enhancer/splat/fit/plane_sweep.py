@@ -1,11 +1,12 @@
 """Depth of training photos by plane sweep, and from it coloured points to start a splat on.
 
-Axes: v views, d inverse depths, h height, w width (of the reduced photos), p points. Every view is compared with its best
+Axes: d inverse depths, h height, w width (of the reduced photos), p points. Every view is compared with its best
 neighbours at inverse depths in equal steps; what neighbouring views confirm becomes points.
 Source: Collins, A Space-Sweep Approach to True Multi-Image Matching, CVPR 1996; smoothed as in
 Hirschmueller, TPAMI 2008.
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -39,7 +40,7 @@ class SweepSettings:
     neighbours: int = 3
     reduction: int = 2
     radius: int = 2
-    smoothness: float = 0.005
+    smoothness: float = 0.015
     agreement: float = 0.02
     confirmations: int = 1
 
@@ -71,6 +72,7 @@ def sweep_points(
     cameras: Sequence[Camera],
     settings: SweepSettings = SweepSettings(),
     *,
+    distance: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> SweptPoints:
     """Points on the surfaces that several photos agree on, each kept from the first view that saw it.
@@ -79,13 +81,15 @@ def sweep_points(
         photos: training photos in [0, 1].
         cameras: their cameras.
         settings: how finely and how strictly.
+        distance: typical depth of the scene; None estimates it from the cameras.
         progress: called with the number of finished views.
 
     Raises:
         InputError: fewer than two photos.
     """
-    views = _views(photos, cameras, settings)
-    near, far = _depth_range(views, cameras, settings)
+    distance = focus_distance(cameras) if distance is None else distance
+    views = _views(photos, cameras, distance, settings)
+    near, far = _depth_range(views, distance, settings)
     inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
     for number, view in enumerate(views):
@@ -131,11 +135,13 @@ def inverse_depth(
     return (inverse[0] + torch.from_numpy(index) * (inverse[1] - inverse[0])).float()
 
 
-def _views(photos: Sequence[Tensor], cameras: Sequence[Camera], settings: SweepSettings) -> list[_View]:
+def _views(
+    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings
+) -> list[_View]:
     if len(photos) < 2:
         raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
     centres = torch.stack([camera.centre for camera in cameras])
-    cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), focus_distance(cameras))
+    cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), distance)
     views = []
     for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
         height, width = (max(8, side // settings.reduction) for side in (camera.height, camera.width))
@@ -171,19 +177,24 @@ def _homographies(camera: Camera, others: Sequence[Camera], inverse: Tensor) -> 
     return torch.stack(maps, 1).float().numpy()
 
 
-def _depth_range(views: list[_View], cameras: Sequence[Camera], settings: SweepSettings) -> tuple[float, float]:
-    """Nearest and farthest depth worth searching: a coarse sweep over a wide range, then where it was confirmed."""
-    distance = focus_distance(cameras)
+def _depth_range(views: list[_View], distance: float, settings: SweepSettings) -> tuple[float, float]:
+    """Nearest and farthest depth worth searching: where a coarse sweep over a wide range was confirmed."""
     wide = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
-    every = max(1, len(views) // 8)
-    found = []
-    for view in views[::every]:
-        sparse = view.image[::2, ::2]
-        camera = view.camera.resized(*sparse.shape[:2])
-        found.append(inverse_depth(np.ascontiguousarray(sparse), camera, *_others(views, view), wide, settings))
-    values = torch.cat([v.flatten() for v in found]).double()
-    near, far = values.quantile(0.995), values.quantile(0.005)
+    coarse = [_reduced(view) for view in views]
+    depths = [inverse_depth(v.image, v.camera, *_others(coarse, v), wide, settings) for v in coarse]
+    strict = dataclasses.replace(settings, confirmations=2)
+    points = _merge(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
+    if len(points) < 100:
+        return 1 / float(wide[-1]), 1 / float(wide[0])
+    middle = torch.cat([(points @ v.camera.rotation.T + v.camera.world_to_camera[:3, 3])[:, 2] for v in views])
+    inverse = 1 / middle[middle > 0]
+    near, far = inverse.quantile(0.99), inverse.quantile(0.01)
     return 1 / min(1.3 * float(near), float(wide[-1])), 1 / max(0.7 * float(far), float(wide[0]))
+
+
+def _reduced(view: _View) -> _View:
+    image = np.ascontiguousarray(view.image[::2, ::2])
+    return _View(image, view.camera.resized(*image.shape[:2]), view.neighbours)
 
 
 def _merge(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:

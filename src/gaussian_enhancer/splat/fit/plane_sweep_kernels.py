@@ -79,10 +79,16 @@ def cost_volume(image, others, homographies, radius, volume):
         for j in range(views):
             _difference(image, others[j], homographies[plane, j], raw)
             _box(raw, radius, costs[j])
+        least = np.empty(views, np.float32)
         for y in range(height):
             for x in range(width):
-                values = np.sort(costs[:, y, x])
-                volume[y, x, plane] = values[:kept].mean()
+                for j in range(views):
+                    value, place = costs[j, y, x], j
+                    while place > 0 and least[place - 1] > value:
+                        least[place] = least[place - 1]
+                        place -= 1
+                    least[place] = value
+                volume[y, x, plane] = least[:kept].sum() / kept
 
 
 @inner
