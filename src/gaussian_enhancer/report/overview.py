@@ -53,7 +53,7 @@ def _metric_tile(views: Sequence[ComparedView], summary: Summary) -> Markup:
         worst = gain_of(views[summary.worst], quantity.key) or 0.0
         link = tag("a", views[summary.worst].name, href=f"#view-{summary.worst}")
         gain = tag("span", quantity.gain_written(worst), class_=quantity.verdict(worst))
-        lines.append(tag("p", "worst ", gain, " ", link, class_="quiet worst"))
+        lines.append(tag("p", "worst", gain, link, class_="quiet worst"))
     return _tile(quantity.label, big, *lines, key=quantity.key, meaning=quantity.meaning)
 
 
