@@ -1,0 +1,121 @@
+"""``cameras.json`` of a fitted splat: 3DGS's list, plus principal point and split.
+
+3DGS (``utils/camera_utils.py``) writes id, img_name, width, height, position, rotation (camera-to-world, row by row),
+fx, fy; the test cameras come first. It has neither principal point (the middle is meant) nor split.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.scene.posed import rigid
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Camera
+
+Side = Literal["train", "test"]
+
+
+@dataclass(frozen=True)
+class ListedCamera:
+    """One entry of a ``cameras.json``.
+
+    Args:
+        name: the photo's name, with or without ending.
+        camera: pose and intrinsics at the listed size.
+        split: "train" or "test"; None in files that 3DGS wrote.
+    """
+
+    name: str
+    camera: Camera
+    split: Side | None = None
+
+
+def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Sequence[Side]) -> None:
+    """Write a ``cameras.json``, whole or not at all.
+
+    Args:
+        path: the file to write.
+        views: views with cameras.
+        splits: "train" or "test" for each view.
+
+    Raises:
+        InputError: a view has no camera, or counts differ.
+    """
+    if len(views) != len(splits):
+        raise InputError("splits", f"has {len(splits)} entries for {len(views)} views", "give one for each view")
+    entries = [_entry(i, view, side) for i, (view, side) in enumerate(zip(views, splits, strict=True))]
+    partial = path.with_name(path.name + ".partial")
+    try:
+        partial.write_text(json.dumps(entries, indent=1), encoding="utf-8")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_scene_cameras(path: Path, scene: Scene) -> None:
+    """Write a scene's ``cameras.json``, test cameras first as 3DGS does; photos on neither side are left out."""
+    views = [*scene.test_photos, *scene.train_photos]
+    sides: list[Side] = ["test"] * len(scene.test) + ["train"] * len(scene.train)  # type: ignore[assignment]
+    write_cameras(path, views, sides)
+
+
+def read_cameras(path: Path) -> tuple[ListedCamera, ...]:
+    """The cameras of a ``cameras.json``, in the file's order.
+
+    Raises:
+        InputError: the file is missing or malformed, or a camera is unusable.
+    """
+    entries = read_json(path)
+    if not isinstance(entries, list) or not entries:
+        raise InputError(path, "lists no cameras", "write it again, as a list with one entry for each view")
+    return tuple(_listed(entry, f"{path} entry {i}") for i, entry in enumerate(entries))
+
+
+def _entry(index: int, view: Photo | RenderedView, side: Side) -> dict[str, Any]:
+    camera = view.camera
+    if camera is None:
+        raise InputError(view.name, "has no camera", "give cameras for all views or for none")
+    return {
+        "id": index,
+        "img_name": view.name,
+        "width": camera.width,
+        "height": camera.height,
+        "position": camera.centre.double().tolist(),
+        "rotation": camera.rotation.T.double().tolist(),
+        "fx": float(camera.K[0, 0]),
+        "fy": float(camera.K[1, 1]),
+        "cx": float(camera.K[0, 2]),
+        "cy": float(camera.K[1, 2]),
+        "split": side,
+    }
+
+
+def _listed(entry: Any, where: str) -> ListedCamera:
+    width, height = int(number(entry, "width", where)), int(number(entry, "height", where))
+    fx, fy = number(entry, "fx", where), number(entry, "fy", where)
+    if not (width > 0 and height > 0 and 0 < fx < float("inf") and 0 < fy < float("inf")):
+        received = f"is {width}x{height} with focal lengths {fx:g}, {fy:g}"
+        raise InputError(where, received, "give a size and focal lengths above 0")
+    cx, cy = number(entry, "cx", where, width / 2), number(entry, "cy", where, height / 2)
+    K = torch.tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    try:
+        to_world = torch.tensor(member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
+        position = torch.tensor(member(entry, "position", where), dtype=torch.float64).reshape(3)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(where, f"has a malformed pose ({error})", "give a 3x3 rotation and a position") from error
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3] = to_world.T
+    pose[:3, 3] = -to_world.T @ position
+    split = entry.get("split")
+    if split not in (None, "train", "test"):
+        raise InputError(where, f"has split {split!r}", 'give "train" or "test"')
+    camera = Camera(K, rigid(pose, where).float(), height, width)
+    return ListedCamera(str(member(entry, "img_name", where)), camera, split)

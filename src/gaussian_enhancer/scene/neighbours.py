@@ -1,0 +1,167 @@
+"""Which photos a view should refer to.
+
+The pose cost is NeRFLiX's (Zhou et al., CVPR 2023, ``inference/pose_matching.py``): centre distance plus 50 times one
+minus the cosine between viewing directions. Scene units are arbitrary, so that by default distances are divided by
+the scene's median camera spacing. Where the target's depth is known, the cost is weighed by covisibility.
+Axes: h w the target's size, H W a reference's size, n candidates.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Camera
+
+View = Photo | RenderedView
+DIRECTION_WEIGHT = 50.0
+
+
+def pose_costs(target: Camera, candidates: Sequence[Camera], unit: float = 1.0) -> Float[Tensor, " n"]:
+    """NeRFLiX's cost ``|c_t - c_i| / unit + 50 (1 - cos(d_t, d_i))`` for each candidate; lower is nearer.
+
+    Args:
+        target: the view that is to be enhanced.
+        candidates: the views that could serve it.
+        unit: length that distances are divided by; 1 is the published cost.
+    """
+    centres = torch.stack([camera.centre for camera in candidates]).double()
+    directions = torch.stack([camera.forward for camera in candidates]).double()
+    distance = (centres - target.centre.double()).norm(dim=1) / unit
+    cosine = functional.cosine_similarity(directions, target.forward.double()[None], dim=1)
+    return distance + DIRECTION_WEIGHT * (1 - cosine)
+
+
+def camera_spacing(cameras: Sequence[Camera]) -> float:
+    """Median distance of each camera to its nearest other one; cameras at the same place are left out, 1 if all are."""
+    if len(cameras) < 2:
+        return 1.0
+    centres = torch.stack([camera.centre for camera in cameras]).double()
+    distances = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
+    distances.fill_diagonal_(torch.inf)
+    nearest = distances.min(dim=1).values
+    apart = nearest[nearest > 1e-9 * centres.abs().max()]
+    return float(apart.median()) if len(apart) else 1.0
+
+
+def covisibility(
+    depth: Float[Tensor, "1 h w"],
+    target: Camera,
+    reference: Camera,
+    reference_depth: Float[Tensor, "1 H W"] | None = None,
+    *,
+    tolerance: float = 0.05,
+    stride: int = 4,
+) -> float:
+    """Share of the target's pixels with depth that land inside a reference's image, in front of it.
+
+    Args:
+        depth: z depth of the target, 0 where nothing was hit.
+        target: its camera.
+        reference: the camera that the pixels are projected into.
+        reference_depth: z depth of the reference; where given, pixels behind its surface do not count.
+        tolerance: by what share a point may lie behind the reference's surface and still count as seen.
+        stride: every how many pixels one is tried, in each direction.
+    """
+    points = _surface(depth, target, stride)
+    if len(points) == 0:
+        return 0.0
+    seen = points @ reference.rotation.double().T + reference.world_to_camera[:3, 3].double()
+    pixels = seen @ reference.K.double().T
+    x, y = (pixels[:, :2] / seen[:, 2:].clamp_min(1e-12)).unbind(1)
+    inside = (seen[:, 2] > 0) & (x >= 0) & (x < reference.width) & (y >= 0) & (y < reference.height)
+    if reference_depth is not None:
+        height, width = reference_depth.shape[1:]
+        column = (x[inside] * width / reference.width).long().clamp(0, width - 1)
+        row = (y[inside] * height / reference.height).long().clamp(0, height - 1)
+        surface = reference_depth[0, row, column].double()
+        inside[inside.clone()] = (surface == 0) | (seen[inside, 2] <= surface * (1 + tolerance))
+    return float(inside.double().mean())
+
+
+def rank_references(
+    target: View,
+    candidates: Sequence[View],
+    count: int,
+    *,
+    distance: Literal["relative", "published"] = "relative",
+    depth: Float[Tensor, "1 h w"] | None = None,
+) -> tuple[int, ...]:
+    """Indices of the ``count`` best references among the candidates, best first.
+
+    Candidates with the target's own name are never taken. With cameras the order is by pose cost and, where depth is
+    given, by ``(1 + cost) / covisibility``: a reference that sees half of the target must be twice as near. Without
+    cameras the nearest names in natural order are taken.
+
+    Args:
+        target: the view that is to be enhanced.
+        candidates: training views; test views do not belong here (see `scene_references`).
+        count: how many to return at most.
+        distance: "relative" to the candidates' median camera spacing, or as "published" in scene units.
+        depth: rendered z depth of the target.
+
+    Raises:
+        InputError: ``count`` is below 1, only some candidates have cameras, or ``distance`` is unknown.
+    """
+    if count < 1:
+        raise InputError("reference count", f"is {count}", "ask for at least 1")
+    if distance not in ("relative", "published"):
+        raise InputError("distance", f"is {distance!r}", 'give "relative" or "published"')
+    others = [i for i, view in enumerate(candidates) if view.name != target.name]
+    cameras = [camera for i in others if (camera := candidates[i].camera) is not None]
+    if target.camera is None or not cameras:
+        return _nearest_names(target.name, [candidates[i].name for i in others], others)[:count]
+    if len(cameras) < len(others):
+        bare = next(candidates[i].name for i in others if candidates[i].camera is None)
+        raise InputError(f"reference {bare}", "has no camera while others have one", "give cameras for all or for none")
+    unit = camera_spacing(cameras) if distance == "relative" else 1.0
+    costs = pose_costs(target.camera, cameras, unit)
+    if depth is not None:
+        seen = [covisibility(depth, target.camera, camera) for camera in cameras]
+        costs = (1 + costs) / costs.new_tensor(seen).clamp_min(1e-6)
+    return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
+
+
+def scene_references(scene: Scene, index: int, count: int) -> tuple[int, ...]:
+    """Indices of the photos in ``scene.photos`` for photo ``index`` to refer to: training photos only, never itself.
+
+    Args:
+        scene: the capture.
+        index: the photo to find references for, of any side.
+        count: how many to return at most.
+    """
+    ranked = rank_references(scene.photos[index], scene.train_photos, count)
+    return tuple(scene.train[i] for i in ranked)
+
+
+def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Float[Tensor, "n 3"]:
+    """World positions (float64) of every stride-th pixel that has depth; the depth map may be of another size."""
+    height, width = depth.shape[1:]
+    y, x = torch.meshgrid(torch.arange(0, height, stride), torch.arange(0, width, stride), indexing="ij")
+    z = depth[0, ::stride, ::stride].double()
+    K = camera.resized(height, width).K.double()
+    hit = (z > 0) & torch.isfinite(z)
+    pixels = torch.stack([x + 0.5, y + 0.5, torch.ones_like(x)], -1).to(z)[hit]
+    local = pixels @ torch.linalg.inv(K).T * z[hit][:, None]
+    return (local - camera.world_to_camera[:3, 3].double()) @ camera.rotation.double()
+
+
+def _nearest_names(target: str, names: list[str], indices: list[int]) -> tuple[int, ...]:
+    """Indices by how many names lie between each name and the target's, earlier names first among equals."""
+    ordered = sorted(zip(names, indices, strict=True), key=lambda pair: _natural(pair[0]))
+    place = sum(_natural(name) < _natural(target) for name, _ in ordered)
+    gaps = [(place - k if k < place else k - place + 1, index) for k, (_, index) in enumerate(ordered)]
+    return tuple(index for _, index in sorted(gaps, key=lambda pair: pair[0]))
+
+
+def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sort key in which 10 follows 9."""
+    parts = re.findall(r"\d+|\D+", name.rsplit(".", 1)[0])
+    return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts)

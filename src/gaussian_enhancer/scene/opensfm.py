@@ -1,0 +1,155 @@
+"""OpenSfM captures: ``reconstruction.json`` beside a folder ``images``.
+
+OpenSfM's axes and poses are ours (x right, y down, z forward; world-to-camera as an axis-angle vector and a
+translation). Its lengths in the image are divided by max(width, height) and count from the image's middle.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.scene.photos import list_images
+from gaussian_enhancer.scene.posed import Missing, PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.scene import Points, Scene
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.scene.undistort import Lens
+
+
+def load_opensfm(
+    path: str | Path,
+    *,
+    file: str | None = None,
+    component: int = 0,
+    images: str = "images",
+    downscale: float = 1.0,
+    split: Split | None = None,
+    missing: Missing = "error",
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    name: str = "",
+) -> Scene:
+    """A scene from an OpenSfM capture (perspective, Brown or fisheye cameras, undistorted as photos are read).
+
+    Args:
+        path: the capture's folder.
+        file: the reconstruction's name in it; ``reconstruction.json`` or the only file like it where None.
+        component: which of the file's disconnected reconstructions, the largest first.
+        images: folder of the photos in it.
+        downscale: factor that divides width and height of the photos read.
+        split: how to divide the photos; every 8th is held out where None.
+        missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
+        background: colour under transparent photos.
+        name: the scene's name; the folder's where empty.
+
+    Raises:
+        InputError: the file is missing or malformed, photos and cameras do not belong together, a bad pose or lens.
+    """
+    root = Path(path)
+    source = root / file if file else _reconstruction_file(root)
+    reconstructions = read_json(source)
+    if not isinstance(reconstructions, list) or not 0 <= component < len(reconstructions):
+        count = len(reconstructions) if isinstance(reconstructions, list) else 0
+        raise InputError(source, f"has {count} reconstructions, number {component} was asked for", "set component=")
+    content = reconstructions[component]
+    lenses = {
+        key: _lens(camera, f"{source} camera {key}") for key, camera in member(content, "cameras", source).items()
+    }
+    photos = {photo.name: photo for photo in list_images(root / images)}
+    shots = member(content, "shots", source)
+    refuse_or_drop([s for s in shots if s not in photos], "shots without a photo", source, missing)
+    refuse_or_drop([p for p in photos if p not in shots], "photos without a camera", root / images, missing)
+    files = [_posed(key, shots[key], photos[key], lenses, source) for key in shots if key in photos]
+    return build_scene(
+        files,
+        source=root,
+        name=name,
+        downscale=downscale,
+        split=split,
+        background=background,
+        points=_points(content, source),
+    )
+
+
+def find_reconstruction(root: Path) -> Path | None:
+    """``reconstruction.json``, or the only file like it, None if there is no or no single one."""
+    if (root / "reconstruction.json").is_file():
+        return root / "reconstruction.json"
+    similar = sorted(root.glob("reconstruction*.json"))
+    return similar[0] if len(similar) == 1 else None
+
+
+def rotation_from_axis_angle(vector: Float[Tensor, " 3"]) -> Float[Tensor, "3 3"]:
+    """Rotation by ``|vector|`` radians around ``vector`` (matrix exponential of its cross-product matrix)."""
+    x, y, z = vector
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape(3, 3)
+    return torch.linalg.matrix_exp(cross)
+
+
+def _reconstruction_file(root: Path) -> Path:
+    found = find_reconstruction(root)
+    if found is None:
+        raise InputError(root, "holds no reconstruction.json, nor a single file like it", "name it with file=")
+    return found
+
+
+def _lens(camera: Any, where: str) -> Lens:
+    width, height = int(number(camera, "width", where)), int(number(camera, "height", where))
+    size = max(width, height)
+    k1, k2, k3 = (number(camera, key, where, 0.0) for key in ("k1", "k2", "k3"))
+    model = camera.get("projection_type", "perspective")
+    if model in ("perspective", "simple_radial"):
+        shared = number(camera, "focal", where, number(camera, "focal_x", where, 0.0)) * size
+        return Lens("RADIAL", width, height, (shared, width / 2, height / 2, k1, k2), where)
+    if model == "fisheye":
+        focal = number(camera, "focal", where) * size
+        return Lens("OPENCV_FISHEYE", width, height, (focal, focal, width / 2, height / 2, k1, k2, 0.0, 0.0), where)
+    focals = number(camera, "focal_x", where, 0.0) * size, number(camera, "focal_y", where, 0.0) * size
+    cx = width / 2 + number(camera, "c_x", where, 0.0) * size
+    cy = height / 2 + number(camera, "c_y", where, 0.0) * size
+    if model == "brown":
+        p1, p2 = number(camera, "p1", where, 0.0), number(camera, "p2", where, 0.0)
+        params = (*focals, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
+        return Lens("FULL_OPENCV", width, height, params, where)
+    if model == "fisheye_opencv":
+        k4 = number(camera, "k4", where, 0.0)
+        return Lens("OPENCV_FISHEYE", width, height, (*focals, cx, cy, k1, k2, k3, k4), where)
+    raise InputError(where, f"has projection_type {model!r}", "use perspective, brown, fisheye or fisheye_opencv")
+
+
+def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
+    where = f"{source} shot {key}"
+    camera = member(shot, "camera", where)
+    if camera not in lenses:
+        raise InputError(where, f"names the camera {camera!r}, which is not listed", "export the reconstruction again")
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3] = rotation_from_axis_angle(_vector(shot, "rotation", where))
+    pose[:3, 3] = _vector(shot, "translation", where)
+    return PosedFile(key, photo, lenses[camera], pose)
+
+
+def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
+    values = member(record, key, where)
+    if not isinstance(values, list) or len(values) != 3 or not all(isinstance(v, int | float) for v in values):
+        raise InputError(where, f"has {key} = {values!r}", "give three numbers")
+    vector = torch.tensor(values, dtype=torch.float64)
+    if not bool(torch.isfinite(vector).all()):
+        raise InputError(where, f"has {key} = {values!r}", "remove the shot or reconstruct again: NaN or infinity")
+    return vector
+
+
+def _points(content: Any, source: Path) -> Points | None:
+    points = content.get("points") or {}
+    if not points:
+        return None
+    try:
+        positions = np.array([point["coordinates"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
+        colours = np.array([point["color"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError(source, f"has malformed points ({error})", "export the reconstruction again") from error
+    return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))

@@ -1,0 +1,167 @@
+"""Reading image files into float tensors, and resizing them with antialiasing.
+
+Pixels are taken as they are stored: an EXIF orientation is not applied, since structure from motion calibrates the
+stored pixels. Axes: c channels (3, or 4 with alpha), h height, w width, H and W the same after resizing.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+from torch.nn import functional
+
+from gaussian_enhancer.errors import InputError
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+DECODE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error, Image.DecompressionBombError)
+REPLACE = "replace the file by an intact copy"
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image file says of itself before its pixels are decoded."""
+
+    height: int
+    width: int
+    has_alpha: bool
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The image files directly in a folder, sorted by name.
+
+    Raises:
+        InputError: the folder does not exist or holds no image.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "is no folder", "name an existing folder of images")
+    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
+    if not files:
+        raise InputError(folder, "holds no image", f"name a folder with files ending in {', '.join(ENDINGS)}")
+    return files
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Size and kind of an image without decoding it.
+
+    Raises:
+        InputError: the file is missing, empty or no image.
+    """
+    with _opened(path) as image:
+        has_alpha = "A" in image.getbands() or "transparency" in image.info
+        return ImageHeader(image.height, image.width, has_alpha)
+
+
+def decode(path: Path) -> Float[Tensor, "c h w"]:
+    """All pixels of an image file in [0, 1]: three channels (grey is repeated), four where the file has alpha.
+
+    8-bit values are divided by 255, 16-bit values by 65535.
+
+    Raises:
+        InputError: the file is missing, empty, truncated, no image, or of a kind without a defined white.
+    """
+    with _opened(path) as image:
+        try:
+            pixels = _deep_png(path) if image.format == "PNG" and _is_deep(path) else _shallow(path, image)
+        except InputError:
+            raise
+        except (*DECODE_ERRORS, RuntimeError) as error:
+            size = path.stat().st_size
+            raise InputError(path, f"cannot be decoded ({size} bytes: {error})", REPLACE) from error
+    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+
+
+def composite(image: Float[Tensor, "c h w"], background: tuple[float, float, float]) -> Float[Tensor, "3 h w"]:
+    """Lay an image with straight alpha over a flat colour, in sRGB values as NeRF-Synthetic's evaluation does."""
+    if image.shape[0] == 3:
+        return image
+    colour, alpha = image[:3], image[3:]
+    return colour * alpha + image.new_tensor(background)[:, None, None] * (1 - alpha)
+
+
+def read_photo(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float[Tensor, "3 h w"]:
+    """An image file as RGB in [0, 1], transparent parts over ``background``.
+
+    Raises:
+        InputError: see `decode`.
+    """
+    return composite(decode(path), background)
+
+
+def read_coverage(path: Path) -> Float[Tensor, "1 h w"]:
+    """The alpha channel of an image file, or the single channel of a grey one (a mask) where it has none.
+
+    Raises:
+        InputError: see `decode`.
+    """
+    image = decode(path)
+    return image[3:] if image.shape[0] == 4 else image[:1]
+
+
+def resize(image: Float[Tensor, "c h w"], height: int, width: int) -> Float[Tensor, "c H W"]:
+    """Bicubic resampling with antialiasing (PIL's filter, without its rounding to 8 bit), clamped to [0, 1]."""
+    if image.shape[1:] == (height, width):
+        return image
+    resized = functional.interpolate(image[None], size=(height, width), mode="bicubic", antialias=True)
+    return resized[0].clamp(0, 1)
+
+
+def downscaled_size(height: int, width: int, downscale: float) -> tuple[int, int]:
+    """Height and width after dividing by ``downscale`` and rounding, as 3DGS does.
+
+    Raises:
+        InputError: the factor is below 1, not finite, or leaves no pixel.
+    """
+    if not (np.isfinite(downscale) and downscale >= 1):
+        raise InputError("downscale", f"is {downscale}", "give a factor of at least 1 (2 halves width and height)")
+    size = round(height / downscale), round(width / downscale)
+    if min(size) < 1:
+        raise InputError("downscale", f"is {downscale} for photos of {width}x{height}", "give a smaller factor")
+    return size
+
+
+def _opened(path: Path) -> Image.Image:
+    if not path.is_file():
+        raise InputError(path, "does not exist", "check the path, or leave the photo out of the capture")
+    if path.stat().st_size == 0:
+        raise InputError(path, "is empty (0 bytes)", REPLACE)
+    try:
+        return Image.open(path)
+    except DECODE_ERRORS as error:
+        raise InputError(path, f"is no image ({path.stat().st_size} bytes: {error})", REPLACE) from error
+
+
+def _is_deep(path: Path) -> bool:
+    """Whether a PNG has 16 bits a channel in colour or with alpha, which PIL would cut to 8 without a word."""
+    with path.open("rb") as file:
+        header = file.read(26)
+    return header[24] == 16 and header[25] != 0
+
+
+def _deep_png(path: Path) -> np.ndarray:
+    from torchvision.io import ImageReadMode, decode_image
+
+    data = torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.uint8)
+    values = decode_image(data, ImageReadMode.UNCHANGED).to(torch.int32).permute(1, 2, 0).numpy()
+    if values.shape[2] == 2:
+        values = values[:, :, (0, 0, 0, 1)]
+    return values.astype(np.float32) / np.float32(65535)
+
+
+def _shallow(path: Path, image: Image.Image) -> np.ndarray:
+    if image.mode.startswith("I"):
+        values = np.asarray(image).astype(np.int64)
+        if values.min() < 0 or values.max() > 65535:
+            raise InputError(
+                path, f"has values {values.min()} to {values.max()}", "save it with 8 or 16 bits a channel"
+            )
+        return np.repeat((values / 65535).astype(np.float32)[:, :, None], 3, axis=2)
+    if image.mode == "F":
+        raise InputError(path, "has floating-point pixels, whose white is unknown", "save it as 8- or 16-bit PNG")
+    has_alpha = "A" in image.getbands() or "transparency" in image.info
+    return np.asarray(image.convert("RGBA" if has_alpha else "RGB")).astype(np.float32) / np.float32(255)

@@ -1,0 +1,192 @@
+"""From files with poses, as any capture format lists them, to a `Scene`.
+
+Every loader hands over the same thing: files, lenses, world-to-camera poses. Here they are checked, brought to ideal
+pinholes, downscaled and split. Axes: h height, w width.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import composite, decode, downscaled_size, read_coverage, read_header, resize
+from gaussian_enhancer.scene.scene import Photo, Points, Scene
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
+from gaussian_enhancer.types import Camera
+
+Missing = Literal["error", "drop"]
+
+
+@dataclass(frozen=True)
+class PosedFile:
+    """A photo on disk and where it was taken from.
+
+    Args:
+        listed: how the capture calls it, usually a relative path; the photo's name is made from it.
+        path: the file.
+        lens: intrinsics, at any size with the photo's aspect.
+        world_to_camera: pose in OpenCV axes, float64.
+        side: the split that the capture states for it; "neither" takes no part, None where it states none.
+    """
+
+    listed: str
+    path: Path
+    lens: Lens
+    world_to_camera: Float[Tensor, "4 4"]
+    side: Literal["train", "test", "neither"] | None = None
+
+
+@dataclass(frozen=True)
+class ReadPhoto:
+    """Reads one photo: decoded, over the background, undistorted, downscaled. Picklable for worker processes."""
+
+    path: Path
+    height: int
+    width: int
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lens: Lens | None = None
+
+    def __call__(self) -> Float[Tensor, "3 h w"]:
+        """The photo, shape (3, height, width), [0, 1]."""
+        image = composite(decode(self.path), self.background)
+        return resize(undistort(image, self.lens) if self.lens else image, self.height, self.width)
+
+
+@dataclass(frozen=True)
+class ReadCoverage:
+    """Reads a photo's alpha channel on the same grid as `ReadPhoto`."""
+
+    path: Path
+    height: int
+    width: int
+    lens: Lens | None = None
+
+    def __call__(self) -> Float[Tensor, "1 h w"]:
+        """The coverage, shape (1, height, width), [0, 1]."""
+        alpha = read_coverage(self.path)
+        return resize(undistort(alpha, self.lens) if self.lens else alpha, self.height, self.width)
+
+
+def build_scene(
+    files: Sequence[PosedFile],
+    *,
+    source: Path,
+    name: str = "",
+    downscale: float = 1.0,
+    split: Split | None = None,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    points: Points | None = None,
+) -> Scene:
+    """Check posed files and make a scene of them, sorted by name.
+
+    Args:
+        files: the capture's photos, in any order.
+        source: the capture, named in errors.
+        name: the scene's name; the capture folder's where empty.
+        downscale: factor that divides width and height, after undistortion.
+        split: how to divide the photos; every 8th is held out where None.
+        background: colour under transparent photos.
+        points: sparse points in the same world.
+
+    Raises:
+        InputError: fewer than two photos, a name used twice, sizes that do not match the intrinsics, a bad pose.
+    """
+    if len(files) < 2:
+        raise InputError(source, f"holds {len(files)} usable photo(s)", "give a capture of at least two posed photos")
+    names = unique_names([file.listed for file in files], source)
+    order = sorted(range(len(files)), key=lambda i: names[i])
+    red, green, blue = background
+    colour = float(red), float(green), float(blue)
+    photos = tuple(_photo(files[i], names[i], downscale, colour) for i in order)
+    sides = [files[i].side for i in order]
+    train, test = (split or Split())(len(photos), _own_split(sides))
+    return Scene(name or source.resolve().name, photos, train, test, colour, points)
+
+
+def unique_names(listed: Sequence[str], source: Path) -> list[str]:
+    """File names for photos: the last part of each path, or the whole path joined by ``_`` if last parts repeat.
+
+    Raises:
+        InputError: two photos would get the same name, or names that differ by their ending only, so that their
+            outputs would overwrite each other.
+    """
+    paths = [PurePosixPath(text.replace("\\", "/")) for text in listed]
+    names = [path.name for path in paths]
+    if len({PurePosixPath(n).stem for n in names}) < len(names):
+        names = ["_".join(part for part in path.parts if part not in (".", "..", "/")) for path in paths]
+    twice = [stem for stem, count in Counter(PurePosixPath(n).stem for n in names).items() if count > 1]
+    if twice:
+        raise InputError(source, f"lists {twice[0]!r} more than once", "give every photo a name of its own")
+    return names
+
+
+def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: Missing) -> None:
+    """Let incomplete entries pass if ``missing`` is "drop".
+
+    Raises:
+        InputError: there are such entries and ``missing`` is "error"; the first few are named, with the count.
+    """
+    if missing not in ("error", "drop"):
+        raise InputError("missing", f"is {missing!r}", 'give "error" or "drop"')
+    if names and missing == "error":
+        first = ", ".join(sorted(names)[:4]) + (", ..." if len(names) > 4 else "")
+        raise InputError(source, f"has {len(names)} {what}: {first}", "complete the capture or pass missing=drop")
+
+
+def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
+    """A pose with its rotation made exactly orthonormal (files round it).
+
+    Raises:
+        InputError: the pose is not finite, or its rotation is scaled, skewed or mirrored by more than 1%.
+    """
+    if not bool(torch.isfinite(world_to_camera).all()):
+        raise InputError(where, "has a pose with NaN or infinity", "remove the photo or calibrate again")
+    U, scales, Vh = torch.linalg.svd(world_to_camera[:3, :3])
+    if float((scales - 1).abs().max()) > 0.01 or float(torch.linalg.det(U @ Vh)) < 0:
+        received = f"has a pose whose 3x3 part has scales {[round(s, 4) for s in scales.tolist()]} or is mirrored"
+        raise InputError(where, received, "export rigid poses: rotation and translation only")
+    pose = torch.eye(4, dtype=world_to_camera.dtype)
+    pose[:3, :3] = U @ Vh
+    pose[:3, 3] = world_to_camera[:3, 3]
+    return pose
+
+
+def fitted_lens(lens: Lens, height: int, width: int, path: Path) -> Lens:
+    """The lens at the photo's own size, which may be a downscaled copy of the calibrated one.
+
+    Raises:
+        InputError: the aspects differ by more than rounding explains.
+    """
+    if (lens.height, lens.width) == (height, width):
+        return lens
+    shrink = min(width / lens.width, height / lens.height)
+    if abs(width - lens.width * shrink) > 1 or abs(height - lens.height * shrink) > 1:
+        received = f"is {width}x{height} but its camera is {lens.width}x{lens.height} ({lens.source})"
+        raise InputError(path, received, "use the photos that were calibrated, whole or evenly resized")
+    return lens.resized(height, width)
+
+
+def _own_split(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    if all(side is None for side in sides):
+        return None
+    train, test = (tuple(i for i, side in enumerate(sides) if side == wanted) for wanted in ("train", "test"))
+    return train, test
+
+
+def _photo(file: PosedFile, name: str, downscale: float, background: tuple[float, float, float]) -> Photo:
+    header = read_header(file.path)
+    lens = fitted_lens(file.lens, header.height, header.width, file.path)
+    K, height, width = ideal_pinhole(lens)
+    pose = rigid(file.world_to_camera, file.listed)
+    size = downscaled_size(height, width, downscale)
+    camera = Camera(K.float(), pose.float(), height, width).resized(*size)
+    bent = lens if lens.distorted else None
+    coverage = ReadCoverage(file.path, *size, bent) if header.has_alpha else None
+    return Photo(name, camera, ReadPhoto(file.path, *size, background, bent), read_alpha=coverage)

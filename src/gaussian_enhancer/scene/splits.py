@@ -1,0 +1,82 @@
+"""Which photos are fitted to and which are held out.
+
+The convention of the field: sorted by name, every 8th photo is a test view (``idx % 8 == 0``; LLFF, 3DGS's
+``dataset_readers.py``). Sparse fits keep every n-th of the remaining ones.
+"""
+
+from dataclasses import dataclass
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Scene
+
+Indices = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Split:
+    """How a capture's photos are divided.
+
+    Args:
+        test_every: every how many photos one is held out; 0 holds none out. Not used where the capture's files
+            state a split of their own and ``own`` is set.
+        test_offset: index of the first held-out photo, in [0, test_every).
+        train_every: keep every n-th training photo only (a sparse fit); 1 keeps all.
+        unused_as_test: hold the photos that thinning removed out as test views (this is how training pairs
+            are made); otherwise they belong to neither side.
+        own: follow the split that the capture's files state, if they do.
+
+    Raises:
+        InputError: a number is out of range.
+    """
+
+    test_every: int = 8
+    test_offset: int = 0
+    train_every: int = 1
+    unused_as_test: bool = False
+    own: bool = True
+
+    def __post_init__(self) -> None:
+        if self.test_every < 0 or self.test_every == 1:
+            raise InputError("split.test_every", f"is {self.test_every}", "give 0 (hold none out) or at least 2")
+        if not 0 <= self.test_offset < max(self.test_every, 1):
+            rule = f"give a number from 0 to {max(self.test_every, 1) - 1}"
+            raise InputError("split.test_offset", f"is {self.test_offset}", rule)
+        if self.train_every < 1:
+            raise InputError("split.train_every", f"is {self.train_every}", "give at least 1")
+
+    def __call__(self, count: int, own: tuple[Indices, Indices] | None = None) -> tuple[Indices, Indices]:
+        """Indices to fit to and indices to hold out.
+
+        Args:
+            count: number of photos, sorted by name.
+            own: the split that the capture's files state.
+
+        Raises:
+            InputError: nothing is left to fit to.
+        """
+        train, test = own if own is not None and self.own else every_nth(count, self.test_every, self.test_offset)
+        train, test = thinned(train, test, self.train_every, self.unused_as_test)
+        if not train:
+            raise InputError("split", f"leaves none of {count} photos to fit to", "hold fewer photos out")
+        return train, test
+
+
+def every_nth(count: int, test_every: int = 8, test_offset: int = 0) -> tuple[Indices, Indices]:
+    """Train and test indices where photo ``i`` is a test view if ``i % test_every == test_offset``."""
+    if test_every == 0:
+        return tuple(range(count)), ()
+    test = tuple(range(test_offset, count, test_every))
+    return tuple(i for i in range(count) if i % test_every != test_offset), test
+
+
+def thinned(train: Indices, test: Indices, train_every: int, unused_as_test: bool = False) -> tuple[Indices, Indices]:
+    """Keep every ``train_every``-th training index; the removed ones join the test side or none."""
+    kept = train[::train_every]
+    if not unused_as_test:
+        return kept, test
+    return kept, tuple(sorted({*test, *train} - {*kept}))
+
+
+def resplit(scene: Scene, split: Split) -> Scene:
+    """The scene under another split; the split it has counts as its own."""
+    return scene.with_split(*split(len(scene.photos), (scene.train, scene.test)))

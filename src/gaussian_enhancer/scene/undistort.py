@@ -1,0 +1,142 @@
+"""From a photo of a real lens to the photo a pinhole camera would have taken.
+
+A distorted photo is resampled on the pixel grid of an ideal pinhole: each ideal pixel's ray goes forward through the
+lens model to the place in the photo where its colour lies, so that no lens model is ever inverted for the image.
+The models are COLMAP's, evaluated by pycolmap. Axes: c channels, h w the photo's size, H W the ideal image's size.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from gaussian_enhancer.errors import InputError
+
+if TYPE_CHECKING:
+    import pycolmap
+
+IDEAL_MODELS = ("PINHOLE", "SIMPLE_PINHOLE")
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of a photo in one of COLMAP's camera models; the first pixel's centre is at (0.5, 0.5).
+
+    Args:
+        model: COLMAP's name: PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, ...
+        width: of the photo in pixels.
+        height: of the photo in pixels.
+        params: the model's parameters in COLMAP's order (focal lengths, principal point, coefficients).
+        source: the file the values come from, named in errors.
+
+    Raises:
+        InputError: a value is not finite, or a focal length or size is not positive.
+    """
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+    source: str = "camera"
+
+    def __post_init__(self) -> None:
+        if not all(np.isfinite(self.params)):
+            raise InputError(self.source, f"has intrinsics {self.params}", "calibrate again: all must be finite")
+        if self.width < 1 or self.height < 1:
+            raise InputError(self.source, f"has a camera of {self.width}x{self.height} pixels", "correct the size")
+        camera = self.colmap
+        if not camera.verify_params():
+            received = f"has {len(self.params)} parameters for {self.model} ({camera.params_info})"
+            raise InputError(self.source, received, "give one value for each")
+        focal = camera.focal_length_x, camera.focal_length_y
+        if min(focal) <= 0:
+            raise InputError(self.source, f"has focal length {min(focal):g}", "give a focal length above 0 pixels")
+
+    @property
+    def colmap(self) -> "pycolmap.Camera":
+        """The lens as pycolmap's camera."""
+        import pycolmap
+
+        if self.model not in pycolmap.CameraModelId.__members__ or self.model == "INVALID":
+            known = ", ".join(name for name in pycolmap.CameraModelId.__members__ if name != "INVALID")
+            raise InputError(self.source, f"has camera model {self.model!r}", f"use one of {known}")
+        return pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+
+    @property
+    def distorted(self) -> bool:
+        """Whether photos of this lens differ from a pinhole camera's."""
+        camera = self.colmap
+        radial = camera.params[list(camera.extra_params_idxs())]
+        fisheye = "FISHEYE" in self.model
+        return self.model not in IDEAL_MODELS and (fisheye or bool(np.any(radial != 0)))
+
+    def resized(self, height: int, width: int) -> "Lens":
+        """The same lens on another pixel grid."""
+        camera = self.colmap
+        camera.rescale(width, height)
+        return Lens(self.model, width, height, tuple(camera.params.tolist()), self.source)
+
+
+def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
+    """The pinhole camera that a photo is undistorted to: K in pixels (float64), height, width.
+
+    The focal length stays; the size is the largest that shows no blank pixel (COLMAP's ``image_undistorter``).
+
+    Raises:
+        InputError: the lens model folds over inside the picture, so that no such camera exists.
+    """
+    camera = lens.colmap
+    if not lens.distorted:
+        return torch.from_numpy(camera.calibration_matrix()), lens.height, lens.width
+    import pycolmap
+
+    ideal = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
+    K = torch.from_numpy(ideal.calibration_matrix())
+    x = torch.linspace(0.5, ideal.width - 0.5, 64, dtype=torch.float64)
+    y = torch.linspace(0.5, ideal.height - 0.5, 64, dtype=torch.float64)
+    border = torch.cat([torch.stack(torch.meshgrid(x, y[[0, -1]], indexing="xy"), -1).flatten(0, 1),
+                        torch.stack(torch.meshgrid(x[[0, -1]], y, indexing="xy"), -1).flatten(0, 1)])  # fmt: skip
+    seen = distort(border, K, lens)
+    slack = 2.0
+    inside = (seen > -slack) & (seen < seen.new_tensor([lens.width, lens.height]) + slack)
+    if not bool(inside.all()):
+        received = f"has {lens.model} coefficients {lens.params} that fold the picture's border over"
+        raise InputError(lens.source, received, "calibrate again with a milder lens model")
+    return K, ideal.height, ideal.width
+
+
+def distort(points: Float[Tensor, "n 2"], K: Float[Tensor, "3 3"], lens: Lens) -> Float[Tensor, "n 2"]:
+    """Where the pixels of an ideal pinhole lie in the lens's photo; NaN where the lens cannot see them.
+
+    Args:
+        points: pixel positions (x, y) in the ideal image.
+        K: intrinsics of the ideal pinhole.
+        lens: the lens that took the photo.
+    """
+    rays = torch.cat([points.double(), torch.ones_like(points[:, :1]).double()], 1) @ torch.linalg.inv(K.double()).T
+    seen = lens.colmap.img_from_cam(rays.numpy())
+    return torch.from_numpy(np.asarray(seen)).to(points.dtype)
+
+
+def undistort(image: Float[Tensor, "c h w"], lens: Lens) -> Float[Tensor, "c H W"]:
+    """Resample a photo of ``lens`` as its ideal pinhole sees it (bicubic, clamped to [0, 1])."""
+    if not lens.distorted:
+        return image
+    grid = _sampling_grid(lens)
+    ideal = functional.grid_sample(image[None], grid, mode="bicubic", padding_mode="border", align_corners=False)
+    return ideal[0].clamp(0, 1)
+
+
+@lru_cache(maxsize=2)
+def _sampling_grid(lens: Lens) -> Float[Tensor, "1 H W 2"]:
+    """grid_sample's normalised coordinates; kept for the next photo, since a capture has one lens or a few."""
+    K, height, width = ideal_pinhole(lens)
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    seen = distort(torch.stack([x, y], -1).flatten(0, 1).double(), K, lens)
+    normalised = 2 * seen / seen.new_tensor([lens.width, lens.height]) - 1
+    return normalised.float().reshape(1, height, width, 2)
