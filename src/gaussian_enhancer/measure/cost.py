@@ -1,0 +1,114 @@
+"""What a computation costs: time in the median of interleaved repeats, and peak memory."""
+
+import gc
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+Call = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall-clock times of one computation.
+
+    Args:
+        milliseconds: median over the repeats.
+        repeats: every repeat in milliseconds, in order.
+    """
+
+    milliseconds: float
+    repeats: tuple[float, ...]
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation over repeats (ddof=1), milliseconds; 0 for a single one."""
+        return statistics.stdev(self.repeats) if len(self.repeats) > 1 else 0.0
+
+
+def timed(
+    calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"
+) -> dict[str, Timing]:
+    """Time several computations against each other, one repeat of each in turn.
+
+    Interleaving lets a slow spell of the machine strike all of them alike; the median ignores single hiccups; the
+    warm-up takes compilation, caches and autotuning out.
+
+    Args:
+        calls: computations by name, without arguments.
+        repeats: measured repeats of each, at least 1.
+        warm_up: unmeasured repeats of each before that.
+        device: where they compute; on CUDA the device is waited for.
+    """
+    if repeats < 1:
+        raise ValueError(f"repeats must be at least 1, got {repeats}")
+    for _ in range(warm_up):
+        for call in calls.values():
+            call()
+    found: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            found[name].append(_once(call, torch.device(device)))
+    return {name: Timing(statistics.median(values), tuple(values)) for name, values in found.items()}
+
+
+def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
+    """Largest memory in bytes while a computation runs.
+
+    On CUDA the peak of allocated device memory; on the CPU the peak of the whole process's resident memory. Where the
+    system cannot reset its high-water mark (outside Linux) it is the mark since the process began.
+
+    Args:
+        call: the computation.
+        device: where it computes.
+    """
+    device = torch.device(device)
+    gc.collect()
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
+        torch.cuda.reset_peak_memory_stats(device)
+        call()
+        torch.cuda.synchronize(device)
+        return torch.cuda.max_memory_allocated(device)
+    _reset_high_water_mark()
+    call()
+    return _high_water_mark()
+
+
+def _once(call: Call, device: torch.device) -> float:
+    _wait(device)
+    start = time.perf_counter()
+    call()
+    _wait(device)
+    return (time.perf_counter() - start) * 1e3
+
+
+def _wait(device: torch.device) -> None:
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
+
+
+def _reset_high_water_mark() -> None:
+    """Lower the process's recorded peak to what it holds now, where the system offers that."""
+    switch = Path("/proc/self/clear_refs")
+    if switch.exists():
+        try:
+            switch.write_text("5")
+        except PermissionError:
+            return  # some containers forbid it: the peak is then the one since the process began
+
+
+def _high_water_mark() -> int:
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) * 1024
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

@@ -1,0 +1,171 @@
+"""LPIPS, the learned perceptual distance, where a backbone is at hand; never downloaded, never one for another.
+
+The linear heads (v0.1) come with the ``lpips`` package. The backbones are torchvision's ImageNet networks: they are
+looked for in a file or folder that is given, and then in torchvision's own cache. Source: Zhang et al., The
+Unreasonable Effectiveness of Deep Features as a Perceptual Metric, CVPR 2018.
+
+Axes: h height, w width.
+"""
+
+import functools
+import pickle
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlparse
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.errors import InputError
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """A network that LPIPS compares features of.
+
+    Args:
+        builder: torchvision's function that builds it.
+        weights: torchvision's name of its weights.
+        features: customary name of a file that holds its ``features`` part only.
+        smallest: least height and width in pixels that leave every feature map a pixel.
+    """
+
+    builder: str
+    weights: str
+    features: str
+    smallest: int
+
+
+BACKBONES = {
+    "vgg": Backbone("vgg16", "VGG16_Weights", "vgg16_features.pth", 16),
+    "alex": Backbone("alexnet", "AlexNet_Weights", "alexnet_features.pth", 31),
+    "squeeze": Backbone("squeezenet1_1", "SqueezeNet1_1_Weights", "squeezenet1_1_features.pth", 17),
+}
+
+VARIANTS = {
+    "lpips_vgg_raw": ("vgg", False),
+    "lpips_vgg": ("vgg", True),
+    "lpips_alex": ("alex", True),
+    "lpips_squeeze": ("squeeze", True),
+}
+"""Backbone of each named distance, and whether [0, 1] is rescaled to the [-1, 1] that LPIPS was trained on.
+
+3DGS's tables hold VGG without rescaling: ``lpips_vgg_raw``.
+"""
+
+
+@dataclass(frozen=True)
+class PerceptualDistance:
+    """One named LPIPS distance, or the reason for which it cannot be measured.
+
+    Args:
+        name: one of `VARIANTS`.
+        network: the distance of images in [-1, 1]; None where there is no backbone.
+        reason: why there is no network; empty otherwise.
+    """
+
+    name: str
+    network: nn.Module | None
+    reason: str = ""
+
+    def reason_against(self, height: int, width: int) -> str:
+        """Why images of this size cannot be measured; empty where they can."""
+        smallest = BACKBONES[VARIANTS[self.name][0]].smallest
+        if self.network is not None and min(height, width) < smallest:
+            return f"not measured: {width}x{height} is smaller than the network's {smallest} pixels"
+        return self.reason
+
+    @torch.no_grad()
+    def between(self, image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:
+        """Distance of two images in [0, 1]: 0 for equal ones, about 1 for unrelated ones.
+
+        Raises:
+            InputError: there is no backbone, or the images are too small for it.
+        """
+        reason = self.reason_against(image.shape[1], image.shape[2])
+        if reason or self.network is None:
+            raise InputError(self.name, reason, "leave it out of the metrics")
+        device = next(self.network.parameters()).device
+        pair = [image[None].to(device, torch.float32), photo[None].to(device, torch.float32)]
+        return self.network(*pair, normalize=VARIANTS[self.name][1]).item()
+
+
+def perceptual_distance(
+    name: str, backbone: str | Path | None = None, device: torch.device | str = "cpu"
+) -> PerceptualDistance:
+    """Make a named LPIPS distance ready; without a backbone it carries the reason and the remedy.
+
+    Args:
+        name: one of `VARIANTS`.
+        backbone: a file of weights (of the whole network or of its ``features``), or a folder of such files under
+            their customary names; None or a folder without the file: torchvision's cache.
+        device: where to measure.
+
+    Raises:
+        InputError: the name is unknown, or the file does not hold this backbone.
+    """
+    if name not in VARIANTS:
+        raise InputError(f"metric {name!r}", "is unknown", f"choose from {', '.join(VARIANTS)}")
+    net = VARIANTS[name][0]
+    file = _find(net, None if backbone is None else Path(backbone))
+    if file is None:
+        kind = BACKBONES[net]
+        fetch = f"from torchvision.models import *; {kind.builder}(weights={kind.weights}.IMAGENET1K_V1)"
+        return PerceptualDistance(name, None, f"not measured: no backbone; get it with: python -c '{fetch}'")
+    return PerceptualDistance(name, _network(net, file, str(device)))
+
+
+def _find(net: str, given: Path | None) -> Path | None:
+    """The backbone's file: the one given, or in the folder given, or in torchvision's cache."""
+    import torchvision
+
+    kind = BACKBONES[net]
+    if given is not None and not given.exists():
+        raise InputError(given, "does not exist", "name the backbone's file or its folder")
+    if given is not None and given.is_file():
+        return given.resolve()
+    url = torchvision.models.get_model_weights(kind.builder).IMAGENET1K_V1.url
+    cached = Path(urlparse(url).path).name
+    folders = [Path(torch.hub.get_dir()) / "checkpoints"]
+    candidates = [folder / cached for folder in folders]
+    if given is not None:
+        candidates = [given / kind.features, given / cached, *candidates]
+    return next((file.resolve() for file in candidates if file.is_file()), None)
+
+
+@functools.lru_cache(maxsize=4)
+def _network(net: str, file: Path, device: str) -> nn.Module:
+    """LPIPS with its own heads and the backbone's weights from ``file``."""
+    import lpips
+
+    # The package draws random weights that are overwritten, and warns of torchvision's older call signature.
+    with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        network = lpips.LPIPS(net=net, version="0.1", pnet_rand=True, verbose=False)
+    weights = _weights(file)
+    wanted = {name: name.split(".", 1)[1] for name in network.net.state_dict()}  # slice2.3.weight -> 3.weight
+    missing = [key for key in wanted.values() if key not in weights]
+    if missing:
+        found = f"does not hold the {BACKBONES[net].builder} backbone (no {missing[0]})"
+        raise InputError(file, found, "give the file of that network")
+    try:
+        network.net.load_state_dict({name: weights[key] for name, key in wanted.items()})
+    except RuntimeError as error:
+        found = f"does not hold the {BACKBONES[net].builder} backbone ({str(error).splitlines()[-1].strip()})"
+        raise InputError(file, found, "give the file of that network") from None
+    return network.requires_grad_(False).eval().to(device)
+
+
+def _weights(file: Path) -> dict[str, Any]:
+    """The ``features`` part of a state dict, by the keys within it."""
+    try:
+        state = torch.load(file, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(file, f"cannot be read as weights ({reason})", "download it again") from None
+    if not isinstance(state, dict):
+        raise InputError(file, f"holds a {type(state).__name__}", "give a state dict")
+    return {key.removeprefix("features."): value for key, value in state.items() if not key.startswith("classifier.")}

@@ -1,0 +1,94 @@
+"""How close an image is to its photo: PSNR, SSIM, and both with colour or background set aside.
+
+Axes: c channels, h height, w width. Images are in [0, 1]; `quantised` brings them to the 8 bits of a PNG first, as the
+pinned protocol asks (3DGS's and NerfBaselines' evaluations read 8-bit files).
+"""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+SSIM_WINDOW = 11
+SSIM_SIGMA = 1.5
+
+
+def quantised(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
+    """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
+    return (image.clamp(0, 1) * 255).round() / 255
+
+
+def psnr(
+    image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"], mask: Float[Tensor, "1 h w"] | None = None
+) -> float:
+    """Peak signal-to-noise ratio in dB, -10 log10 of the mean squared error; infinite for equal images.
+
+    Args:
+        image: what is judged, [0, 1].
+        photo: the truth, [0, 1].
+        mask: weight of each pixel in [0, 1], for the PSNR of an object before an empty background.
+
+    Returns:
+        dB; NaN where the mask is empty.
+    """
+    error = (image.double() - photo.double()).square()
+    if mask is None:
+        mean = error.mean().item()
+    else:
+        weight = mask.double().sum().item() * image.shape[0]
+        mean = (error * mask.double()).sum().item() / weight if weight > 0 else math.nan
+    return math.inf if mean == 0 else -10 * math.log10(mean)
+
+
+def ssim(image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"]) -> float:
+    """Structural similarity, mean over channels and pixels, with the details of 3DGS's evaluation.
+
+    Gaussian window of 11x11 pixels and sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2. Source: Wang et al., Image
+    Quality Assessment, TIP 2004, equation 13; padding and averaging as in Kerbl et al., SIGGRAPH 2023.
+
+    Args:
+        image: what is judged, [0, 1].
+        photo: the truth, [0, 1].
+    """
+    a, b = image.double(), photo.double()
+    mean_a, mean_b, square_a, square_b, product = _blurred(torch.stack([a, b, a * a, b * b, a * b]))
+    variance_a, variance_b = square_a - mean_a**2, square_b - mean_b**2
+    covariance = product - mean_a * mean_b
+    luminance = (2 * mean_a * mean_b + 0.01**2) / (mean_a**2 + mean_b**2 + 0.01**2)
+    structure = (2 * covariance + 0.03**2) / (variance_a + variance_b + 0.03**2)
+    return (luminance * structure).mean().item()
+
+
+def colour_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
+    """The image after the affine colour map (3x4, least squares over all pixels) that brings it nearest to the photo.
+
+    Takes exposure and white balance, which differ from photo to photo, out of a comparison. Never further from the
+    photo than the image itself, since the identity is such a map. The result is not clamped.
+
+    Args:
+        image: what is judged, [0, 1].
+        photo: the truth, [0, 1].
+    """
+    colours = torch.cat([image.double().flatten(1), image.new_ones(1, image[0].numel()).double()])
+    # A grey image spans one colour only: the pseudo-inverse takes the smallest of the equally good maps.
+    inverse = torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
+    mapping = photo.double().flatten(1) @ colours.T @ inverse
+    return (mapping @ colours).view(image.shape).to(image.dtype)
+
+
+def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:
+    """PSNR in dB after the best affine colour map from image to photo."""
+    return psnr(colour_aligned(image.double(), photo.double()), photo)
+
+
+def _blurred(images: Float[Tensor, "q c h w"]) -> Float[Tensor, "q c h w"]:
+    """SSIM's Gaussian window, rows then columns, zeros outside."""
+    offsets = torch.arange(SSIM_WINDOW, dtype=images.dtype, device=images.device) - SSIM_WINDOW // 2
+    window = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
+    window = window / window.sum()
+    flat = images.flatten(0, 1)[:, None]
+    flat = functional.conv2d(flat, window[None, None, None, :], padding=(0, SSIM_WINDOW // 2))
+    flat = functional.conv2d(flat, window[None, None, :, None], padding=(SSIM_WINDOW // 2, 0))
+    return flat.view(images.shape)
