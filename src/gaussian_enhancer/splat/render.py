@@ -1,0 +1,173 @@
+"""Gaussians and a camera to an image: one differentiable function, three backends.
+
+Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w width.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
+from gaussian_enhancer.types import Camera, Gaussians, Render
+
+
+@dataclass
+class ScreenStatistics:
+    """How large and how strongly pulled each Gaussian is on the image; what densification decides by.
+
+    Handed to `render`, which fills the first two members; its backward fills the others. Each render overwrites.
+
+    Attributes:
+        radius: three standard deviations of the footprint's longer axis in pixels, 0 where not visible.
+        visible: whether any tile lists the Gaussian.
+        gradient: length of the loss's gradient by the 2D mean in pixels (3DGS's criterion, there in half images).
+        absolute_gradient: the same with each pixel's share taken absolute before summing (AbsGS, Ye et al. 2024).
+    """
+
+    radius: Float[Tensor, " n"] | None = None
+    visible: Bool[Tensor, " n"] | None = None
+    gradient: Float[Tensor, " n"] | None = None
+    absolute_gradient: Float[Tensor, " n"] | None = None
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    method: Method,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    near: float = 0.01,
+    screen: ScreenStatistics | None = None,
+) -> Render:
+    """Render one view, differentiably in the Gaussians' tensors (``smoothing`` excepted).
+
+    float32 on the CPU runs the compiled kernels, other CPU dtypes the plain torch twin (`splat.oracle`), CUDA gsplat.
+
+    Args:
+        gaussians: the splat; three scale axes for ellipsoids, two for disks.
+        camera: on any device; its size is the image's.
+        method: whose footprints to use.
+        background: colour behind everything, [0, 1].
+        near: smallest z in scene units that is drawn.
+        screen: is filled with statistics for densification, if given.
+
+    Raises:
+        InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used.
+    """
+    _check(gaussians, camera, method, screen)
+    if gaussians.means.device.type == "cuda":
+        from gaussian_enhancer.splat.gsplat_backend import render_gsplat
+
+        return render_gsplat(gaussians, camera, method, background, near=near, screen=screen)
+    if gaussians.means.dtype != torch.float32:
+        from gaussian_enhancer.splat.oracle import render_oracle
+
+        return render_oracle(gaussians, camera, method, background, near=near)
+    if isinstance(method, TwoDGS):
+        from gaussian_enhancer.splat.render_disks import render_disks
+
+        return render_disks(gaussians, camera, background, near=near, screen=screen)
+    return _render_ellipsoids(gaussians, camera, method, background, near, screen)
+
+
+def _check(gaussians: Gaussians, camera: Camera, method: Method, screen: ScreenStatistics | None) -> None:
+    axes = 2 if isinstance(method, TwoDGS) else 3
+    found = gaussians.log_scales.shape[1]
+    if found != axes:
+        raise InputError(
+            f"splat for method {method.name}", f"has {found} scale axes", f"use one with {axes}, or another method"
+        )
+    if gaussians.sh.shape[1] not in (1, 4, 9, 16):
+        received = f"has {gaussians.sh.shape[1]} spherical-harmonics coefficients"
+        raise InputError("splat", received, "use 1, 4, 9 or 16 (degrees 0 to 3)")
+    if camera.height < 1 or camera.width < 1:
+        raise InputError("camera", f"has an image of {camera.width}x{camera.height}", "use at least one pixel")
+    if screen is not None and gaussians.means.device.type == "cpu" and gaussians.means.dtype != torch.float32:
+        raise InputError("screen statistics", f"asked of {gaussians.means.dtype}", "render in float32")
+
+
+def _render_ellipsoids(
+    gaussians: Gaussians,
+    camera: Camera,
+    method: Method,
+    background: tuple[float, float, float],
+    near: float,
+    screen: ScreenStatistics | None,
+) -> Render:
+    planes = _Ellipsoids.apply(
+        gaussians.means,
+        gaussians.log_scales,
+        gaussians.quaternions,
+        gaussians.opacity_logits,
+        gaussians.sh,
+        gaussians.smoothing,
+        (camera, method, background, near, screen),
+    )
+    return Render(*planes)
+
+
+def array(tensor: Tensor) -> np.ndarray:
+    """A contiguous NumPy view of a CPU tensor, copied only if it is not contiguous."""
+    return tensor.detach().contiguous().numpy()
+
+
+class _Ellipsoids(torch.autograd.Function):
+    """3DGS and Mip-Splatting on the CPU."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        means: Tensor,
+        log_scales: Tensor,
+        quaternions: Tensor,
+        opacity_logits: Tensor,
+        sh: Tensor,
+        smoothing: Tensor | None,
+        options: tuple[Camera, Any, tuple[float, float, float], float, ScreenStatistics | None],
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        from gaussian_enhancer.splat import ewa, raster, tiles
+        from gaussian_enhancer.splat import sh as harmonics
+
+        camera, method, background, near, screen = options
+        filter_ = np.zeros(len(means), np.float32) if smoothing is None else array(smoothing)
+        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), filter_)
+        view = ewa.view_of(camera, near)
+        mip = isinstance(method, MipSplatting)
+        projection = ewa.project(shape, view, float(method.dilation), mip)
+        lists = tiles.bin_tiles(projection.footprints, projection.depths, camera.height, camera.width)
+        visible = lists.first[1:] > lists.first[:-1]
+        colours = harmonics.shade(shape.means, array(sh), view.centre, visible)
+        splats = raster.Splats(projection.footprints, projection.whitening, projection.depths, colours)
+        behind = np.asarray(background, np.float32)
+        image = raster.blend(splats, lists, behind, camera.height, camera.width)
+        if screen is not None:
+            screen.visible = torch.from_numpy(visible)
+            screen.radius = torch.from_numpy(projection.radii * visible)
+        ctx.saved = shape, array(sh), view, float(method.dilation), mip, visible, splats, lists, image, screen
+        median = torch.from_numpy(image.median_depth)
+        ctx.mark_non_differentiable(median)
+        return torch.from_numpy(image.colour), torch.from_numpy(image.depth), torch.from_numpy(image.alpha), median
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        from gaussian_enhancer.splat import ewa, raster, tiles
+        from gaussian_enhancer.splat import sh as harmonics
+
+        shape, sh, view, dilation, mip, visible, splats, lists, image, screen = ctx.saved
+        colour, depth, alpha = (array(gradient) for gradient in gradients[:3])
+        entries = raster.blend_backward(splats, lists, image, colour, depth, alpha)
+        gathered = tiles.sum_over_tiles(entries, lists)
+        back = ewa.project_backward(shape, view, dilation, mip, visible, gathered)
+        by_colour = np.ascontiguousarray(gathered[:, :3])
+        by_sh = harmonics.shade_backward(shape.means, sh, view.centre, visible, splats.colours, by_colour, back.means)
+        if screen is not None:
+            signed, absolute = ewa.screen_gradients(splats.whitening, gathered)
+            screen.gradient = torch.from_numpy(np.linalg.norm(signed, axis=1))
+            screen.absolute_gradient = torch.from_numpy(np.linalg.norm(absolute, axis=1))
+        learnt = (back.means, back.log_scales, back.quaternions, back.opacity_logits, by_sh)
+        return *(torch.from_numpy(gradient) for gradient in learnt), None, None
