@@ -63,6 +63,7 @@ def document(
         "summary": summary_tiles(views, summaries),
         "overview": overview_table(views, quantities, worst, set(shown)),
         "modes": Markup("" if pictures.scale is None else resource("modes.html")),
+        "least": "320px" if all(view.raw.shape[1] > view.raw.shape[2] for view in views) else "400px",
         "cards": joined(*(card(i, views[i], quantities, pictures, worst=i == worst) for i in shown)),
         "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
         "data": _json(report_data(title, views, summaries, provenance)),

@@ -57,7 +57,7 @@ KNOWN = (
     Quantity("lpips_alex", "LPIPS alex", False, 4, "", "perceptual distance, AlexNet; lower is better"),
     Quantity("lpips_squeeze", "LPIPS squeeze", False, 4, "", "perceptual distance, SqueezeNet; lower is better"),
     Quantity("lpips_vgg", "LPIPS vgg", False, 4, "", "perceptual distance, VGG; lower is better"),
-    Quantity("lpips_vgg_unscaled", "LPIPS vgg 3DGS", False, 4, "", "VGG on [0, 1] as in 3DGS; lower is better"),
+    Quantity("lpips_vgg_raw", "LPIPS vgg raw", False, 4, "", "VGG on [0, 1] as in 3DGS's tables; lower is better"),
 )
 """Metrics of the pinned protocol, in the order in which they are shown."""
 
