@@ -5,6 +5,7 @@ or into the user's cache folder where the package is installed read-only (``NUMB
 ``fastmath`` leaves out ``nnan`` and ``ninf``, so that a comparison with NaN keeps its meaning.
 """
 
+import inspect
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -34,14 +35,15 @@ kernel_lock = threading.RLock()
 """Held around every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered twice at once."""
 
 
+# Under the shape checks of the tests a function arrives wrapped, which Numba cannot cache: hence `inspect.unwrap`.
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that loops in parallel with ``prange``."""
-    return njit(parallel=True, **_OPTIONS)(function)
+    return njit(parallel=True, **_OPTIONS)(inspect.unwrap(function))
 
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that kernels call."""
-    return njit(**_OPTIONS)(function)
+    return njit(**_OPTIONS)(inspect.unwrap(function))
 
 
 _F = np.float32
