@@ -21,9 +21,9 @@ def test_mean_spread_and_count() -> None:
     pairs = [(20.0, 21.0), (22.0, 22.5), (25.0, 24.0)]
     summary = summarise([with_numbers(str(i), psnr=pair) for i, pair in enumerate(pairs)], BY_KEY["psnr"])
     gains = [b - a for a, b in pairs]
-    assert summary.gain == pytest.approx(statistics.fmean(gains))
-    assert summary.deviation == pytest.approx(statistics.stdev(gains))
-    assert (summary.count, summary.improved, summary.worst) == (3, 2, 2)
+    assert summary.comparison.gain == pytest.approx(statistics.fmean(gains))
+    assert summary.comparison.deviation == pytest.approx(statistics.stdev(gains))
+    assert (summary.comparison.count, summary.improved, summary.worst) == (3, 2, 2)
 
 
 def test_a_lower_distance_is_better_and_the_highest_rise_worst() -> None:
@@ -37,7 +37,7 @@ def test_a_lower_distance_is_better_and_the_highest_rise_worst() -> None:
 
 
 def test_one_view_has_no_spread() -> None:
-    assert math.isnan(summarise([with_numbers("a", psnr=(1.0, 2.0))], BY_KEY["psnr"]).deviation)
+    assert math.isnan(summarise([with_numbers("a", psnr=(1.0, 2.0))], BY_KEY["psnr"]).comparison.deviation)
 
 
 def test_the_worst_frame_is_decided_by_colour_aligned_psnr_first() -> None:

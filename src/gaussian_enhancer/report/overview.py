@@ -23,15 +23,15 @@ def summary_tiles(views: Sequence[ComparedView], summaries: Sequence[Summary]) -
 
 
 def _metric_tile(views: Sequence[ComparedView], summary: Summary) -> Markup:
-    quantity = summary.quantity
-    if summary.count == 0:
+    quantity, found = summary.quantity, summary.comparison
+    if found.count == 0:
         reasons = sorted({view.reasons[quantity.key] for view in views if quantity.key in view.reasons})
         text = (
             " · ".join(reason.removeprefix("not measured: ") for reason in reasons)
             or "not measured on render and enhanced render alike"
         )
-        if summary.left_out:
-            text = f"not finite in {summary.left_out} views (identical images)"
+        if summary.infinite:
+            text = f"not finite in {summary.infinite} views (identical images)"
         return _tile(
             quantity.label,
             tag("p", "not measured", class_="big quiet"),
@@ -40,16 +40,16 @@ def _metric_tile(views: Sequence[ComparedView], summary: Summary) -> Markup:
             meaning=quantity.meaning,
         )
     unit = tag("small", f" {quantity.unit}") if quantity.unit else ""
-    number = tag("span", quantity.gain_written(summary.gain), data_of="gain", data_value=repr(summary.gain))
-    big = tag("p", number, unit, class_=f"big {quantity.verdict(summary.gain)}")
-    spread = "" if math.isnan(summary.deviation) else f"sd {quantity.written(summary.deviation)} · "
+    number = tag("span", quantity.gain_written(found.gain), data_of="gain", data_value=repr(found.gain))
+    big = tag("p", number, unit, class_=f"big {quantity.verdict(found.gain)}")
+    spread = "" if math.isnan(found.deviation) else f"sd {quantity.written(found.deviation)} · "
     better = "" if quantity.higher_is_better is None else f" · {summary.improved} better"
-    beyond = f" · {summary.left_out} not finite, left out" if summary.left_out else ""
+    beyond = f" · {summary.infinite} not finite, left out" if summary.infinite else ""
     lines = [
-        tag("p", f"{quantity.written(summary.raw)} → {quantity.written(summary.enhanced)}"),
-        tag("p", f"{spread}n {summary.count}{better}{beyond}", class_="quiet"),
+        tag("p", f"{quantity.written(found.baseline)} → {quantity.written(found.variant)}"),
+        tag("p", f"{spread}n {found.count}{better}{beyond}", class_="quiet"),
     ]
-    if summary.worst is not None and summary.count > 1:
+    if summary.worst is not None and found.count > 1:
         worst = gain_of(views[summary.worst], quantity.key) or 0.0
         link = tag("a", views[summary.worst].name, href=f"#view-{summary.worst}")
         gain = tag("span", quantity.gain_written(worst), class_=quantity.verdict(worst))

@@ -81,14 +81,14 @@ def report_data(
         "provenance": dict(provenance),
         "summary": {
             s.quantity.key: {
-                "raw": s.raw,
-                "enhanced": s.enhanced,
-                "gain": s.gain,
-                "sd": s.deviation,
-                "n": s.count,
-                "left_out": s.left_out,
+                "raw": s.comparison.baseline,
+                "enhanced": s.comparison.variant,
+                "gain": s.comparison.gain,
+                "sd": s.comparison.deviation,
+                "n": s.comparison.count,
+                "left_out": s.comparison.left_out,
                 "improved": s.improved,
-                "worst": None if s.worst is None else views[s.worst].name,
+                "worst": s.comparison.worst,
             }
             for s in summaries
         },

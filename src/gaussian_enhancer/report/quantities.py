@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from gaussian_enhancer.measure.records import HIGHER_IS_BETTER
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -11,7 +13,6 @@ class Quantity:
     Args:
         key: the metric's name in the records.
         label: the name on the page.
-        higher_is_better: direction of improvement; None where the metric has none that is known.
         decimals: digits after the point.
         unit: unit after the number, without a blank; empty where there is none.
         meaning: the metric in a few words; shown where a reader asks for it.
@@ -19,10 +20,14 @@ class Quantity:
 
     key: str
     label: str
-    higher_is_better: bool | None
     decimals: int
     unit: str = ""
     meaning: str = ""
+
+    @property
+    def higher_is_better(self) -> bool | None:
+        """Direction of improvement; None where the metric has none that is known."""
+        return HIGHER_IS_BETTER.get(self.key)
 
     def written(self, value: float) -> str:
         """The number for a reader, ``∞`` and ``–`` for what is not finite."""
@@ -50,14 +55,14 @@ class Quantity:
 
 
 KNOWN = (
-    Quantity("psnr", "PSNR", True, 2, "dB", "peak signal-to-noise ratio of 8-bit images"),
-    Quantity("psnr_aligned", "PSNR aligned", True, 2, "dB", "PSNR after the best affine colour map to the photo"),
-    Quantity("psnr_masked", "PSNR object", True, 2, "dB", "PSNR over the object's pixels"),
-    Quantity("ssim", "SSIM", True, 4, "", "structural similarity, 11×11 window, sigma 1.5"),
-    Quantity("lpips_alex", "LPIPS alex", False, 4, "", "perceptual distance, AlexNet; lower is better"),
-    Quantity("lpips_squeeze", "LPIPS squeeze", False, 4, "", "perceptual distance, SqueezeNet; lower is better"),
-    Quantity("lpips_vgg", "LPIPS vgg", False, 4, "", "perceptual distance, VGG; lower is better"),
-    Quantity("lpips_vgg_raw", "LPIPS vgg raw", False, 4, "", "VGG on [0, 1] as in 3DGS's tables; lower is better"),
+    Quantity("psnr", "PSNR", 2, "dB", "peak signal-to-noise ratio of 8-bit images"),
+    Quantity("psnr_aligned", "PSNR aligned", 2, "dB", "PSNR after the best affine colour map to the photo"),
+    Quantity("psnr_masked", "PSNR object", 2, "dB", "PSNR over the object's pixels"),
+    Quantity("ssim", "SSIM", 4, "", "structural similarity, 11×11 window, sigma 1.5"),
+    Quantity("lpips_alex", "LPIPS alex", 4, "", "perceptual distance, AlexNet; lower is better"),
+    Quantity("lpips_squeeze", "LPIPS squeeze", 4, "", "perceptual distance, SqueezeNet; lower is better"),
+    Quantity("lpips_vgg", "LPIPS vgg", 4, "", "perceptual distance, VGG; lower is better"),
+    Quantity("lpips_vgg_raw", "LPIPS vgg raw", 4, "", "VGG on [0, 1] as in 3DGS's tables; lower is better"),
 )
 """Metrics of the pinned protocol, in the order in which they are shown."""
 
@@ -69,4 +74,4 @@ def quantities(keys: set[str]) -> tuple[Quantity, ...]:
     """The metrics that are there: known ones in their order, then others by name, without a direction."""
     known = tuple(quantity for quantity in KNOWN if quantity.key in keys)
     others = sorted(keys - {quantity.key for quantity in known})
-    return known + tuple(Quantity(key, key, None, 4) for key in others)
+    return known + tuple(Quantity(key, key, 4) for key in others)
