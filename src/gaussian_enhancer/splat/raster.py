@@ -133,22 +133,21 @@ def _blend_rows(planes, first, end, u0, v0, a, b, c, peak, red, green, blue, z):
         seen = t >= _LOG2_ALPHA_MIN
         adds = seen & (rest >= _T_MIN)
         weight = alpha * T if adds else _ZERO
-        median = planes[p + _P5]
         planes[p] = rest if adds else (-abs(T) if seen else T)
         planes[p + _P1] += weight * red
         planes[p + _P2] += weight * green
         planes[p + _P3] += weight * blue
         planes[p + _P4] += weight * z
-        planes[p + _P5] = z if adds & (T > _HALF) else median
+        planes[p + _P5] = max(planes[p + _P5], z if adds & (T > _HALF) else _ZERO)  # depths only grow
 
 
 @inner
 def _finished(planes):  # type: ignore[no-untyped-def]
     """Whether every pixel of the tile has stopped."""
-    highest = _F(-1.0)
+    left = _ZERO
     for p in range(_PIXELS):
-        highest = max(highest, planes[p])
-    return highest <= _ZERO
+        left += max(planes[p], _ZERO)
+    return left == _ZERO
 
 
 @inner
