@@ -1,0 +1,376 @@
+"""Blending of disks over 16x16 tiles (2DGS), front to back, forward and analytic backward, on the CPU.
+
+Axes: n Gaussians, e entries of the tile lists, t tiles, h height, w width.
+
+The twin of `splat.raster` for disks: the same scratch planes, the same branch-free loop over a disk's pixel rows and
+the same front-to-back backward. A pixel's alpha and depth differ (see `splat.disks` for U, V and D, linear in the
+pixel; Huang et al. 2024, equation 11):
+
+    (u, v) = (U, V) / D,   alpha = min(0.99, 2^(l - log2(e)/2 min(u^2 + v^2, 2 |d|^2))),   z = z_0 D_0 / D,
+
+where the ray's hit counts if it lies in front of the near plane and is nearer than the low-pass 2 |d|^2, which else
+takes over with the centre's z_0; the test is free of divisions, so that disks seen edge-on need no special case.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+from numba import get_num_threads, prange
+
+from gaussian_enhancer.splat.compiled import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    COVERED,
+    TILE,
+    TRANSMITTANCE_MIN,
+    exp2_nonpositive,
+    inner,
+    kernel,
+    kernel_lock,
+)
+from gaussian_enhancer.splat.tiles import TileLists
+
+GATHERED = 20
+"""Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
+log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute."""
+
+_F = np.float32
+_ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
+_ALPHA_MAX = _F(ALPHA_MAX)
+_LOG2_ALPHA_MIN = _F(np.log2(ALPHA_MIN))
+_LOG2_E, _HALF_LOG2_E = _F(np.log2(np.e)), _F(0.5 * np.log2(np.e))
+_T_MIN = _F(TRANSMITTANCE_MIN)
+_PIXELS = TILE * TILE
+_EVERY = 8  # entries between two looks at whether the tile is finished
+_FAINT = _F(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize
+# Planes of the scratch block as unsigned offsets: with signed ones Numba's wraparound would hinder vectorisation.
+_P1, _P2, _P3, _P4 = np.uint64(_PIXELS), np.uint64(2 * _PIXELS), np.uint64(3 * _PIXELS), np.uint64(4 * _PIXELS)
+_P5, _P6, _P7, _P8 = np.uint64(5 * _PIXELS), np.uint64(6 * _PIXELS), np.uint64(7 * _PIXELS), np.uint64(8 * _PIXELS)
+_P9, _P10, _P11 = np.uint64(9 * _PIXELS), np.uint64(10 * _PIXELS), np.uint64(11 * _PIXELS)
+
+
+class DiskSplats(NamedTuple):
+    """What is blended: members of `splat.disks.Disks`, colours, and the near plane."""
+
+    geometry: Float64[np.ndarray, "n 9"]
+    peaks: Float32[np.ndarray, " n"]
+    depths: Float32[np.ndarray, " n"]
+    normals: Float32[np.ndarray, "n 3"]
+    colours: Float32[np.ndarray, "n 3"]
+    near: float
+
+
+class DiskImage(NamedTuple):
+    """Blended planes; summed normals before they are made unit; how far each tile went into its list."""
+
+    colour: Float32[np.ndarray, "3 h w"]
+    depth: Float32[np.ndarray, "1 h w"]
+    alpha: Float32[np.ndarray, "1 h w"]
+    median_depth: Float32[np.ndarray, "1 h w"]
+    normals: Float32[np.ndarray, "3 h w"]
+    summed: Float32[np.ndarray, "3 h w"]
+    used: Int32[np.ndarray, " t"]
+
+
+def blend_disks(
+    splats: DiskSplats, lists: TileLists, background: Float32[np.ndarray, " 3"], height: int, width: int
+) -> DiskImage:
+    """Composite the disks of every tile.
+
+    Args:
+        splats: projected disks.
+        lists: their tiles.
+        background: colour behind everything.
+        height: image height in pixels.
+        width: image width in pixels.
+    """
+    with kernel_lock:
+        return DiskImage(*_blend(splats, lists, background, height, width, get_num_threads()))
+
+
+def blend_disks_backward(
+    splats: DiskSplats,
+    lists: TileLists,
+    image: DiskImage,
+    colour: Float32[np.ndarray, "3 h w"],
+    depth: Float32[np.ndarray, "1 h w"],
+    alpha: Float32[np.ndarray, "1 h w"],
+    normals: Float32[np.ndarray, "3 h w"],
+) -> Float32[np.ndarray, "e 20"]:
+    """Gradients of each entry of the tile lists; to be summed by `splat.tiles.sum_over_tiles`.
+
+    Args:
+        splats: as in `blend_disks`.
+        lists: as in `blend_disks`.
+        image: what `blend_disks` returned.
+        colour: gradient of the loss with respect to the colour.
+        depth: gradient with respect to the expected depth.
+        alpha: gradient with respect to the accumulated alpha.
+        normals: gradient with respect to the unit normals.
+    """
+    with kernel_lock:
+        return _blend_backward(splats, lists, image, colour, depth, alpha, normals, get_num_threads())
+
+
+@inner
+def _coordinates(planes, at):  # type: ignore[no-untyped-def]
+    """Fill two planes with the pixels' column and row within the tile."""
+    for p in range(_PIXELS):
+        planes[at * _PIXELS + p] = p % TILE
+        planes[(at + 1) * _PIXELS + p] = p // TILE
+
+
+@inner
+def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
+    """U, V and D as (constant, by x, by y) from the tile's first pixel centre, that centre's offset, and z_0 D_0."""
+    geometry = splats.geometry
+    dx, dy = left + 0.5 - geometry[g, 0], top + 0.5 - geometry[g, 1]
+    c00, c01, c10, c11 = geometry[g, 2], geometry[g, 3], geometry[g, 4], geometry[g, 5]
+    d0, d1, d2 = geometry[g, 6], geometry[g, 7], geometry[g, 8]
+    u = np.float32(c00 * dx + c01 * dy), np.float32(c00), np.float32(c01)
+    v = np.float32(c10 * dx + c11 * dy), np.float32(c10), np.float32(c11)
+    d = np.float32(d0 + d1 * dx + d2 * dy), np.float32(d1), np.float32(d2)
+    return u, v, d, (np.float32(dx), np.float32(dy)), np.float32(d0 * splats.depths[g])
+
+
+@inner
+def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
+    """Add one disk to some rows of a tile.
+
+    Planes: T (negative once stopped), r, g, b, sum of depths, median, three of normals, x, y.
+    """
+    for p in range(first, end):
+        x, y = planes[p + _P9], planes[p + _P10]
+        U = u[0] + u[1] * x + u[2] * y
+        V = v[0] + v[1] * x + v[2] * y
+        D = d[0] + d[1] * x + d[2] * y
+        dx, dy = offset[0] + x, offset[1] + y
+        square, low_pass = U * U + V * V, _TWO * (dx * dx + dy * dy)
+        hit = (square < low_pass * D * D) & (D > _ZERO) & (hit_z > near * D)
+        inverse = _ONE / (D if hit else _ONE)
+        t = peak - _HALF_LOG2_E * (square * inverse * inverse if hit else low_pass)
+        z = hit_z * inverse if hit else z0
+        alpha = min(exp2_nonpositive(t), _ALPHA_MAX)
+        T = planes[p]
+        rest = T * (_ONE - alpha)
+        seen = t >= _LOG2_ALPHA_MIN
+        adds = seen & (rest >= _T_MIN)
+        weight = alpha * T if adds else _ZERO
+        planes[p] = rest if adds else (-abs(T) if seen else T)
+        planes[p + _P1] += weight * colour[0]
+        planes[p + _P2] += weight * colour[1]
+        planes[p + _P3] += weight * colour[2]
+        planes[p + _P4] += weight * z
+        planes[p + _P5] += z if adds & (T > _HALF) & (rest <= _HALF) else _ZERO  # happens once
+        planes[p + _P6] += weight * normal[0]
+        planes[p + _P7] += weight * normal[1]
+        planes[p + _P8] += weight * normal[2]
+
+
+@inner
+def _finished(planes):  # type: ignore[no-untyped-def]
+    """Whether every pixel of the tile has stopped."""
+    left = _ZERO
+    for p in range(_PIXELS):
+        left += max(planes[p], _ZERO)
+    return left == _ZERO
+
+
+@inner
+def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def]
+    """Normalise a tile's sums and put them into the image."""
+    colour, depth, alpha, median, normals, summed = image
+    height, width = depth.shape[1], depth.shape[2]
+    for j in range(min(TILE, height - top)):
+        for i in range(min(TILE, width - left)):
+            p, y, x = j * TILE + i, top + j, left + i
+            T = abs(planes[p])
+            opacity = _ONE - T
+            covered = opacity >= _F(COVERED)
+            for c in range(3):
+                colour[c, y, x] = planes[(c + 1) * _PIXELS + p] + T * background[c]
+                summed[c, y, x] = planes[(c + 6) * _PIXELS + p]
+            length = np.sqrt(summed[0, y, x] ** 2 + summed[1, y, x] ** 2 + summed[2, y, x] ** 2)
+            for c in range(3):
+                normals[c, y, x] = summed[c, y, x] / max(length, _FAINT) if covered else _ZERO
+            alpha[0, y, x] = opacity
+            depth[0, y, x] = planes[4 * _PIXELS + p] / opacity if covered else _ZERO
+            median[0, y, x] = planes[5 * _PIXELS + p] if T <= _HALF else _ZERO
+
+
+@kernel
+def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-untyped-def]
+    down, across = -(-height // TILE), -(-width // TILE)
+    colour, normals = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.float32)
+    summed, depth = np.empty((3, height, width), np.float32), np.empty((1, height, width), np.float32)
+    alpha, median = np.empty((1, height, width), np.float32), np.empty((1, height, width), np.float32)
+    used = np.zeros(down * across, np.int32)
+    near = np.float32(splats.near)
+    for lane in prange(lanes):
+        planes = np.empty(11 * _PIXELS, np.float32)
+        _coordinates(planes, 9)
+        for tile in range(lane, down * across, lanes):
+            left, top = tile % across * TILE, tile // across * TILE
+            planes[: 9 * _PIXELS] = _ZERO
+            for p in range(_PIXELS):
+                inside = (p % TILE < width - left) & (p // TILE < height - top)
+                planes[p] = _ONE if inside else -_ONE
+            count = lists.starts[tile + 1] - lists.starts[tile]
+            for k in range(count):
+                if k % _EVERY == 0 and _finished(planes):
+                    count = k
+                    break
+                e = lists.starts[tile] + k
+                g = lists.gaussians[e]
+                u, v, d, offset, hit_z = _local(splats, g, left, top)
+                first, end = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
+                tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
+                normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
+                z0, peak = splats.depths[g], splats.peaks[g]
+                _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, tint, normal)
+            used[tile] = count
+            _write(planes, left, top, background, (colour, depth, alpha, median, normals, summed))
+    return colour, depth, alpha, median, normals, summed, used
+
+
+@inner
+def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
+    """Gradients of one disk from some rows.
+
+    Planes: T, what lies behind, eight gradients (r, g, b, depth, alpha, three of normals), x, y.
+    """
+    red = green = blue = sx = sy = su = sux = suy = sv = svx = svy = _ZERO
+    sd = sdx = sdy = sz = sz0 = so = snx = sny = snz = ax = ay = _ZERO
+    for p in range(first, end):
+        x, y = planes[p + _P10], planes[p + _P11]
+        U = u[0] + u[1] * x + u[2] * y
+        V = v[0] + v[1] * x + v[2] * y
+        D = d[0] + d[1] * x + d[2] * y
+        dx, dy = offset[0] + x, offset[1] + y
+        square, low_pass = U * U + V * V, _TWO * (dx * dx + dy * dy)
+        hit = (square < low_pass * D * D) & (D > _ZERO) & (hit_z > near * D)
+        inverse = _ONE / (D if hit else _ONE)
+        t = peak - _HALF_LOG2_E * (square * inverse * inverse if hit else low_pass)
+        z = hit_z * inverse if hit else z0
+        raw = exp2_nonpositive(t)
+        alpha = min(raw, _ALPHA_MAX)
+        T = planes[p]
+        rest = T * (_ONE - alpha)
+        seen = t >= _LOG2_ALPHA_MIN
+        adds = seen & (rest >= _T_MIN)
+        weight = alpha * T if adds else _ZERO
+        planes[p] = rest if adds else (-abs(T) if seen else T)
+        by_red, by_green, by_blue, by_depth = planes[p + _P2], planes[p + _P3], planes[p + _P4], planes[p + _P5]
+        by_x, by_y, by_z = planes[p + _P7], planes[p + _P8], planes[p + _P9]
+        value = by_red * colour[0] + by_green * colour[1] + by_blue * colour[2] + by_depth * z + planes[p + _P6]
+        value += by_x * normal[0] + by_y * normal[1] + by_z * normal[2]
+        behind = planes[p + _P1] - weight * value
+        planes[p + _P1] = behind
+        slope = raw * (T * value - behind / (_ONE - alpha))
+        h = slope if adds & (raw <= _ALPHA_MAX) else _ZERO
+        by_hit = h * inverse if hit else _ZERO
+        by_miss = _ZERO if hit else _TWO * h
+        depth = weight * by_depth
+        gu, gv = -by_hit * U * inverse, -by_hit * V * inverse
+        gz = depth * inverse if hit else _ZERO
+        gd = -((gu * U + gv * V) * inverse + gz * z)
+        gx = by_miss * dx - (u[1] * gu + v[1] * gv + d[1] * gd)
+        gy = by_miss * dy - (u[2] * gu + v[2] * gv + d[2] * gd)
+        red += weight * by_red
+        green += weight * by_green
+        blue += weight * by_blue
+        sx += gx
+        sy += gy
+        ax += abs(gx)
+        ay += abs(gy)
+        su += gu
+        sux += gu * x
+        suy += gu * y
+        sv += gv
+        svx += gv * x
+        svy += gv * y
+        sd += gd
+        sdx += gd * x
+        sdy += gd * y
+        sz += gz
+        sz0 += _ZERO if hit else depth
+        so += h
+        snx += weight * by_x
+        sny += weight * by_y
+        snz += weight * by_z
+    moments = su, sux, suy, sv, svx, svy, sd, sdx, sdy
+    return (red, green, blue, sx, sy), moments, (sz, sz0, so, snx, sny, snz, ax, ay)
+
+
+@inner
+def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ignore[no-untyped-def]
+    """Set up a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
+    height, width = depth.shape[1], depth.shape[2]
+    planes[: 10 * _PIXELS] = _ZERO
+    for j in range(min(TILE, height - top)):
+        for i in range(min(TILE, width - left)):
+            p, y, x = j * TILE + i, top + j, left + i
+            opacity = image.alpha[0, y, x]
+            by_alpha, by_sum, total = alpha[0, y, x], _ZERO, _ZERO
+            length = np.sqrt(image.summed[0, y, x] ** 2 + image.summed[1, y, x] ** 2 + image.summed[2, y, x] ** 2)
+            if opacity >= _F(COVERED):
+                by_sum = depth[0, y, x] / opacity
+                by_alpha -= by_sum * image.depth[0, y, x]
+                if length > _FAINT:
+                    along = _ZERO
+                    for c in range(3):
+                        along += normals[c, y, x] * image.normals[c, y, x]
+                    for c in range(3):
+                        by_normal = (normals[c, y, x] - along * image.normals[c, y, x]) / length
+                        planes[(7 + c) * _PIXELS + p] = by_normal
+                        total += by_normal * image.summed[c, y, x]
+            for c in range(3):
+                planes[(2 + c) * _PIXELS + p] = colour[c, y, x]
+                total += colour[c, y, x] * image.colour[c, y, x]
+            planes[p] = _ONE
+            planes[_PIXELS + p] = total + opacity * (by_sum * image.depth[0, y, x] + by_alpha)
+            planes[5 * _PIXELS + p] = by_sum
+            planes[6 * _PIXELS + p] = by_alpha
+
+
+@inner
+def _store(row, ends, moments, offset):  # type: ignore[no-untyped-def]
+    """Turn moments about the tile's first pixel into those about the disk's centre."""
+    (red, green, blue, sx, sy), (sz, sz0, so, snx, sny, snz, ax, ay) = ends
+    su, sux, suy, sv, svx, svy, sd, sdx, sdy = moments
+    dx, dy = offset
+    row[0], row[1], row[2], row[3], row[4] = red, green, blue, sx, sy
+    row[5], row[6] = sux + dx * su, suy + dy * su
+    row[7], row[8] = svx + dx * sv, svy + dy * sv
+    row[9], row[10], row[11] = sd, sdx + dx * sd, sdy + dy * sd
+    row[12], row[13], row[14] = sz, sz0, so
+    row[15], row[16], row[17], row[18], row[19] = snx, sny, snz, ax, ay
+
+
+@kernel
+def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):  # type: ignore[no-untyped-def]
+    height, width = depth.shape[1], depth.shape[2]
+    down, across = -(-height // TILE), -(-width // TILE)
+    gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
+    near = np.float32(splats.near)
+    for lane in prange(lanes):
+        planes = np.empty(12 * _PIXELS, np.float32)
+        _coordinates(planes, 10)
+        for tile in range(lane, down * across, lanes):
+            left, top = tile % across * TILE, tile // across * TILE
+            _read(planes, left, top, image, colour, depth, alpha, normals)
+            begin, end = lists.starts[tile], lists.starts[tile + 1]
+            gathered[begin + image.used[tile] : end] = _ZERO
+            for e in range(begin, begin + image.used[tile]):
+                g = lists.gaussians[e]
+                u, v, d, offset, hit_z = _local(splats, g, left, top)
+                first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
+                tint = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
+                normal = splats.normals[g, 0], splats.normals[g, 1], splats.normals[g, 2]
+                z0, peak = splats.depths[g], splats.peaks[g]
+                head, moments, tail = _unblend_rows(
+                    planes, first, last, u, v, d, offset, hit_z, z0, near, peak, tint, normal
+                )
+                _store(gathered[e], (head, tail), moments, offset)
+    return gathered

@@ -1,0 +1,94 @@
+"""2DGS on the CPU: the compiled kernels as one differentiable function of the Gaussians' tensors.
+
+Axes: n Gaussians, h height, w width.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gaussian_enhancer.splat import disks, ewa, raster_disks, tiles
+from gaussian_enhancer.splat import sh as harmonics
+from gaussian_enhancer.splat.render import ScreenStatistics, array
+from gaussian_enhancer.types import Camera, Gaussians, Render
+
+
+def render_disks(
+    gaussians: Gaussians,
+    camera: Camera,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    near: float = 0.01,
+    screen: ScreenStatistics | None = None,
+) -> Render:
+    """Render disks by ray-splat intersection; see `splat.render.render`, which calls this.
+
+    Args:
+        gaussians: float32 on the CPU, two scale axes.
+        camera: on any device.
+        background: colour behind everything, [0, 1].
+        near: smallest z in scene units that is drawn, of centres and of intersections.
+        screen: is filled with statistics for densification, if given.
+    """
+    planes = _Disks.apply(
+        gaussians.means,
+        gaussians.log_scales,
+        gaussians.quaternions,
+        gaussians.opacity_logits,
+        gaussians.sh,
+        (camera, background, near, screen),
+    )
+    return Render(*planes)
+
+
+class _Disks(torch.autograd.Function):
+    """Forward and analytic backward; the median depth carries no gradient."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        means: Tensor,
+        log_scales: Tensor,
+        quaternions: Tensor,
+        opacity_logits: Tensor,
+        sh: Tensor,
+        options: tuple[Camera, tuple[float, float, float], float, ScreenStatistics | None],
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        camera, background, near, screen = options
+        unused = np.zeros(len(means), np.float32)
+        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), unused)
+        view = ewa.view_of(camera, near)
+        projected = disks.project_disks(shape, view)
+        lists = tiles.bin_tiles(projected.footprints, projected.depths, camera.height, camera.width)
+        visible = lists.first[1:] > lists.first[:-1]
+        colours = harmonics.shade(shape.means, array(sh), view.centre, visible)
+        splats = raster_disks.DiskSplats(
+            projected.geometry, projected.peaks, projected.depths, projected.normals, colours, float(near)
+        )
+        behind = np.asarray(background, np.float32)
+        image = raster_disks.blend_disks(splats, lists, behind, camera.height, camera.width)
+        if screen is not None:
+            screen.visible = torch.from_numpy(visible)
+            screen.radius = torch.from_numpy(projected.radii * visible)
+        ctx.saved = shape, array(sh), view, visible, splats, lists, image, screen
+        median = torch.from_numpy(image.median_depth)
+        ctx.mark_non_differentiable(median)
+        colour, depth, alpha = (torch.from_numpy(plane) for plane in image[:3])
+        return colour, depth, alpha, median, torch.from_numpy(image.normals)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        shape, sh, view, visible, splats, lists, image, screen = ctx.saved
+        colour, depth, alpha, _, normals = (array(gradient) for gradient in gradients)
+        entries = raster_disks.blend_disks_backward(splats, lists, image, colour, depth, alpha, normals)
+        gathered = tiles.sum_over_tiles(entries, lists)
+        back = disks.project_disks_backward(shape, view, visible, gathered)
+        by_colour = np.ascontiguousarray(gathered[:, :3])
+        by_sh = harmonics.shade_backward(shape.means, sh, view.centre, visible, splats.colours, by_colour, back.means)
+        if screen is not None:
+            screen.gradient = torch.from_numpy(np.linalg.norm(gathered[:, 3:5], axis=1))
+            screen.absolute_gradient = torch.from_numpy(np.linalg.norm(gathered[:, 18:20], axis=1))
+        learnt = (back.means, back.log_scales, back.quaternions, back.opacity_logits, by_sh)
+        return *(torch.from_numpy(gradient) for gradient in learnt), None
