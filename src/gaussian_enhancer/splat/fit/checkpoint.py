@@ -1,0 +1,51 @@
+"""What a fit needs to go on after it was killed: one file of plain tensors and numbers, replaced whole."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+
+NAME = "checkpoint.pt"
+
+
+def save_checkpoint(folder: Path, values: dict[str, Any]) -> None:
+    """Replace the folder's checkpoint.
+
+    Args:
+        folder: the run's folder.
+        values: tensors, numbers, strings and dictionaries of them.
+
+    Raises:
+        InputError: the file cannot be written; the earlier checkpoint stays.
+    """
+    with whole_file(folder / NAME) as temporary:
+        try:
+            torch.save(values, temporary)
+        except RuntimeError as error:  # torch's zip writer reports a full disk as RuntimeError
+            raise OSError(str(error).splitlines()[0]) from error
+
+
+def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
+    """The folder's checkpoint, or None where there is none.
+
+    Args:
+        folder: the run's folder.
+        identity: description of the fit; must be that of the checkpoint.
+
+    Raises:
+        InputError: the file is damaged or belongs to another fit.
+    """
+    path = folder / NAME
+    if not path.is_file():
+        return None
+    try:
+        values: dict[str, Any] = torch.load(path, weights_only=True)
+    except (RuntimeError, pickle.UnpicklingError, EOFError) as error:
+        raise InputError(path, f"cannot be read ({type(error).__name__})", "delete it to start again") from error
+    if values["identity"] != identity:
+        raise InputError(path, "belongs to a fit with other settings", "choose another folder, or delete it")
+    return values

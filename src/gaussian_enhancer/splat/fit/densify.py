@@ -1,0 +1,175 @@
+"""Adaptive density control: where the image pulls, Gaussians are added; where they show nothing, they go.
+
+Axes: n Gaussians, s scale axes.
+Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2; the pull may be measured by absolute shares as
+in Ye et al., AbsGS, ACM MM 2024. What differs: the number is bounded, the strongest pulls come first.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
+from gaussian_enhancer.splat.render import ScreenStatistics
+from gaussian_enhancer.types import Gaussians
+
+SPLIT_SHRINK = 1.6
+"""Two halves of a Gaussian have 1/1.6 of its scales (3DGS)."""
+
+
+@dataclass(frozen=True)
+class Densification:
+    """When and how the number of Gaussians changes.
+
+    Args:
+        every: steps between changes; 0 never changes it.
+        start: share of the fit after which changes begin.
+        stop: share of the fit after which they end.
+        pull: mean screen gradient above which a Gaussian is cloned or split, in units of half the image's longer side.
+        absolute: measure the pull by absolute shares of pixels (AbsGS) instead of their sum.
+        small: largest scale of a Gaussian that is cloned rather than split, in camera extents.
+        opacity: Gaussians below this opacity are removed.
+        world_size: Gaussians with a larger scale are removed, in camera extents.
+        screen_size: Gaussians with a larger radius are removed, as a share of the image's longer side; 0 removes none.
+        reset_every: steps between opacity resets; 0 never resets.
+        growth: largest share by which one change may increase the number.
+    """
+
+    every: int = 100
+    start: float = 0.05
+    stop: float = 0.6
+    pull: float = 4e-4
+    absolute: bool = False
+    small: float = 0.01
+    opacity: float = 0.01
+    world_size: float = 1.0
+    screen_size: float = 0.0
+    reset_every: int = 0
+    growth: float = 0.2
+
+    def __post_init__(self) -> None:
+        if self.every < 0 or self.reset_every < 0:
+            raise InputError("densify.every", f"is {min(self.every, self.reset_every)}", "give 0 or a number of steps")
+        if not 0 <= self.start <= self.stop <= 1:
+            raise InputError("densify.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
+
+    def due(self, step: int, steps: int) -> bool:
+        """Whether the number changes after this step (counted from 1)."""
+        inside = self.start * steps <= step <= self.stop * steps
+        return self.every > 0 and inside and step % self.every == 0
+
+
+class Pull:
+    """Running mean of the screen gradients of each Gaussian over the renders that showed it.
+
+    Args:
+        count: number of Gaussians.
+        device: where the statistics come from.
+    """
+
+    def __init__(self, count: int, device: torch.device | None = None) -> None:
+        self.total = torch.zeros(count, device=device)
+        self.times = torch.zeros(count, device=device)
+        self.radius = torch.zeros(count, device=device)
+
+    def add(self, screen: ScreenStatistics, side: int, absolute: bool, drawn: Tensor | None = None) -> None:
+        """Take in one render's statistics.
+
+        Args:
+            screen: filled by the render and its backward.
+            side: the image's longer side in pixels.
+            absolute: take the absolute shares.
+            drawn: indices of the Gaussians that were rendered; all where None.
+        """
+        gradient = screen.absolute_gradient if absolute else screen.gradient
+        if gradient is None or screen.visible is None or screen.radius is None:
+            raise ValueError("screen statistics are filled by a render and its backward; neither has run")
+        rows = torch.arange(len(gradient), device=gradient.device) if drawn is None else drawn
+        self.total[rows] += gradient * screen.visible * (side / 2)
+        self.times[rows] += screen.visible
+        self.radius[rows] = torch.maximum(self.radius[rows], screen.radius.to(self.radius) / side)
+
+    def mean(self) -> Float[Tensor, " n"]:
+        """Mean pull; 0 for Gaussians that were never seen."""
+        return self.total / self.times.clamp(min=1)
+
+    def state(self) -> dict[str, Tensor]:
+        """All that is needed to go on later."""
+        return {"total": self.total, "times": self.times, "radius": self.radius}
+
+    def restore(self, values: dict[str, Tensor]) -> None:
+        """Go on from what `state` returned."""
+        self.total, self.times, self.radius = (values[name].clone() for name in ("total", "times", "radius"))
+
+
+@torch.no_grad()
+def densify(
+    optimiser: SplatOptimiser,
+    pull: Pull,
+    settings: Densification,
+    extent: float,
+    limit: int,
+    generator: torch.Generator,
+) -> None:
+    """Clone, split and prune once.
+
+    Args:
+        optimiser: the Gaussians and their moments; changed in place.
+        pull: what was gathered since the last change.
+        settings: thresholds.
+        extent: scene units of one camera extent.
+        limit: largest number of Gaussians.
+        generator: source of randomness for the places of the halves.
+    """
+    old = optimiser.gaussians()
+    kept = ~_useless(old, pull, settings, extent)
+    room = min(limit - int(kept.sum()), int(settings.growth * len(old)) + 1)
+    wanted = kept & (pull.mean() > settings.pull)
+    chosen = _strongest(pull.mean(), wanted, max(0, room))
+    large = old.log_scales.exp().amax(1) > settings.small * extent
+    clones, splits = old[chosen & ~large], old[chosen & large]
+    halves = [_half(splits, generator) for _ in range(2)]
+    # A split Gaussian makes room for its halves, so clone and split both add one.
+    optimiser.keep(kept & ~(chosen & large))
+    for joining in (clones, *halves):
+        optimiser.append(joining)
+
+
+def _useless(old: Gaussians, pull: Pull, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
+    """Nearly transparent or far too large."""
+    useless = old.opacity_logits.sigmoid() < settings.opacity
+    useless |= old.log_scales.exp().amax(1) > settings.world_size * extent
+    if settings.screen_size > 0:
+        useless |= pull.radius > settings.screen_size
+    return useless
+
+
+def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:
+    chosen = torch.zeros_like(wanted)
+    candidates = wanted.nonzero()[:, 0]
+    order = values[candidates].argsort(descending=True, stable=True)
+    chosen[candidates[order[:count]]] = True
+    return chosen
+
+
+def _half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
+    """One of two smaller Gaussians, its centre drawn from its parent's density."""
+    scales = parents.log_scales.exp()
+    drawn = torch.randn(scales.shape, generator=generator).to(scales) * scales
+    w, x, y, z = torch.nn.functional.normalize(parents.quaternions, dim=1).unbind(1)
+    columns = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], 1),
+        torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], 1),
+        torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], 1),
+    ]
+    moved = parents.means + sum(drawn[:, k : k + 1] * columns[k] for k in range(drawn.shape[1]))
+    return Gaussians(
+        moved,
+        (scales / SPLIT_SHRINK).log(),
+        parents.quaternions,
+        parents.opacity_logits,
+        parents.sh,
+    )

@@ -1,0 +1,79 @@
+"""A fit's results on disk: the splat, its cameras, and what it shows of every photo, in 3DGS's layout.
+
+Axes: h height, w width. ``{train,test}/ours_<step>/{renders,gt,alpha}/<stem>.png`` with 8 bits and
+``depth/<stem>.npy`` (z in scene units, float32, 0 where nothing was hit).
+"""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.scene.cameras import write_scene_cameras
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.splat.methods import Method
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Gaussians
+
+WHITE = (1.0, 1.0, 1.0)
+
+
+@torch.no_grad()
+def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Method, step: int) -> None:
+    """Render every train and test view of a splat and write it beside its photo.
+
+    Args:
+        folder: the run's folder.
+        scene: the scene that was fitted.
+        gaussians: the splat.
+        method: how it is rendered.
+        step: training step, part of the folders' names.
+
+    Raises:
+        InputError: two photos of one side share a name without ending, or the disk refuses.
+    """
+    for side, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
+        stems = [Path(photo.name).stem for photo in photos]
+        for stem in stems:
+            if stems.count(stem) > 1:
+                raise InputError(f"photos named {stem}", "differ in their ending only", "rename one of them")
+        for stem, photo in zip(stems, photos, strict=True):
+            _export_view(folder / side / f"ours_{step}", stem, photo, scene, gaussians, method)
+
+
+def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
+    """Write ``splat.ply``, ``cameras.json`` and 3DGS's ``cfg_args``, by which viewers know degree and background.
+
+    Args:
+        folder: the run's folder.
+        scene: the scene that was fitted.
+        gaussians: the splat.
+    """
+    write_ply(folder / "splat.ply", gaussians)
+    write_scene_cameras(folder / "cameras.json", scene)
+    degree = int(gaussians.sh.shape[1] ** 0.5) - 1
+    with whole_file(folder / "cfg_args") as temporary:
+        temporary.write_text(f"Namespace(sh_degree={degree}, white_background={scene.background == WHITE})\n")
+
+
+def _export_view(folder: Path, stem: str, photo: Photo, scene: Scene, gaussians: Gaussians, method: Method) -> None:
+    if photo.camera is None:
+        raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
+    view = render(gaussians, photo.camera, method, scene.background)
+    _write_png(folder / "renders" / f"{stem}.png", view.colour)
+    _write_png(folder / "gt" / f"{stem}.png", photo.read())
+    _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
+    with whole_file(folder / "depth" / f"{stem}.npy") as temporary:
+        np.save(temporary, view.depth[0].cpu().numpy().astype(np.float32))
+
+
+def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
+    pixels = (image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy()
+    with whole_file(path) as temporary:
+        Image.fromarray(pixels.squeeze(-1) if pixels.shape[-1] == 1 else pixels).save(temporary, compress_level=3)

@@ -1,0 +1,328 @@
+"""Fitting a splat to a scene's training photos, step by step, so that a killed fit goes on where it was.
+
+Axes: n Gaussians, h height, w width. All randomness is a function of seed and step, so that a resumed fit draws what
+the uninterrupted one would have drawn.
+"""
+
+import dataclasses
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
+from gaussian_enhancer.splat.fit.export import export_splat, export_views
+from gaussian_enhancer.splat.fit.geometry import camera_extent
+from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
+from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
+from gaussian_enhancer.splat.fit.progress import FitProgress
+from gaussian_enhancer.splat.fit.similarity import photometric_loss
+from gaussian_enhancer.splat.fit.start import Start, starting_gaussians
+from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
+from gaussian_enhancer.splat.fit.targets import Colour, TrainingPhotos
+from gaussian_enhancer.splat.methods import Method, MipSplatting
+from gaussian_enhancer.splat.render import ScreenStatistics, render
+from gaussian_enhancer.types import Gaussians
+
+SMOOTHING_EVERY = 100
+"""Steps between two looks at how finely the photos sample each Gaussian (Mip-Splatting's own interval)."""
+
+
+@dataclass(frozen=True)
+class Regularisation:
+    """What holds a splat back where few photos constrain it.
+
+    Args:
+        opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11).
+        scale: weight of the mean scale, in camera extents (the same).
+        dropout: share of Gaussians left out of a step at the fit's end, rising linearly from 0; the others' opacity
+            rises to make up for them (Park et al., DropGaussian, CVPR 2025).
+    """
+
+    opacity: float = 0.0
+    scale: float = 0.0
+    dropout: float = 0.0
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Choices of a fit.
+
+    Args:
+        steps: number of steps, one photo each.
+        init: what to start from: "plane_sweep", "points" or "random".
+        start_gaussians: largest number of Gaussians to start with.
+        max_gaussians: largest number of Gaussians at any time.
+        sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised from 0 in equal parts of the first third.
+        snapshots: shares of the fit after which views are rendered and kept.
+        seed: of all randomness.
+        ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
+        random_background: another colour behind the object at each step (photos with coverage only).
+        rates: learning rates.
+        densification: when and how Gaussians come and go.
+        regularisation: what holds the splat back.
+        sweep: how the plane sweep searches.
+    """
+
+    steps: int = 3000
+    init: Start = "plane_sweep"
+    start_gaussians: int = 10_000
+    max_gaussians: int = 20_000
+    sh_degree: int = 1
+    snapshots: tuple[float, ...] = (0.25, 0.5)
+    seed: int = 0
+    ssim_weight: float = 0.2
+    random_background: bool = False
+    rates: LearningRates = field(default_factory=LearningRates)
+    densification: Densification = field(default_factory=Densification)
+    regularisation: Regularisation = field(default_factory=Regularisation)
+    sweep: SweepSettings = field(default_factory=SweepSettings)
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise InputError("steps", f"is {self.steps}", "give at least 1")
+        if not 0 <= self.sh_degree <= 3:
+            raise InputError("sh_degree", f"is {self.sh_degree}", "give 0, 1, 2 or 3")
+        if not 0 < self.start_gaussians <= self.max_gaussians:
+            received = f"is {self.start_gaussians} with max_gaussians={self.max_gaussians}"
+            raise InputError("start_gaussians", received, "order them, above 0")
+        if not all(0 < share < 1 for share in self.snapshots):
+            raise InputError("snapshots", f"are {self.snapshots}", "give shares between 0 and 1")
+
+    def snapshot_steps(self) -> tuple[int, ...]:
+        """Steps after which views are rendered, the last included."""
+        return tuple(sorted({max(1, round(share * self.steps)) for share in (*self.snapshots, 1.0)}))
+
+
+def fit(
+    scene: Scene,
+    method: Method,
+    folder: Path,
+    settings: FitSettings = FitSettings(),
+    *,
+    device: torch.device | str = "cpu",
+    checkpoint_seconds: float = 20.0,
+    progress: bool = True,
+    stopwatch: Stopwatch | None = None,
+    stop_after: int | None = None,
+    **choices: Any,
+) -> Gaussians:
+    """Fit a splat and write the run's folder: ``splat.ply``, ``cameras.json``, renders of every snapshot.
+
+    The loss is (1 - w) L1 + w (1 - SSIM) (Kerbl et al., SIGGRAPH 2023, equation 7), one photo a step, every photo
+    once before any comes again. A folder with a checkpoint of the same fit is continued.
+
+    Args:
+        scene: training photos to fit to and test photos to render.
+        method: how Gaussians become pixels.
+        folder: where to write.
+        settings: choices of the fit.
+        device: where to compute.
+        checkpoint_seconds: time between checkpoints.
+        progress: show a progress bar.
+        stopwatch: takes the time by phase.
+        stop_after: end after this step with a checkpoint, as if killed; for tests and for fits in parts.
+        **choices: single settings by name, instead of those in ``settings``.
+
+    Raises:
+        InputError: photos, settings, checkpoint or disk do not allow the fit.
+    """
+    settings = dataclasses.replace(settings, **choices)
+    work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
+    work.begin()
+    last = settings.steps if stop_after is None else min(stop_after, settings.steps)
+    snapshots = settings.snapshot_steps()
+    saved = time.monotonic()
+    with FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar, work.watch.inside_render():
+        while work.step < last:
+            loss, image_error = work.advance()
+            bar.update(work.step, loss, image_error, len(work.optimiser))
+            if work.step in snapshots:
+                export_views(folder, scene, work.splat(), method, work.step)
+            if work.step in snapshots or time.monotonic() - saved > checkpoint_seconds:
+                work.save()
+                saved = time.monotonic()
+    work.save()
+    gaussians = work.splat()
+    if last == settings.steps:
+        export_splat(folder, scene, gaussians)
+        (folder / "checkpoint.pt").unlink(missing_ok=True)
+    return gaussians
+
+
+class _Work:
+    """The state of one fit."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: Method,
+        folder: Path,
+        settings: FitSettings,
+        device: torch.device,
+        watch: Stopwatch,
+    ) -> None:
+        self.scene, self.method, self.folder, self.settings, self.watch = scene, method, folder, settings, watch
+        self.device = device
+        self.photos = TrainingPhotos(scene, device)
+        self.extent = camera_extent(self.photos.cameras)
+        self.step = 0
+        self.smoothing: Tensor | None = None
+        self.optimiser: SplatOptimiser
+        self.pull: Pull
+
+    def begin(self) -> None:
+        """Start anew, or where the folder's checkpoint stopped."""
+        held = load_checkpoint(self.folder, self._identity())
+        if held is not None:
+            self._adopt(held["splat"])
+            self.optimiser.restore({name: value.to(self.device) for name, value in held["optimiser"].items()})
+            self.pull.restore({name: value.to(self.device) for name, value in held["pull"].items()})
+            self.smoothing = None if held["smoothing"] is None else held["smoothing"].to(self.device)
+            self.step = held["step"]
+            return
+        first = starting_gaussians(
+            self.scene,
+            self.photos,
+            self.method,
+            self.settings.init,
+            count=self.settings.start_gaussians,
+            sh_degree=self.settings.sh_degree,
+            generator=self._generator(0),
+            sweep=self.settings.sweep,
+        )
+        self._adopt({f.name: getattr(first, f.name) for f in dataclasses.fields(first)})
+        self._smooth()
+
+    def advance(self) -> tuple[Tensor, Tensor]:
+        """One step; returns the loss and the mean squared error of the image."""
+        settings, watch = self.settings, self.watch
+        number = self._photo_number()
+        camera = self.photos.cameras[number]
+        background = self._background()
+        target = self.photos.target(number, background)
+        screen = ScreenStatistics()
+        with watch.phase("render"):
+            drawn = self._drawn()
+            gaussians = self._shown(drawn)
+            colour = render(gaussians, camera, self.method, background or self.scene.background, screen=screen).colour
+        with watch.phase("loss"):
+            loss = photometric_loss(colour, target, settings.ssim_weight)
+            total = loss + self._penalty()
+            error = (colour.detach() - target.photo).square().mean()
+        with watch.phase("backward"):
+            total.backward()
+        with watch.phase("densify"):
+            side = max(camera.height, camera.width)
+            self.pull.add(screen, side, settings.densification.absolute, drawn)
+        with watch.phase("optimiser"):
+            self.optimiser.step(self.step)
+        self.step += 1
+        watch.steps += 1
+        with watch.phase("densify"):
+            self._change_number()
+        return loss.detach(), error
+
+    def splat(self) -> Gaussians:
+        """The present Gaussians, detached, all coefficients and the 3D filter included."""
+        now = self.optimiser.gaussians()
+        values = {f.name: getattr(now, f.name) for f in dataclasses.fields(now)}
+        detached = {name: value.detach() for name, value in values.items() if value is not None}
+        return Gaussians(**detached | {"smoothing": self.smoothing})
+
+    def save(self) -> None:
+        """Replace the checkpoint."""
+        splat = self.splat()
+        save_checkpoint(
+            self.folder,
+            {
+                "identity": self._identity(),
+                "step": self.step,
+                "splat": {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)},
+                "optimiser": self.optimiser.state(),
+                "pull": self.pull.state(),
+                "smoothing": self.smoothing,
+            },
+        )
+
+    def _adopt(self, values: dict[str, Tensor | None]) -> None:
+        gaussians = Gaussians(**values).to(self.device)  # type: ignore[arg-type]
+        self.optimiser = SplatOptimiser(gaussians, self.settings.rates, self.extent, self.settings.steps)
+        self.pull = Pull(len(gaussians), self.device)
+
+    def _shown(self, drawn: Tensor | None) -> Gaussians:
+        degree = min(self.settings.sh_degree, 3 * self.step * (self.settings.sh_degree + 1) // self.settings.steps)
+        gaussians = dataclasses.replace(self.optimiser.gaussians(degree), smoothing=self.smoothing)
+        if drawn is None:
+            return gaussians
+        made_up = (gaussians.opacity_logits[drawn].sigmoid() * (len(gaussians) / len(drawn))).clamp(max=0.999)
+        return dataclasses.replace(gaussians[drawn], opacity_logits=torch.logit(made_up))
+
+    def _drawn(self) -> Tensor | None:
+        """Indices of the Gaussians that take part in this step; None for all."""
+        share = self.settings.regularisation.dropout * self.step / self.settings.steps
+        if share <= 0:
+            return None
+        count = len(self.optimiser)
+        return (torch.rand(count, generator=self._generator(1)) >= share).nonzero()[:, 0].to(self.device)
+
+    def _penalty(self) -> Float[Tensor, ""]:
+        weights = self.settings.regularisation
+        penalty = torch.zeros((), device=self.device)
+        gaussians = self.optimiser.gaussians(0)
+        if weights.opacity > 0:
+            penalty = penalty + weights.opacity * gaussians.opacity_logits.sigmoid().mean()
+        if weights.scale > 0:
+            penalty = penalty + weights.scale * gaussians.log_scales.exp().mean() / self.extent
+        return penalty
+
+    def _change_number(self) -> None:
+        settings = self.settings.densification
+        if settings.due(self.step, self.settings.steps):
+            limit = self.settings.max_gaussians
+            densify(self.optimiser, self.pull, settings, self.extent, limit, self._generator(2))
+            self.pull = Pull(len(self.optimiser), self.device)
+            self._smooth()
+            if len(self.optimiser) == 0:
+                raise InputError(f"fit of scene {self.scene.name}", "lost all Gaussians", "lower densification.opacity")
+        inside = self.step <= settings.stop * self.settings.steps
+        if settings.reset_every > 0 and inside and self.step % settings.reset_every == 0:
+            self.optimiser.cap_opacity(2 * settings.opacity)
+        if self.step % SMOOTHING_EVERY == 0 or self.step == self.settings.steps:
+            self._smooth()
+
+    def _smooth(self) -> None:
+        if isinstance(self.method, MipSplatting):
+            means = self.optimiser.gaussians(0).means.detach()
+            self.smoothing = smoothing_size(means, self.photos.cameras)
+
+    def _photo_number(self) -> int:
+        """Every photo once before any comes again, in an order that seed and round determine."""
+        count = len(self.photos)
+        order = torch.randperm(count, generator=_generator_of(self.settings.seed, self.step // count, 3))
+        return int(order[self.step % count])
+
+    def _background(self) -> Colour | None:
+        if not self.settings.random_background:
+            return None
+        red, green, blue = torch.rand(3, generator=self._generator(4)).tolist()
+        return red, green, blue
+
+    def _generator(self, purpose: int) -> torch.Generator:
+        return _generator_of(self.settings.seed, self.step, purpose)
+
+    def _identity(self) -> str:
+        """What a checkpoint must agree on to be continued."""
+        return f"{self.scene.name}, {len(self.photos)} photos, {self.method}, {self.settings}"
+
+
+def _generator_of(seed: int, step: int, purpose: int) -> torch.Generator:
+    return torch.Generator().manual_seed(((seed * 1_000_003 + step) * 8 + purpose) % 2**63)

@@ -1,0 +1,66 @@
+"""The progress bar of a fit: step, loss, PSNR and number of Gaussians."""
+
+import math
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from torch import Tensor
+
+EVERY = 10
+"""Steps between two looks at the loss: each one waits for the device."""
+
+
+class FitProgress:
+    """A bar on standard error, or nothing.
+
+    Args:
+        steps: number of steps of the whole fit.
+        title: what is fitted.
+        shown: whether to show it.
+    """
+
+    def __init__(self, steps: int, title: str, shown: bool) -> None:
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[state]}"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=not shown,
+        )
+        self._task = self._bar.add_task(title, total=steps, state="")
+        self._loss: float | None = None
+        self._error: float | None = None
+
+    def __enter__(self) -> Any:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def update(self, step: int, loss: Tensor, squared_error: Tensor, count: int) -> None:
+        """Show the state after a step; loss and PSNR are running means.
+
+        Args:
+            step: steps done.
+            loss: of this step.
+            squared_error: mean squared error of this step's image.
+            count: number of Gaussians.
+        """
+        if self._bar.disable or (step % EVERY and step > 1):
+            return
+        self._loss = _mixed(self._loss, float(loss))
+        self._error = _mixed(self._error, float(squared_error))
+        psnr = -10 * math.log10(max(self._error, 1e-10))
+        state = f"loss {self._loss:.4f}  {psnr:.2f} dB  {count} Gaussians"
+        self._bar.update(self._task, completed=step, state=state)
+
+
+def _mixed(mean: float | None, value: float) -> float:
+    return value if mean is None else 0.9 * mean + 0.1 * value

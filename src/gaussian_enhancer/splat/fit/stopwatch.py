@@ -1,0 +1,79 @@
+"""Where the time of a fit goes: milliseconds by phase."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+import torch
+
+INSIDE_RENDER = {
+    "project": (("ewa", "project"), ("sh", "shade")),
+    "bin": (("tiles", "bin_tiles"),),
+    "raster": (("raster", "blend"),),
+    "raster backward": (("raster", "blend_backward"), ("tiles", "sum_over_tiles")),
+    "project backward": (("ewa", "project_backward"), ("sh", "shade_backward")),
+}
+"""Parts of the CPU renderer by the functions that do them."""
+
+
+class Stopwatch:
+    """Adds up the time of named phases; does nothing unless it is on.
+
+    Args:
+        on: whether to measure. On CUDA every phase then ends with a synchronisation.
+    """
+
+    def __init__(self, on: bool = False) -> None:
+        self.on = on
+        self.seconds: dict[str, float] = {}
+        self.steps = 0
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Measure a block under a name."""
+        if not self.on:
+            yield
+            return
+        start = _now()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + _now() - start
+
+    @contextmanager
+    def inside_render(self) -> Iterator[None]:
+        """Measure the renderer's own parts while the block runs."""
+        with ExitStack() as stack:
+            if self.on:
+                for name, parts in INSIDE_RENDER.items():
+                    for module, function in parts:
+                        target = f"gaussian_enhancer.splat.{module}.{function}"
+                        stack.enter_context(patch(target, self._timed(name, target)))
+            yield
+
+    def table(self) -> str:
+        """Milliseconds a step by phase; the renderer's parts are shares of render and backward."""
+        lines = [f"{'phase':<20}{'ms/step':>9}"]
+        for name, seconds in self.seconds.items():
+            lines.append(f"{'  ' * (name in INSIDE_RENDER) + name:<20}{1e3 * seconds / max(1, self.steps):>9.2f}")
+        total = sum(seconds for name, seconds in self.seconds.items() if name not in INSIDE_RENDER)
+        lines.append(f"{'sum':<20}{1e3 * total / max(1, self.steps):>9.2f}")
+        return "\n".join(lines)
+
+    def _timed(self, name: str, target: str) -> Callable[..., Any]:
+        import importlib
+
+        module, _, attribute = target.rpartition(".")
+        function = getattr(importlib.import_module(module), attribute)
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            with self.phase(name):
+                return function(*args, **kwargs)
+
+        return timed
+
+
+def _now() -> float:
+    if torch.cuda.is_available():
+        torch.cuda.synchronize()
+    return time.perf_counter()

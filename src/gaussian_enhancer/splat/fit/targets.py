@@ -1,0 +1,95 @@
+"""The photos that a splat is fitted to: checked when the fit starts, kept prepared for the loss while memory lasts.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, prepare
+from gaussian_enhancer.types import Camera
+
+Colour = tuple[float, float, float]
+
+
+class TrainingPhotos:
+    """Training photos by number.
+
+    Args:
+        scene: the scene; its training photos need cameras.
+        device: where the fit computes.
+        memory: bytes that prepared photos may take; the rest is read again each time.
+
+    Raises:
+        InputError: fewer than two training photos, a photo without a camera, of another size than its camera, or
+            with values that are not finite.
+    """
+
+    def __init__(self, scene: Scene, device: torch.device, memory: int = 4 * 2**30) -> None:
+        if len(scene.train) < 2:
+            received = f"has {len(scene.train)} training photo{'s' * (len(scene.train) != 1)}"
+            raise InputError(f"scene {scene.name}", received, "give at least two photos to fit to")
+        self._photos = scene.train_photos
+        self._background = scene.background
+        self._device = device
+        self.cameras: list[Camera] = [_camera(photo) for photo in self._photos]
+        for photo in scene.test_photos:
+            _camera(photo)
+        self._prepared: dict[int, PreparedPhoto] = {}
+        for number, photo in enumerate(self._photos):
+            pixels = _checked(photo)
+            if memory >= 0:
+                self._prepared[number] = prepare(pixels.to(device))
+                memory -= 3 * pixels.nbytes
+
+    def __len__(self) -> int:
+        return len(self._photos)
+
+    def pixels(self) -> Sequence[Float[Tensor, "3 _ _"]]:
+        """All photos on the CPU, read one by one."""
+        return [self._read(number) for number in range(len(self))]
+
+    def target(self, number: int, background: Colour | None = None) -> PreparedPhoto:
+        """A photo prepared for the loss.
+
+        Args:
+            number: position among the training photos.
+            background: colour to put under the object instead of the scene's; needs photos with coverage.
+        """
+        if background is None:
+            known = self._prepared.get(number)
+            return known if known is not None else prepare(self._read(number).to(self._device))
+        read_alpha = self._photos[number].read_alpha
+        if read_alpha is None:
+            received = "says nothing about the object's coverage"
+            raise InputError(f"photo {self._photos[number].name}", received, "set random_background=false")
+        pixels = self._prepared[number].photo if number in self._prepared else self._read(number)
+        change = torch.tensor(background) - torch.tensor(self._background)
+        moved = pixels.cpu() + (1 - read_alpha()) * change[:, None, None]
+        return prepare(moved.clamp(0, 1).to(self._device))
+
+    def _read(self, number: int) -> Tensor:
+        known = self._prepared.get(number)
+        return self._photos[number].read() if known is None else known.photo.cpu()
+
+
+def _camera(photo: Photo) -> Camera:
+    if photo.camera is None:
+        raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
+    return photo.camera
+
+
+def _checked(photo: Photo) -> Float[Tensor, "3 h w"]:
+    pixels = photo.read()
+    camera = _camera(photo)
+    if pixels.shape[1:] != (camera.height, camera.width):
+        received = f"is {pixels.shape[2]}x{pixels.shape[1]} but its camera is {camera.width}x{camera.height}"
+        raise InputError(f"photo {photo.name}", received, "give photos of the cameras' size")
+    if not pixels.isfinite().all():
+        raise InputError(f"photo {photo.name}", "holds values that are not finite", "replace the photo")
+    return pixels
