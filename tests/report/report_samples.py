@@ -25,5 +25,6 @@ def compared(
     raws = {"psnr": 20.123456789 + seed, "psnr_aligned": 21.0, "ssim": 0.7}
     enhanceds = {"psnr": 20.623456789 + seed, "psnr_aligned": 21.0 + gain, "ssim": 0.75 - seed / 100}
     if not photo:
-        return ComparedView(name, raw, enhanced, None, {}, {}, milliseconds)
-    return ComparedView(name, raw, enhanced, truth, raws, enhanceds, milliseconds, {"lpips_alex": REASON})
+        return ComparedView(name, lambda: raw, lambda: enhanced, milliseconds=milliseconds)
+    reads = (lambda: raw), (lambda: enhanced), (lambda: truth)
+    return ComparedView(name, *reads, raws, enhanceds, milliseconds, {"lpips_alex": REASON})

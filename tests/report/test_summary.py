@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import statistics
 
@@ -14,7 +15,7 @@ BY_KEY = {quantity.key: quantity for quantity in KNOWN}
 def with_numbers(name: str, **pairs: tuple[float, float]) -> ComparedView:
     view = compared(name, 0.0, 1, height=4, width=4)
     raw = {key: pair[0] for key, pair in pairs.items()}
-    return ComparedView(name, view.raw, view.enhanced, view.photo, raw, {key: pair[1] for key, pair in pairs.items()})
+    return dataclasses.replace(view, metrics_raw=raw, metrics_enhanced={key: pair[1] for key, pair in pairs.items()})
 
 
 def test_mean_spread_and_count() -> None:

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaussian_enhancer.report.compared import ComparedView, size_of
-from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale
+from gaussian_enhancer.report.compared import ComparedView, Images, size_of
+from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale, sampled
 from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
 from gaussian_enhancer.report.quantities import Quantity
 from gaussian_enhancer.report.summary import gain_of
@@ -24,21 +24,29 @@ class Pictures:
         scale: error of the lightest colour, the same for all maps of the page; None where no view has a photo.
         budget: bytes for one picture.
         ramp: the error colours as a CSS list, dark to light.
+        portrait: whether all pictures are higher than wide.
     """
 
     scale: float | None
     budget: int
     ramp: str
+    portrait: bool
 
     @classmethod
     def of(cls, views: Sequence[ComparedView]) -> "Pictures":
         """The shared scale and budget of the views that get pictures."""
-        errors = [error(image, v.photo) for v in views if v.photo is not None for image in (v.raw, v.enhanced)]
+        errors, portrait = [], True
+        for view in views:
+            images = view.read()
+            portrait &= images.raw.shape[1] > images.raw.shape[2]
+            if images.photo is not None:
+                errors += [sampled(error(image, images.photo)) for image in (images.raw, images.enhanced)]
         colours = [", ".join(f"{100 * c:.1f}%" for c in colour) for colour in colour_map(9).tolist()]
         return cls(
             scale=error_scale(errors) if errors else None,
             budget=min(IMAGE_BYTES, PAGE_BYTES // (5 * len(views))),
             ramp=", ".join(f"rgb({colour})" for colour in colours),
+            portrait=portrait,
         )
 
 
@@ -63,17 +71,18 @@ def card(index: int, view: ComparedView, quantities: Sequence[Quantity], picture
         pictures: what all pictures share.
         worst: whether this frame fared worst.
     """
-    with_photo = view.photo is not None
+    images = view.read()
+    with_photo = images.photo is not None
     return fill(
         "card.html",
         {
             "index": str(index),
             "name": view.name,
-            "size": size_of(view.raw),
-            "ratio": f"{view.raw.shape[-1] / view.raw.shape[-2]:.5f}",
+            "size": size_of(images.raw),
+            "ratio": f"{images.raw.shape[-1] / images.raw.shape[-2]:.5f}",
             "badge": tag("span", "worst frame", class_="badge") if worst else Markup(),
             "time": _time(view),
-            "images": _images(view, pictures),
+            "images": _pictures(view.name, images, pictures),
             "modes": Markup(resource("modes.html")) if with_photo else Markup(),
             "scale": _legend(pictures.scale) if with_photo and pictures.scale is not None else Markup(),
             "numbers": _numbers(view, quantities),
@@ -81,21 +90,18 @@ def card(index: int, view: ComparedView, quantities: Sequence[Quantity], picture
     )
 
 
-def _images(view: ComparedView, pictures: Pictures) -> Markup:
-    images = {"raw": (view.raw, "render"), "enhanced": (view.enhanced, "enhanced render")}
-    budgets = dict.fromkeys(images, pictures.budget)
-    if view.photo is not None and pictures.scale is not None:
-        images["photo"] = (view.photo, "photo")
-        images["error-raw"] = (error_map(error(view.raw, view.photo), pictures.scale), "error of the render")
-        images["error-enhanced"] = (
-            error_map(error(view.enhanced, view.photo), pictures.scale),
-            "error of the enhanced render",
-        )
-        budgets |= {"photo": pictures.budget, "error-raw": pictures.budget // 3, "error-enhanced": pictures.budget // 3}
+def _pictures(name: str, images: Images, shared: Pictures) -> Markup:
+    shown = {"raw": (images.raw, "render"), "enhanced": (images.enhanced, "enhanced render")}
+    budgets = dict.fromkeys(("raw", "enhanced", "photo"), shared.budget)
+    if images.photo is not None and shared.scale is not None:
+        shown["photo"] = (images.photo, "photo")
+        for key, image, alt in (("error-raw", images.raw, "render"), ("error-enhanced", images.enhanced, "enhanced")):
+            shown[key] = (error_map(error(image, images.photo), shared.scale), f"error of the {alt}")
+            budgets[key] = shared.budget // 3
     return joined(
         *(
-            tag("img", class_=key, src=data_uri(image, budgets[key]), alt=f"{alt}, {view.name}", draggable="false")
-            for key, (image, alt) in images.items()
+            tag("img", class_=key, src=data_uri(image, budgets[key]), alt=f"{alt}, {name}", draggable="false")
+            for key, (image, alt) in shown.items()
         )
     )
 

@@ -1,9 +1,9 @@
 """What a report compares: a render before and after enhancing, its photo, and the numbers measured on both.
 
-Axes: h height, w width; _ an axis that the user may have got wrong, which `check_views` refuses with a clear line.
+Axes: h height, w width; _ an axis that the user may have got wrong, which is refused with a clear line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jaxtyping import Float
@@ -13,35 +13,64 @@ from gaussian_enhancer.errors import InputError
 
 
 @dataclass(frozen=True)
+class Images:
+    """The pixels of one view.
+
+    Args:
+        raw: the render as it came, sRGB in [0, 1].
+        enhanced: the render after enhancing.
+        photo: the truth; None where there is none.
+    """
+
+    raw: Float[Tensor, "3 h w"]
+    enhanced: Float[Tensor, "3 h w"]
+    photo: Float[Tensor, "3 h w"] | None
+
+
+@dataclass(frozen=True)
 class ComparedView:
-    """One view of a report.
+    """One view of a report. Pixels are read when asked for, each time anew, so that long reports stay small.
 
     Args:
         name: the view's file name, unique in the report.
-        raw: the render as it came, sRGB in [0, 1].
-        enhanced: the render after enhancing, of the same size.
-        photo: the truth, of the same size; None where there is none.
-        metrics_raw: numbers measured between ``raw`` and ``photo``, by the metric's name.
-        metrics_enhanced: the same for ``enhanced``.
+        read_raw: returns the render as it came, sRGB in [0, 1].
+        read_enhanced: returns the render after enhancing, of the same size.
+        read_photo: returns the truth, of the same size; None where there is none.
+        metrics_raw: numbers measured between render and photo, by the metric's name.
+        metrics_enhanced: the same for the enhanced render.
         milliseconds: time that enhancing took; None where it was not measured.
         reasons: why a metric has no number, by the metric's name.
     """
 
     name: str
-    raw: Float[Tensor, "3 h w"]
-    enhanced: Float[Tensor, "3 _ _"]
-    photo: Float[Tensor, "3 _ _"] | None
-    metrics_raw: Mapping[str, float]
-    metrics_enhanced: Mapping[str, float]
+    read_raw: Callable[[], Float[Tensor, "3 _ _"]]
+    read_enhanced: Callable[[], Float[Tensor, "3 _ _"]]
+    read_photo: Callable[[], Float[Tensor, "3 _ _"]] | None = None
+    metrics_raw: Mapping[str, float] = field(default_factory=dict)
+    metrics_enhanced: Mapping[str, float] = field(default_factory=dict)
     milliseconds: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
 
+    def read(self) -> Images:
+        """The view's pixels.
 
-def check_views(views: Sequence[ComparedView]) -> None:
-    """Refuse what cannot be laid side by side.
+        Raises:
+            InputError: the images differ in size, or one cannot be read.
+        """
+        raw, enhanced = self.read_raw(), self.read_enhanced()
+        photo = None if self.read_photo is None else self.read_photo()
+        for label, image in (("enhanced", enhanced), ("photo", photo)):
+            if image is not None and image.shape != raw.shape:
+                received = f"{label} has size {size_of(image)}, the render {size_of(raw)}"
+                raise InputError(f"view {self.name}", received, "bring both to one size before reporting")
+        return Images(raw, enhanced, photo)
+
+
+def check_names(views: Sequence[ComparedView]) -> None:
+    """Refuse an empty report and views that cannot be told apart.
 
     Raises:
-        InputError: no view, a name twice, or images of one view that differ in size.
+        InputError: no view, or a name twice.
     """
     if not views:
         raise InputError("report", "has no view to show", "give at least one enhanced view")
@@ -50,10 +79,6 @@ def check_views(views: Sequence[ComparedView]) -> None:
         if view.name in seen:
             raise InputError(f"view {view.name}", "occurs twice in the report", "give every view its own name")
         seen.add(view.name)
-        for label, image in (("enhanced", view.enhanced), ("photo", view.photo)):
-            if image is not None and image.shape != view.raw.shape:
-                received = f"{label} has size {size_of(image)}, the render {size_of(view.raw)}"
-                raise InputError(f"view {view.name}", received, "bring both to one size before reporting")
 
 
 def size_of(image: Float[Tensor, "3 h w"]) -> str:

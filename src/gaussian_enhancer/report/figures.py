@@ -1,6 +1,6 @@
 """Pictures for reports: error maps, contact sheets, and images small enough to travel inside a page.
 
-Axes: h height, w width, c colours of a map, _ sizes that may differ from image to image.
+Axes: h height, w width, c colours of a map, s samples, _ sizes that may differ from image to image.
 """
 
 import base64
@@ -58,18 +58,24 @@ def error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float
     return (image.clamp(0, 1) - photo.clamp(0, 1)).abs().mean(0)
 
 
-def error_scale(errors: Sequence[Float[Tensor, "_ _"]], quantile: float = 0.99) -> float:
+def sampled(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, " s"]:
+    """Evenly spaced values of a map, enough for a quantile."""
+    return errors.flatten()[:: max(1, errors.numel() // most)]
+
+
+def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -> float:
     """The error that maps to the lightest colour: a quantile over all maps that shall share a scale.
 
     Args:
-        errors: maps in [0, 1].
+        errors: values of each map, in [0, 1].
         quantile: share of pixels below the scale's end, so that single outliers do not darken the rest.
 
     Returns:
         The scale's end, rounded up to a hundredth and at least 0.02.
     """
-    pooled = torch.cat([values.flatten()[:: max(1, values.numel() // 20_000)] for values in errors])
-    return max(0.02, math.ceil(float(torch.quantile(pooled, quantile)) * 100 - 1e-6) / 100)
+    pooled = torch.cat(list(errors)).sort().values
+    end = float(pooled[round(quantile * (len(pooled) - 1))])
+    return max(0.02, math.ceil(end * 100 - 1e-6) / 100)
 
 
 def error_map(errors: Float[Tensor, "h w"], scale: float) -> Float[Tensor, "3 h w"]:

@@ -12,7 +12,7 @@ from typing import Any
 
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.cards import Pictures, card, pictured
-from gaussian_enhancer.report.compared import ComparedView, check_views
+from gaussian_enhancer.report.compared import ComparedView, check_names
 from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
 from gaussian_enhancer.report.overview import overview_table, summary_tiles
 from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
@@ -48,7 +48,7 @@ def document(
     title: str, views: Sequence[ComparedView], provenance: Mapping[str, str], *, most_pictured: int = 60
 ) -> Markup:
     """The page's HTML; arguments as for `write_report`."""
-    check_views(views)
+    check_names(views)
     summaries = [summarise(views, quantity) for quantity in measured(views)]
     worst = worst_view(summaries)
     shown = pictured(len(views), worst, most_pictured)
@@ -63,7 +63,7 @@ def document(
         "summary": summary_tiles(views, summaries),
         "overview": overview_table(views, quantities, worst, set(shown)),
         "modes": Markup("" if pictures.scale is None else resource("modes.html")),
-        "least": "320px" if all(view.raw.shape[1] > view.raw.shape[2] for view in views) else "400px",
+        "least": "320px" if pictures.portrait else "400px",
         "cards": joined(*(card(i, views[i], quantities, pictures, worst=i == worst) for i in shown)),
         "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
         "data": _json(report_data(title, views, summaries, provenance)),
@@ -107,7 +107,7 @@ def report_data(
 
 
 def _subtitle(views: Sequence[ComparedView], shown: int) -> str:
-    photos = sum(view.photo is not None for view in views)
+    photos = sum(view.read_photo is not None for view in views)
     count = f"{len(views)} view{'s' if len(views) != 1 else ''}"
     against = f"measured against {'their' if photos == len(views) else str(photos)} photos" if photos else "no photos"
     left = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
