@@ -125,3 +125,10 @@ def test_device_names():
     assert choose_device("cpu").type == "cpu"
     with pytest.raises(InputError, match="auto, cpu or cuda"):
         choose_device("tpu")
+
+
+def test_unset_environment_variable_is_named(monkeypatch):
+    monkeypatch.delenv("NOT_SET_HERE", raising=False)
+    cfg = OmegaConf.create({"scene": {"path": "${oc.env:NOT_SET_HERE}/fox"}})
+    with pytest.raises(InputError, match=r"scene\.path.*NOT_SET_HERE"):
+        require(cfg)

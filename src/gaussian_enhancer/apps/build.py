@@ -4,6 +4,7 @@ from typing import Any
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import InterpolationResolutionError
 
 from gaussian_enhancer.errors import InputError
 
@@ -24,11 +25,16 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
 
 
 def require(cfg: DictConfig) -> None:
-    """Refuse a configuration in which a mandatory value (``???``) is missing, naming the override that gives it.
+    """Refuse a configuration that lacks a mandatory value (``???``) or an environment variable, naming both.
 
     Raises:
-        InputError: a value marked ``???`` was not given.
+        InputError: a value marked ``???`` was not given, or a variable that the configuration reads is not set.
     """
-    missing = sorted(OmegaConf.missing_keys(cfg))
+    try:
+        OmegaConf.to_container(cfg, resolve=True)
+        missing = sorted(OmegaConf.missing_keys(cfg))
+    except InterpolationResolutionError as error:
+        cause = str(error).splitlines()[0]
+        raise InputError(error.full_key, f"cannot be resolved: {cause}", "set what it refers to") from error
     if missing:
         raise InputError(missing[0], "is mandatory and was not given", f"add {' '.join(f'{n}=...' for n in missing)}")
