@@ -1,0 +1,217 @@
+"""Light that is computed once a world: shadow maps, a volume of ambient light, a sky.
+
+Axes: m points or directions, s shadow map side, d h w voxels.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from gaussian_enhancer.scene.procedural.atlas import Atlas
+from gaussian_enhancer.scene.procedural.draft import LightSpec, SkySpec, Vector
+from gaussian_enhancer.scene.procedural.mesh import Mesh
+from gaussian_enhancer.scene.procedural.raster import Keep, SampleGrid, nearest_faces, project, sample_positions
+from gaussian_enhancer.types import Camera
+
+_SH0, _SH1 = 0.28209479, 0.48860251
+_FAR = 60.0
+
+
+def look_at(eye: Float[Tensor, " 3"], target: Float[Tensor, " 3"], focal: float, height: int, width: int) -> Camera:
+    """A camera at `eye` that looks at `target` with the world's z upwards."""
+    forward = functional.normalize(target.double() - eye.double(), dim=0)
+    up = torch.tensor([0.0, 0.0, 1.0] if abs(float(forward[2])) < 0.999 else [0.0, 1.0, 0.0], dtype=torch.float64)
+    right = functional.normalize(torch.linalg.cross(forward, up), dim=0)
+    rotation = torch.stack([right, torch.linalg.cross(forward, right), forward])
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ eye.double()
+    K = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    return Camera(K, pose.float(), height, width)
+
+
+def inverse_depth(mesh: Mesh, camera: Camera, keep: Keep, *, casting: bool = False) -> Float[Tensor, "h w"]:
+    """1/z at every pixel's centre, 0 where nothing is hit; `casting` leaves out what throws no shadow."""
+    chosen = mesh.casts.nonzero()[:, 0] if casting else torch.arange(len(mesh.casts), device=mesh.casts.device)
+    projected = project(mesh.corners[chosen], camera)
+    grid = SampleGrid()
+
+    def solid(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
+        uv = _uv_at(projected.edges[face], mesh.uvs[chosen[face]], x, y)
+        return keep(chosen[face], uv[:, 0], uv[:, 1])
+
+    face = nearest_faces(projected, grid, camera.width, 0, camera.height, mesh.cutout[chosen], solid)
+    x, y = sample_positions(grid, camera.width, 0, camera.height, face.device)
+    edges = projected.edges[face.clamp_min(0)].sum(1)
+    inverse = edges[:, 0] * x + edges[:, 1] * y + edges[:, 2]
+    return torch.where(face >= 0, inverse, torch.zeros_like(inverse)).view(camera.height, camera.width)
+
+
+def _uv_at(edges: Tensor, uvs: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    weights = edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2]
+    weights = (weights / weights.sum(1, keepdim=True)).float()
+    return (weights[..., None] * uvs).sum(1)
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light with its baked shadow map."""
+
+    spec: LightSpec
+    camera: Camera
+    shadow: Float[Tensor, "s s"]
+
+    def arriving(
+        self, points: Float[Tensor, "m 3"], normals: Float[Tensor, "m 3"]
+    ) -> tuple[Float[Tensor, "m 3"], Float[Tensor, "m 3"], Float[Tensor, " m"]]:
+        """Direction to the light, its colour at each point, and how much of it is not in shadow."""
+        position = points.new_tensor(self.spec.position)
+        towards = position - points
+        distance = towards.norm(dim=1, keepdim=True)
+        towards = towards / distance
+        colour = points.new_tensor(self.spec.colour).expand_as(points)
+        if self.spec.local:
+            reference = (position - points.new_tensor(self.spec.target)).norm()
+            colour = colour * (reference / distance.clamp_min(0.15)) ** 2
+        texel = float(distance.mean()) / float(self.camera.K[0, 0])
+        return towards, colour, self._lit(points + (1.5 * texel) * normals)
+
+    def _lit(self, points: Tensor) -> Tensor:
+        """Share of a 3 x 3 texel neighbourhood (bilinear, from 4 x 4 comparisons) that sees the light."""
+        pose, K = self.camera.world_to_camera.to(points.device).double(), self.camera.K.to(points.device).double()
+        pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+        z = pixel[:, 2].clamp_min(1e-3)
+        place = (pixel[:, :2] / z[:, None]).float() - 0.5
+        slack = 0.004 * self.spec.radius if not self.spec.local else 0.02
+        inverse = (1 / (z - slack).clamp_min(1e-3)).float()
+        corner = place.floor()
+        u, v = (place - corner).unbind(1)
+        x, y = corner.long().unbind(1)
+        side = self.shadow.shape[0]
+        inside = (pixel[:, 2] > 1e-3) & (x >= 1) & (y >= 1) & (x < side - 2) & (y < side - 2)
+        x, y = x.clamp(1, side - 3), y.clamp(1, side - 3)
+        flat, lit = self.shadow.view(-1), torch.zeros_like(u)
+        across, down = (1 - u, 1, 1, u), (1 - v, 1, 1, v)
+        for j in range(4):
+            for i in range(4):
+                seen = flat[(y + j - 1) * side + x + (i - 1)] <= inverse
+                lit = lit + seen * (across[i] * down[j] / 9)
+        return torch.where(inside, lit, torch.ones_like(lit))
+
+
+def bake_light(spec: LightSpec, mesh: Mesh, keep: Keep) -> Light:
+    """Draw a light's shadow map."""
+    eye, target = torch.tensor(spec.position), torch.tensor(spec.target)
+    distance = float((eye - target).norm())
+    camera = look_at(eye, target, 0.5 * spec.side * distance / spec.radius, spec.side, spec.side)
+    return Light(spec, camera, inverse_depth(mesh, camera, keep, casting=True).float())
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Colour of the direction in which nothing is hit."""
+
+    spec: SkySpec
+
+    def radiance(
+        self, directions: Float[Tensor, "m 3"], atlas: Atlas, footprint: float, *, sharp: bool = True
+    ) -> Float[Tensor, "m 3"]:
+        """Linear radiance from unit directions; `footprint` is a sample's angle in radians."""
+
+        def colour(values: Vector) -> Tensor:
+            return directions.new_tensor(values)
+
+        up = directions[:, 2:3]
+        result = torch.lerp(colour(self.spec.horizon), colour(self.spec.zenith), up.clamp_min(0) ** 0.55)
+        if self.spec.studio:
+            # Three soft boxes: what glossy things under studio light show.
+            angle = torch.atan2(directions[:, 1:2], directions[:, 0:1])
+            for centre, wide, strength in ((0.6, 0.45, 2.2), (2.9, 0.6, 1.1), (-1.6, 0.3, 1.6)):
+                near = (torch.cos(angle - centre) - torch.cos(colour((wide, wide, wide))[:1])).clamp_min(0) * 8
+                result = result + strength * near.clamp_max(1) * ((up > 0.15) & (up < 0.75))
+        else:
+            toward = (directions * functional.normalize(colour(self.spec.sun), dim=0)).sum(1, keepdim=True)
+            glow = 0.35 * toward.clamp_min(0) ** 24 + 0.2 * toward.clamp_min(0) ** 4
+            result = result * (1 + glow)
+            if sharp:
+                flat = directions[:, :2] / (up.clamp_min(0) + 0.12)
+                texture = torch.full((len(directions),), self.spec.cloud_texture, device=directions.device)
+                spread = footprint / (up.clamp_min(0) + 0.12)[:, 0] ** 1.5 * 0.35
+                cloud = atlas.read(texture, flat * 0.35, spread)
+                cover = cloud[:, 3:4] * (up * 6).clamp(0, 1)
+                lit = cloud[:, :3] * (0.35 * result.mean(1, keepdim=True) + 0.75 * result.amax(1, keepdim=True))
+                result = torch.lerp(result, lit * 1.3, cover)
+        below = (-up * 5).clamp(0, 1)
+        return torch.lerp(result, colour(self.spec.ground).expand_as(result), below)
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """Light of sky and ground that reaches each place, with its direction: spherical harmonics of degree 1 in a volume.
+
+    The irradiance is that of Ramamoorthi and Hanrahan (SIGGRAPH 2001), cut after the linear terms.
+    """
+
+    volume: Float[Tensor, "1 12 d h w"]
+    lower: Float[Tensor, " 3"]
+    upper: Float[Tensor, " 3"]
+
+    def irradiance(self, points: Float[Tensor, "m 3"], normals: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
+        """Irradiance over pi on surfaces with these normals."""
+        extent = self.upper - self.lower
+        voxel = extent / extent.new_tensor(self.volume.shape[:1:-1])
+        place = (points + 0.8 * voxel * normals - self.lower) / extent * 2 - 1
+        read = functional.grid_sample(
+            self.volume, place.view(1, 1, 1, -1, 3), padding_mode="border", align_corners=False
+        )
+        coefficients = read.view(4, 3, -1)
+        result = _SH0 * coefficients[0] + (2 / 3) * _SH1 * (normals.T[:, None] * coefficients[1:]).sum(0)
+        return result.T.clamp_min(0.005)
+
+
+def bake_ambient(
+    mesh: Mesh,
+    keep: Keep,
+    sky: Sky,
+    atlas: Atlas,
+    corners: tuple[Vector, Vector],
+    *,
+    resolution: int = 56,
+    directions: int = 48,
+    side: int = 192,
+) -> Ambient:
+    """Ask from `directions` sides which voxels see the sky, and gather what arrives."""
+    device = mesh.corners.device
+    lower, upper = (torch.tensor(corner, device=device) for corner in corners)
+    extent = upper - lower
+    counts = (extent / extent.max() * resolution).ceil().long().clamp_min(8).tolist()
+    axes = [(torch.arange(n, device=device) + 0.5) / n * float(e) + float(o) for n, e, o in zip(counts, extent, lower, strict=True)]
+    z, y, x = torch.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+    points = torch.stack([x, y, z], dim=-1).view(-1, 3)
+    middle, radius = (lower + upper).cpu() / 2, float(extent.norm()) / 2
+    index = torch.arange(directions, dtype=torch.float64) + 0.5
+    height, turn = 1 - 2 * index / directions, torch.pi * (1 + 5**0.5) * index
+    ring = (1 - height**2).sqrt()
+    towards = torch.stack([ring * turn.cos(), ring * turn.sin(), height], dim=1).float()
+    volume = torch.zeros(len(points), 4, 3, device=device)
+    for direction in towards:
+        camera = look_at(middle + direction * radius * _FAR, middle, 0.5 * side * _FAR, side, side)
+        shadow = inverse_depth(mesh, camera, keep, casting=True)
+        seen = _visible(points, camera, shadow, radius * 2.0 / side)
+        way = direction.to(device)
+        light = sky.radiance(way[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
+        basis = torch.cat([way.new_tensor([_SH0]), _SH1 * way])
+        volume += seen[:, None, None] * basis[None, :, None] * light[:, None, :]
+    shape = (counts[2], counts[1], counts[0])
+    return Ambient(volume.view(*shape, 12).permute(3, 0, 1, 2)[None].contiguous(), lower, upper)
+
+
+def _visible(points: Tensor, camera: Camera, shadow: Tensor, slack: float) -> Tensor:
+    pose, K = camera.world_to_camera.to(points.device).double(), camera.K.to(points.device).double()
+    pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+    z = pixel[:, 2]
+    x, y = (pixel[:, :2] / z[:, None]).long().unbind(1)
+    read = shadow[y.clamp(0, camera.height - 1), x.clamp(0, camera.width - 1)]
+    return (read * (z - slack) <= 1).float()

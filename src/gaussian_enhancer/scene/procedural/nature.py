@@ -1,0 +1,116 @@
+"""Things that stand outdoors: trees, stones, grass, bushes, posts, far hills and blocks of houses.
+
+Each function puts one thing, or one lot of things, into a draft. Metres.
+"""
+
+import numpy as np
+
+from gaussian_enhancer.scene.procedural import shapes
+from gaussian_enhancer.scene.procedural.draft import Vector
+from gaussian_enhancer.scene.procedural.mesh import joined
+from gaussian_enhancer.scene.procedural.palette import Palette
+
+
+def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> None:
+    """A trunk that forks twice, and a crown of leaf cards about the ends of its branches."""
+    rng = p.draft.rng
+    trunk = height * rng.uniform(0.25, 0.4)
+    thick = height * rng.uniform(0.016, 0.028)
+    lean = rng.normal(size=2) * 0.06 * height
+    t = np.linspace(0, 1, 6)[:, None]
+    stem = np.concatenate([lean * t**2 + rng.normal(size=(6, 2)) * 0.008 * height * t, trunk * t], axis=1)
+    wood, ends = [shapes.tube(stem, thick * (1.35 - 0.5 * t[:, 0]), 10)], []
+    for k in range(int(rng.integers(4, 7))):
+        angle = 2 * np.pi * (k + rng.uniform(0, 0.6)) / 5
+        reach = height * rng.uniform(0.16, 0.3)
+        rise = height * rng.uniform(0.2, 0.55)
+        way = np.array([np.cos(angle) * reach, np.sin(angle) * reach, rise])
+        branch = stem[-1] + way * t + np.array([0, 0, -0.08 * height]) * (t * (1 - t))
+        wood.append(shapes.tube(branch, thick * 0.6 * (1 - 0.75 * t[:, 0]), 6))
+        for _ in range(3):
+            start = branch[int(rng.integers(2, 5))]
+            twig = start + (way * rng.uniform(0.2, 0.5) + rng.normal(size=3) * 0.1 * height) * t
+            wood.append(shapes.tube(twig, thick * 0.22 * (1 - 0.8 * t[:, 0]), 4))
+            ends.extend(twig[3:])
+        ends.extend(branch[3:])
+    p.draft.add(joined(wood).placed(at), p("bark"))
+    centres = np.array(ends)[rng.integers(0, len(ends), cards)]
+    centres = centres + rng.normal(size=(cards, 3)) * height * np.array([0.075, 0.075, 0.055])
+    size = max(0.3, height * 0.11)
+    p.draft.add(shapes.cards(rng, centres, size).placed(at), p(f"leaves{kind}"))
+
+
+def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
+    """A round bush: leaf cards over a dark core."""
+    rng = p.draft.rng
+    way = rng.normal(size=(cards, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    centres = way * np.array([1, 1, 0.8]) * radius * rng.uniform(0.7, 1.0, (cards, 1))
+    centres[:, 2] = np.abs(centres[:, 2])
+    p.draft.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).placed(at), p("leaves 2"))
+    p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).placed(at), p("foliage"))
+
+
+def stone(p: Palette, at: Vector, size: float, material: str = "concrete 2") -> None:
+    """A boulder."""
+    rng = p.draft.rng
+    radii = size * rng.uniform(0.5, 1.0, 3)
+    part = shapes.ellipsoid((radii[0], radii[1], radii[2] * 0.8), 26, rng.normal(size=(7, 3)) * 3.0)
+    p.draft.add(part.placed(at, yaw=rng.uniform(0, 6.3)), p(material))
+
+
+def grass(p: Palette, count: int, inner: float, outer: float, height: float, centre: tuple[float, float] = (0, 0)) -> None:
+    """Blades in tufts over a ring on flat ground."""
+    rng = p.draft.rng
+    tufts = max(1, count // 14)
+    r = np.sqrt(rng.uniform(inner**2, outer**2, tufts))
+    a = rng.uniform(0, 2 * np.pi, tufts)
+    which = rng.integers(0, tufts, count)
+    xy = np.stack([r * np.cos(a), r * np.sin(a)], axis=1)[which] + rng.normal(size=(count, 2)) * 0.07
+    roots = np.concatenate([xy + np.asarray(centre), np.full((count, 1), -0.01)], axis=1)
+    p.draft.add(shapes.blades(rng, roots, height, 0.012), p("blades"), casts=False)
+
+
+def hills(p: Palette, distance: float, height: float, material: str) -> None:
+    """A closed ring of hills."""
+    rng = p.draft.rng
+    angle = np.linspace(0, 2 * np.pi, 181)
+    ridge = np.zeros_like(angle)
+    for k in (2, 3, 5, 8, 13, 21, 34):
+        ridge += rng.normal() / k * np.sin(k * angle + rng.uniform(0, 6.3))
+    ridge = height * (0.75 + 0.5 * ridge)
+    steps = np.linspace(0, 1, 9)[:, None]
+    r = distance * (1 + 0.5 * steps)
+    z = np.maximum(ridge, 0.15 * height)[None] * np.sin(steps * np.pi / 2) - 2.0
+    positions = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
+    uvs = np.stack(np.broadcast_arrays(angle[None] * distance, r + z), axis=-1)
+    p.draft.add(shapes.sheet(positions, uvs), p(material), casts=False)
+
+
+def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str, *, gable: bool = True) -> None:
+    """A house seen from some way off: walls, rows of framed windows, a roof."""
+    x, y, h = size
+    parts, panes, frames = [shapes.box(size)], [], []
+    for side, width, turn in ((y / 2, x, 0.0), (x / 2, y, np.pi / 2), (y / 2, x, np.pi), (x / 2, y, -np.pi / 2)):
+        for k in range(max(1, int(width / 2.4))):
+            for level in range(max(1, int(h / 2.9))):
+                u = (k + 0.5) * width / max(1, int(width / 2.4)) - width / 2
+                panes.append(shapes.quad((u - 0.5, -side - 0.03, level * 2.9 + 2.4), (1.0, 0, 0), (0, 0, -1.4)).placed(yaw=turn))
+                frames += [shapes.box((w, 0.14, t)).placed((u + dx, -side, level * 2.9 + z)).placed(yaw=turn) for dx, z, w, t in ((0, 0.9, 1.3, 0.1), (0, 2.4, 1.2, 0.1), (-0.53, 1.0, 0.08, 1.4), (0.53, 1.0, 0.08, 1.4), (0, 1.0, 0.05, 1.4))]
+    p.draft.add(joined(parts).placed(at, yaw=yaw), p(wall))
+    p.draft.add(joined(panes).placed(at, yaw=yaw), p("glass"))
+    p.draft.add(joined(frames).placed(at, yaw=yaw), p("plaster 3"))
+    if gable:
+        top, over = h + 0.45 * y, 0.4
+        slopes = [shapes.quad((-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over), (x + 2 * over, 0, 0), (0, s * (y / 2 + over), top - h + 0.18 * y * over)) for s in (-1, 1)]
+        p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
+        gables = [shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, top)) for s in (-1, 1)]
+        p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
+
+
+def lamp_post(p: Palette, at: Vector, height: float) -> None:
+    """A slim post with an arm."""
+    profile = np.array([[0.09, 0], [0.09, 0.25], [0.05, 0.3], [0.035, height]])
+    arm = np.array([[0, 0, height], [0.1, 0, height + 0.2], [0.5, 0, height + 0.3], [0.9, 0, height + 0.25]])
+    parts = [shapes.lathe(profile, 14), shapes.tube(arm, 0.025, 8), shapes.ellipsoid((0.22, 0.1, 0.06)).placed((0.95, 0, height + 0.23))]
+    p.draft.add(joined(parts).placed(at, yaw=p.draft.rng.uniform(0, 6.3)), p("iron"))

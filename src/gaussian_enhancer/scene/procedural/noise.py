@@ -1,0 +1,85 @@
+"""Seamless random fields and colours that textures are mixed from.
+
+Axes: t texture side, g cells along a side.
+"""
+
+import colorsys
+
+import numpy as np
+from jaxtyping import Float
+
+SIDE = 512
+Colour = tuple[float, float, float]
+
+
+def fractal(
+    rng: np.random.Generator, beta: float = 1.0, stretch: tuple[float, float] = (1.0, 1.0), low: float = 1.0, side: int = SIDE
+) -> Float[np.ndarray, "t t"]:
+    """Noise with amplitude falling as 1/frequency^beta, mean 0.5 and standard deviation about 0.2, in [0, 1].
+
+    Args:
+        rng: source of randomness.
+        beta: slope of the amplitude spectrum; photos have about 1.
+        stretch: lengthening of the grain along u and v.
+        low: frequency in cycles a repeat below which the spectrum is flat.
+        side: texels along a side.
+    """
+    fv = np.fft.fftfreq(side, 1 / side)[:, None] * stretch[1]
+    fu = np.fft.rfftfreq(side, 1 / side)[None] * stretch[0]
+    spectrum = np.fft.rfft2(rng.normal(size=(side, side))) / np.maximum(np.hypot(fu, fv), low) ** beta
+    spectrum[0, 0] = 0
+    field = np.fft.irfft2(spectrum, s=(side, side))
+    return np.clip(0.5 + 0.2 * field / field.std(), 0, 1)
+
+
+def cells(
+    rng: np.random.Generator, grid: int, jitter: float = 0.9, side: int = SIDE
+) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, "t t"], Float[np.ndarray, "t t"]]:
+    """Worley cells: distance to the nearest point, how much nearer it is than the second, and a random value a cell."""
+    points = 0.5 + jitter * (rng.random((grid, grid, 2)) - 0.5)
+    values = rng.random((grid, grid))
+    axis = np.arange(side) * grid / side
+    v, u = np.meshgrid(axis, axis, indexing="ij")
+    cell_v, cell_u = v.astype(int), u.astype(int)
+    first, second = np.full((side, side), 9.0), np.full((side, side), 9.0)
+    value = np.zeros((side, side))
+    for dv in (-1, 0, 1):
+        for du in (-1, 0, 1):
+            gv, gu = (cell_v + dv) % grid, (cell_u + du) % grid
+            distance = np.hypot(cell_u + du + points[gv, gu, 0] - u, cell_v + dv + points[gv, gu, 1] - v)
+            closer = distance < first
+            second = np.where(closer, first, np.minimum(second, distance))
+            first = np.where(closer, distance, first)
+            value = np.where(closer, values[gv, gu], value)
+    return first, second - first, value
+
+
+def step(edge0: float, edge1: float, x: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:
+    """Smooth step from 0 at `edge0` to 1 at `edge1`."""
+    s = np.clip((x - edge0) / (edge1 - edge0), 0, 1)
+    return s * s * (3 - 2 * s)
+
+
+def blend(first: Float[np.ndarray, "..."], second: Float[np.ndarray, "..."], share: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t 3"]:
+    """Mix two colours or colour pictures by a mask."""
+    return np.asarray(first) * (1 - share[..., None]) + np.asarray(second) * share[..., None]
+
+
+def muted(
+    rng: np.random.Generator,
+    saturation: tuple[float, float] = (0.1, 0.45),
+    value: tuple[float, float] = (0.3, 0.75),
+    hue: tuple[float, float] = (0.0, 1.0),
+) -> Colour:
+    """A colour as things have it: not neon."""
+    return colorsys.hsv_to_rgb(rng.uniform(*hue) % 1.0, rng.uniform(*saturation), rng.uniform(*value))
+
+
+def earthy(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.65)) -> Colour:
+    """Brown to grey: stone, soil, bark."""
+    return muted(rng, (0.08, 0.4), value, (0.04, 0.14))
+
+
+def green(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.55)) -> Colour:
+    """The green to olive of plants."""
+    return muted(rng, (0.3, 0.65), value, (0.17, 0.33))

@@ -1,0 +1,214 @@
+"""Shapes that worlds are made of: quads, boxes, solids of revolution, tubes, terrains, leaf cards and grass blades.
+
+Axes: k points of a profile or path, n cards or blades, v vertices, f faces. Metres, z up.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussian_enhancer.scene.procedural.mesh import Part, joined
+
+Vector = tuple[float, float, float]
+
+
+def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[float, float] = (0.0, 0.0)) -> Part:
+    """A parallelogram from its upper left corner; texture u grows to the right and v downwards, from `uv0`."""
+    o, r, d = (np.asarray(value, dtype=float) for value in (origin, right, down))
+    normal = np.cross(d, r)
+    normal /= np.linalg.norm(normal)
+    width, height = np.linalg.norm(r), np.linalg.norm(d)
+    positions = np.stack([o, o + r, o + r + d, o + d])
+    uvs = np.array([[0, 0], [width, 0], [width, height], [0, height]]) + np.asarray(uv0)
+    return Part(positions, np.tile(normal, (4, 1)), uvs, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def box(size: Vector, uv0: tuple[float, float] = (0.0, 0.0)) -> Part:
+    """A box standing on the origin: centred in x and y, from 0 to its height in z."""
+    x, y, h = size[0] / 2, size[1] / 2, size[2]
+    return joined(
+        [
+            quad((-x, -y, h), (2 * x, 0, 0), (0, 0, -h), uv0),
+            quad((x, y, h), (-2 * x, 0, 0), (0, 0, -h), uv0),
+            quad((x, -y, h), (0, 2 * y, 0), (0, 0, -h), uv0),
+            quad((-x, y, h), (0, -2 * y, 0), (0, 0, -h), uv0),
+            quad((-x, y, h), (2 * x, 0, 0), (0, -2 * y, 0), uv0),
+            quad((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), uv0),
+        ]
+    )
+
+
+def triangle(a: Vector, b: Vector, c: Vector) -> Part:
+    """One triangle; its texture runs along its first side."""
+    positions = np.array([a, b, c], dtype=float)
+    along = positions[1] - positions[0]
+    width = np.linalg.norm(along)
+    along /= width
+    normal = np.cross(along, positions[2] - positions[0])
+    normal /= np.linalg.norm(normal)
+    local = (positions - positions[0]) @ np.stack([along, -np.cross(normal, along)], axis=1)
+    return Part(positions, np.tile(normal, (3, 1)), local, np.array([[0, 1, 2]]))
+
+
+def beam(start: Vector, end: Vector, width: float, depth: float) -> Part:
+    """A straight square bar between two points."""
+    a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    w = (b - a) / np.linalg.norm(b - a)
+    u = np.cross(w, [0.0, 0.0, 1.0] if abs(w[2]) < 0.9 else [0.0, 1.0, 0.0])
+    u /= np.linalg.norm(u)
+    v = np.cross(w, u)
+    part = box((width, depth, float(np.linalg.norm(b - a))))
+    frame = np.stack([u, v, w], axis=1)
+    return Part(part.positions @ frame.T + a, part.normals @ frame.T, part.uvs, part.faces)
+
+
+def sheet(positions: np.ndarray, uvs: np.ndarray) -> Part:
+    """A smooth surface through a grid of (rows, columns) points."""
+    rows, columns = positions.shape[:2]
+    along_row = np.gradient(positions, axis=1)
+    along_column = np.gradient(positions, axis=0)
+    normals = np.cross(along_row, along_column)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+
+
+def _round(positions: np.ndarray, uvs: np.ndarray) -> Part:
+    """A sheet whose last column meets its first: its normals are made to agree along the seam."""
+    part = sheet(positions, uvs)
+    normals = part.normals.reshape(positions.shape).copy()
+    seam = normals[:, 0] + normals[:, -1]
+    seam /= np.maximum(np.linalg.norm(seam, axis=1, keepdims=True), 1e-12)
+    normals[:, 0] = normals[:, -1] = seam
+    return Part(part.positions, normals.reshape(-1, 3), part.uvs, part.faces)
+
+
+def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0, depth: float = 0.0) -> Part:
+    """A solid of revolution about z from (radius, height) pairs, optionally with flutes cut `depth` (relative) deep."""
+    angle = np.linspace(0, 2 * np.pi, segments + 1)
+    radius = profile[:, :1] * (1 - depth * (0.5 + 0.5 * np.cos(flutes * angle))[None])
+    positions = np.stack(
+        [radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(profile[:, 1:], radius.shape)], axis=-1
+    )
+    steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    girth = 2 * np.pi * max(float(profile[:, 0].max()), 1e-6)
+    uvs = np.stack(np.broadcast_arrays(angle[None] / (2 * np.pi) * girth, along.max() - along[:, None]), axis=-1)
+    return _round(positions, uvs)
+
+
+def smooth_profile(points: list[tuple[float, float]], count: int = 24) -> Float[np.ndarray, "k 2"]:
+    """A Catmull-Rom curve through (radius, height) points, for `lathe`."""
+    p = np.array([points[0], *points, points[-1]], dtype=float)
+    t = np.linspace(0, len(points) - 1 - 1e-9, count)
+    i = t.astype(int)
+    s = (t - i)[:, None]
+    a, b, c, d = p[i], p[i + 1], p[i + 2], p[i + 3]
+    curve = 0.5 * (2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3)
+    return np.stack([np.maximum(curve[:, 0], 0.0), curve[:, 1]], axis=1)
+
+
+def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"] | None = None) -> Part:
+    """An ellipsoid about the origin; `bumps` are waves that make a stone or a bush of it."""
+    polar = np.linspace(0, np.pi, segments // 2 + 1)[:, None]
+    angle = np.linspace(0, 2 * np.pi, segments + 1)[None]
+    unit = np.stack(
+        np.broadcast_arrays(np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), -np.cos(polar)), axis=-1
+    )
+    swell = np.ones(unit.shape[:2])
+    for wave in bumps if bumps is not None else ():
+        swell = swell + 0.35 / (1 + np.linalg.norm(wave)) * np.sin(unit @ wave + wave.sum())
+    positions = unit * swell[..., None] * np.asarray(radii)
+    size = float(np.mean(radii))
+    uvs = np.stack(np.broadcast_arrays(angle * size, polar * size), axis=-1)
+    return _round(positions, uvs)
+
+
+def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"], sides: int = 8) -> Part:
+    """A round tube along a path, with a radius that may vary: wires, poles, branches, frames."""
+    tangent = np.gradient(path, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    side = np.empty_like(path)
+    first = np.cross(tangent[0], [0.0, 0.0, 1.0] if abs(tangent[0, 2]) < 0.9 else [1.0, 0.0, 0.0])
+    for i, direction in enumerate(tangent):
+        first = first - direction * (first @ direction)
+        first = first / np.linalg.norm(first)
+        side[i] = first
+    other = np.cross(tangent, side)
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    r = np.broadcast_to(np.asarray(radius, dtype=float), (len(path),))[:, None, None]
+    ring = np.cos(angle)[None, :, None] * side[:, None] + np.sin(angle)[None, :, None] * other[:, None]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    around = angle * float(np.mean(r))
+    uvs = np.stack(np.broadcast_arrays(around[None], along[:, None]), axis=-1)
+    return _round(path[:, None] + r * ring, uvs)
+
+
+def rod(start: Vector, end: Vector, radius: float, sides: int = 8) -> Part:
+    """A straight tube between two points."""
+    return tube(np.array([start, end], dtype=float), radius, sides)
+
+
+def wire(start: Vector, end: Vector, sag: float, radius: float, sides: int = 4, count: int = 14) -> Part:
+    """A hanging wire."""
+    t = np.linspace(0, 1, count)[:, None]
+    path = np.asarray(start) * (1 - t) + np.asarray(end) * t
+    path[:, 2] -= sag * 4 * (t * (1 - t))[:, 0]
+    return tube(path, radius, sides)
+
+
+def terrain(
+    xs: Float[np.ndarray, " k"], ys: Float[np.ndarray, " k"], height: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Part:
+    """Ground over a grid of x and y, at the heights that a function gives."""
+    x, y = np.meshgrid(xs, ys)
+    return sheet(np.stack([x, y, height(x, y)], axis=-1), np.stack([x, y], axis=-1))
+
+
+def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> Part:
+    """A hanging cloth in the xz plane that waves in y."""
+    x, z = np.meshgrid(np.linspace(0, width, columns), np.linspace(height, 0, 6))
+    y = depth * np.sin(2 * np.pi * folds * x / width + 0.3 * np.sin(3 * x)) * (0.6 + 0.4 * (1 - z / height))
+    return sheet(np.stack([x, y, z], axis=-1), np.stack([x * 1.3, height - z], axis=-1))
+
+
+def cards(
+    rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5
+) -> Part:
+    """Randomly turned square cards, one a centre, for leaf textures with holes; `lift` 0 stands them upright."""
+    n = len(centres)
+    yaw, pitch = rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi / 2, np.pi / 2, n) * lift
+    right = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(n)], -1)
+    down = np.stack([np.sin(pitch) * np.sin(yaw), -np.sin(pitch) * np.cos(yaw), -np.cos(pitch)], -1)
+    half = (0.5 * size * rng.uniform(0.7, 1.3, n))[:, None]
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    positions = np.stack([centres + half * (a * right + b * down) for a, b in corners], axis=1)
+    # Normals that point away from the whole crown light it as a volume, not as single cards.
+    away = centres - centres.mean(0) + np.array([0, 0, 0.4]) * size
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    normals = np.repeat(away[:, None], 4, axis=1)
+    uvs = np.broadcast_to(np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * size, (n, 4, 2))
+    start = 4 * np.arange(n)[:, None, None]
+    faces = (start + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+
+
+def blades(rng: np.random.Generator, roots: Float[np.ndarray, "n 3"], height: float, width: float) -> Part:
+    """Grass: one slender bent blade of two triangles a root."""
+    n = len(roots)
+    yaw, lean = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
+    tall = (height * rng.uniform(0.5, 1.3, n))[:, None]
+    right = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(n)], -1) * width / 2
+    bend = np.stack([np.cos(lean), np.sin(lean), np.zeros(n)], -1) * tall * rng.uniform(0.1, 0.6, n)[:, None]
+    up = np.array([0, 0, 1.0]) * tall
+    middle = roots + 0.55 * up + 0.3 * bend
+    positions = np.stack([roots - right, roots + right, middle + 0.7 * right, roots + up + bend], axis=1)
+    normals = np.broadcast_to(np.array([0, 0, 1.0]), positions.shape) + 0.5 * rng.normal(size=(n, 1, 3))
+    normals = normals / np.linalg.norm(normals, axis=2, keepdims=True)
+    uv = np.array([[0, 1], [0.1, 1], [0.08, 0.45], [0.05, 0.0]]) * height
+    uvs = uv[None] + rng.uniform(0, 4, (n, 1, 2))
+    faces = (4 * np.arange(n)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)

@@ -1,0 +1,148 @@
+"""The scene source: a procedural world as posed photos with exact depth, rendered when they are asked for.
+
+Axes: h height, w width, p points.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.procedural import shade
+from gaussian_enhancer.scene.procedural.draft import Draft
+from gaussian_enhancer.scene.procedural.indoor import draft_indoor
+from gaussian_enhancer.scene.procedural.light import look_at
+from gaussian_enhancer.scene.procedural.outdoor import draft_outdoor
+from gaussian_enhancer.scene.procedural.raster import SampleGrid
+from gaussian_enhancer.scene.procedural.single import draft_object
+from gaussian_enhancer.scene.procedural.unbounded import draft_unbounded
+from gaussian_enhancer.scene.procedural.world import World, bake_world
+from gaussian_enhancer.scene.scene import Photo, Points, Scene
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.types import Camera
+
+_FAMILIES = {
+    "unbounded": draft_unbounded,
+    "outdoor": draft_outdoor,
+    "indoor": draft_indoor,
+    "object": draft_object,
+}
+FAMILIES = tuple(_FAMILIES)
+
+
+@lru_cache(maxsize=2)
+def _baked(family: str, seed: int, device: str) -> tuple[World, Draft]:
+    draft = _FAMILIES[family](seed)
+    with torch.no_grad():
+        world = bake_world(draft, torch.device(device))
+    draft.textures.clear()
+    draft.builder.parts.clear()
+    return world, draft
+
+
+@dataclass(frozen=True)
+class ProceduralView:
+    """One view of a world; small enough to be sent to another process, which bakes the world for itself."""
+
+    family: str
+    seed: int
+    camera: Camera
+    device: str
+
+    @torch.no_grad()
+    def photo(self) -> Float[Tensor, "3 h w"]:
+        """The anti-aliased picture, on the CPU."""
+        return shade.photo(_baked(self.family, self.seed, self.device)[0], self.camera)[0].cpu()
+
+    @torch.no_grad()
+    def alpha(self) -> Float[Tensor, "1 h w"]:
+        """The share of each pixel that geometry covers, on the CPU."""
+        return shade.coverage(_baked(self.family, self.seed, self.device)[0], self.camera).cpu()
+
+    @torch.no_grad()
+    def depth(self) -> Float[Tensor, "1 h w"]:
+        """Exact z at pixel centres, 0 on the sky, on the CPU."""
+        return shade.depth(_baked(self.family, self.seed, self.device)[0], self.camera).cpu()
+
+
+def procedural_scene(
+    family: str,
+    seed: int,
+    *,
+    height: int = 192,
+    width: int = 256,
+    views: int = 48,
+    test_every: int = 8,
+    train_every: int = 1,
+    unused_as_test: bool = False,
+    field_of_view: float | None = None,
+    points: int = 3000,
+    device: str = "cpu",
+) -> Scene:
+    """Build the procedural scene that a family and a seed determine.
+
+    The world and the cameras do not depend on the size, so the same scene at four times the size is the truth for
+    super-resolution. Depth is exact; `object` has exact coverage (`read_alpha`) over white, the others fill the view.
+
+    Args:
+        family: `unbounded`, `outdoor`, `indoor` or `object`.
+        seed: which world of the family, at least 0.
+        height: photo height in pixels.
+        width: photo width in pixels.
+        views: number of photos along the camera path.
+        test_every: every how many photos one is held out; 0 holds none out.
+        train_every: keep every n-th training photo only.
+        unused_as_test: hold out the photos that thinning removed, too.
+        field_of_view: horizontal, degrees; None takes the family's own.
+        points: number of surface points to sample from training views, slightly off as from structure from motion.
+        device: where photos are rendered; they are returned on the CPU.
+
+    Raises:
+        InputError: unknown family, or a number out of range.
+    """
+    if family not in _FAMILIES:
+        raise InputError("procedural family", f"is {family!r}", f"choose one of {', '.join(FAMILIES)}")
+    for name, value, least in (("seed", seed, 0), ("height", height, 1), ("width", width, 1), ("views", views, 1), ("points", points, 0)):
+        if value < least:
+            raise InputError(f"procedural {name}", f"is {value}", f"give at least {least}")
+    if field_of_view is not None and not 1.0 <= field_of_view <= 170.0:
+        raise InputError("procedural field_of_view", f"is {field_of_view}", "give 1 to 170 degrees")
+    train, test = Split(test_every=test_every, train_every=train_every, unused_as_test=unused_as_test)(views)
+    _, draft = _baked(family, seed, device)
+    angle = np.deg2rad(field_of_view or draft.field_of_view)
+    focal = 0.5 * width / float(np.tan(angle / 2))
+    eyes, targets = (torch.from_numpy(places) for places in draft.path(views))
+    photos = []
+    for k in range(views):
+        view = ProceduralView(family, seed, look_at(eyes[k], targets[k], focal, height, width), device)
+        alpha = view.alpha if family == "object" else None
+        photos.append(Photo(f"{k:04d}.png", view.camera, view.photo, view.depth, alpha))
+    scene = Scene(f"{family}_{seed}", tuple(photos), train, test, draft.background or (0.0, 0.0, 0.0))
+    cloud = _points(scene, _baked(family, seed, device)[0], points, seed) if points else None
+    return Scene(scene.name, scene.photos, train, test, scene.background, cloud)
+
+
+@torch.no_grad()
+def _points(scene: Scene, world: World, count: int, seed: int) -> Points:
+    """Surface points that training views see, off by about half a pixel of a view 256 pixels wide."""
+    generator = torch.Generator().manual_seed(seed)
+    chosen = scene.train_photos[:: max(1, len(scene.train) // 16)]
+    positions, colours = [], []
+    for photo in chosen:
+        assert photo.camera is not None
+        camera = photo.camera.resized(72, 96)
+        z = shade.depth(world, camera).cpu()[0]
+        picture = shade.photo(world, camera, SampleGrid())[0].cpu()
+        seen = ((z > 0) & (z < 500)).flatten().nonzero()[:, 0]
+        picked = seen[torch.randperm(len(seen), generator=generator)[: -(-count // len(chosen))]]
+        y, x, depth = picked // 96, picked % 96, z.flatten()[picked]
+        pixels = torch.stack([x + 0.5, y + 0.5, torch.ones(len(picked))], dim=1)
+        local = pixels @ torch.linalg.inv(camera.K).T * depth[:, None]
+        local = local + 0.002 * depth[:, None] * torch.randn(local.shape, generator=generator)
+        positions.append((local - camera.world_to_camera[:3, 3]) @ camera.rotation)
+        colours.append(picture.flatten(1).T[picked])
+    return Points(torch.cat(positions)[:count], torch.cat(colours)[:count])
