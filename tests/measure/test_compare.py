@@ -35,7 +35,7 @@ def test_mean_deviation_and_worst_view() -> None:
     assert (found.gain, found.count, found.worst, found.worst_gain) == (1.25, 2, "b.png", 0.5)
     assert found.deviation == pytest.approx(0.75 * math.sqrt(2))  # n - 1 in the denominator
     assert (found.baseline, found.variant) == (20.25, 21.5)
-    assert found.left_out == {"c.png": "not finite or not measured on both"}
+    assert found.left_out == {"c.png": "equal to the photo, or not measured on both"}
 
 
 def test_worst_means_highest_where_lower_is_better() -> None:

@@ -98,9 +98,7 @@ def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enh
 
 def metrics_of(pairs: Sequence[Pair]) -> tuple[str, ...]:
     """The metrics that occur: those with a known direction in their order, then others by name."""
-    names = {name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)}
-    known = [name for name in HIGHER_IS_BETTER if name in names]
-    return (*known, *sorted(names.difference(known)))
+    return _in_order({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
 
 
 def compare(pairs: Sequence[Pair], metric: str) -> Comparison:
@@ -140,6 +138,35 @@ def gain_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> T
     return Table(columns, tuple(rows))
 
 
+def mean_table(records: Sequence[Record]) -> Table:
+    """One row a scene, splat, variant and metric: mean, its deviation over views, number of views."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for record in records:
+        groups.setdefault((record.scene, record.splat, record.variant), []).append(record)
+    rows = []
+    for key, members in groups.items():
+        for metric in _in_order({name for record in members for name in record.metrics}):
+            values = [_known(record.metrics.get(metric)) for record in members]
+            finite = [value for value in values if math.isfinite(value)]
+            deviation = statistics.stdev(finite) if len(finite) > 1 else math.nan
+            equal = sum(value == math.inf for value in values)
+            notes = {record.reasons.get(metric, "") for record in members} - {""}
+            notes |= {f"{equal} equal to the photo"} if equal else set()
+            note = "; ".join(sorted(notes))
+            cells = (written(metric, _mean(finite)), written(metric, deviation), f"{len(finite)} of {len(members)}")
+            rows.append((*key, metric, *cells, note))
+    return Table(("scene", "splat", "variant", "metric", "mean", "sd", "n", "left out"), tuple(rows))
+
+
+def record_table(records: Sequence[Record]) -> Table:
+    """One row a record, one column a metric."""
+    names = _in_order({name for record in records for name in record.metrics})
+    rows = [
+        (r.scene, r.splat, r.variant, r.view, *(written(name, r.metrics.get(name)) for name in names)) for r in records
+    ]
+    return Table(("scene", "splat", "variant", "view", *names), tuple(rows))
+
+
 def view_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> Table:
     """One row a view: for each metric baseline, variant and gain."""
     names = tuple(metrics or metrics_of(pairs))
@@ -162,6 +189,11 @@ def written(metric: str, value: float | None, signed: bool = False) -> str:
     return f"{value:+.{digits}f}" if signed else f"{value:.{digits}f}"
 
 
+def _in_order(names: set[str]) -> tuple[str, ...]:
+    known = [name for name in HIGHER_IS_BETTER if name in names]
+    return (*known, *sorted(names.difference(known)))
+
+
 def _known(value: float | None) -> float:
     return math.nan if value is None else value
 
@@ -172,7 +204,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def _reason(pair: Pair, metric: str) -> str:
     reasons = (pair.baseline.reasons.get(metric), pair.variant.reasons.get(metric))
-    return next((reason for reason in reasons if reason), "not finite or not measured on both")
+    return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
 
 
 def _named(key: View) -> str:

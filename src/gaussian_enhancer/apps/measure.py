@@ -1,0 +1,109 @@
+"""``gaussian-enhancer measure``: compare images on disk with their photos; write records and tables."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import track
+
+from gaussian_enhancer.apps.run import open_run
+from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.measure.compare import (
+    Comparison,
+    Pair,
+    Table,
+    compare,
+    gain_table,
+    mean_table,
+    paired,
+    record_table,
+    view_table,
+)
+from gaussian_enhancer.measure.images import ImageFiles, Label, measure_files, pair_folders, pair_run
+from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.measure.records import Record, write_records
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Measure a folder of images, two folders against each other, or a run.
+
+    Nothing is written before everything is measured.
+
+    Args:
+        cfg: see ``conf/measure.yaml``.
+
+    Returns:
+        Mean gain in colour-aligned PSNR where two variants were measured, else its mean, in dB; None where it is
+        infinite.
+
+    Raises:
+        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+    """
+    files = _files(cfg)
+    device = start(cfg.runtime)
+    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    records = _measured(files, distances, cfg)
+    pairs = paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
+    folder = open_run(cfg, "measure", files[0].label.run)
+    tables = _tables(records, pairs)
+    write_records(folder.folder / "records.jsonl", records)
+    for name, table in tables.items():
+        for ending, text in ((".md", table.markdown()), (".csv", table.csv())):
+            with whole_file(folder.folder / f"{name}{ending}") as temporary:
+                temporary.write_text(text, encoding="utf-8")
+    folder.finish()
+    _tell(records, tables["summary"], folder.folder)
+    return _score(records, pairs)
+
+
+def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
+    """The images that the configuration names, paired with their photos."""
+    if cfg.run is not None and (cfg.images is not None or cfg.photos is not None or cfg.raw is not None):
+        raise InputError("run", "was given together with images, photos or raw", "give either")
+    if cfg.run is not None:
+        return pair_run(cfg.run, cfg.step, scene=cfg.scene_name or "", splat=cfg.splat_name or "")
+    if cfg.images is None or cfg.photos is None:
+        raise InputError("measure", "was given no images to measure", "add images=FOLDER photos=FOLDER, or run=FOLDER")
+    name = Path(cfg.images).resolve().name
+    found: list[ImageFiles] = []
+    for folder, variant in ((cfg.raw, "raw"), (cfg.images, cfg.variant)):
+        if folder is not None:
+            label = Label(name, cfg.scene_name or name, cfg.splat_name or "", variant)
+            found += pair_folders(folder, cfg.photos, label, masks=cfg.masks, unmatched=cfg.unmatched)
+    return tuple(found)
+
+
+def _measured(
+    files: Sequence[ImageFiles], distances: Sequence[PerceptualDistance], cfg: DictConfig
+) -> tuple[Record, ...]:
+    background = tuple(float(value) for value in cfg.background)
+    if len(background) != 3:
+        raise InputError("background", f"is {list(cfg.background)}", "give three numbers from 0 to 1")
+    steps = measure_files(files, distances, (background[0], background[1], background[2]))
+    console = Console(stderr=True)
+    hidden = not (cfg.runtime.progress and console.is_terminal)
+    return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
+
+
+def _tables(records: Sequence[Record], pairs: Sequence[Pair]) -> dict[str, Table]:
+    if pairs:
+        return {"summary": gain_table(pairs), "views": view_table(pairs)}
+    return {"summary": mean_table(records), "views": record_table(records)}
+
+
+def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
+    """What a reader wants to see at once: the means with what is missing and why, and where the rest lies."""
+    print(table.markdown(), end="")
+    print(f"{len(records)} records in {folder / 'records.jsonl'}")
+
+
+def _score(records: Sequence[Record], pairs: Sequence[Pair]) -> float | None:
+    if pairs:
+        found: Comparison = compare(pairs, "psnr_aligned")
+        return found.gain if found.count else None
+    values = [record.metrics["psnr_aligned"] for record in records]
+    finite = [value for value in values if value is not None and value != float("inf")]
+    return sum(finite) / len(finite) if finite else None
