@@ -2,13 +2,11 @@ import math
 from pathlib import Path
 
 import pytest
-import torch
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.report.collect import compared_views, provenance_of
-from gaussian_enhancer.scene.rendered import RenderedView
 
 
 def record(
@@ -19,42 +17,44 @@ def record(
 
 
 @pytest.fixture
-def targets() -> list[RenderedView]:
-    return [RenderedView(name, lambda: torch.zeros(3, 4, 6)) for name in ("a.jpg", "b.jpg")]
+def folders(tmp_path: Path) -> tuple[Path, Path, Path]:
+    """Renders a and b, their enhanced images of another ending, and the photo of b among others."""
+    held = {"renders": ("a.png", "b.png"), "enhanced": ("a.webp", "b.webp"), "photos": ("b.png", "c.png")}
+    for folder, names in held.items():
+        (tmp_path / folder).mkdir()
+        for index, name in enumerate(names):
+            Image.new("RGB", (6, 4), (51 * index, 0, 0)).save(tmp_path / folder / name, lossless=True)
+    return tmp_path / "renders", tmp_path / "enhanced", tmp_path / "photos"
 
 
-@pytest.fixture
-def enhanced(tmp_path: Path) -> Path:
-    for index, name in enumerate(("a.png", "b.png")):
-        Image.new("RGB", (6, 4), (51 * index, 0, 0)).save(tmp_path / name)
-    return tmp_path
-
-
-def test_records_find_their_views_by_name(targets: list[RenderedView], enhanced: Path) -> None:
+def test_records_find_their_views_by_name(folders: tuple[Path, Path, Path]) -> None:
     reason = {"lpips_alex": "not measured: no backbone"}
     records = [
-        record("b.jpg", "enhanced", psnr=math.inf, lpips_alex=None, reasons=reason),
-        record("b.jpg", "raw", psnr=20.0, lpips_alex=None, reasons=reason),
-        record("b.jpg", "enhanced", kind="cost", milliseconds=7.5),
-        record("other.jpg", "raw", psnr=1.0),
+        record("b.png", "enhanced", psnr=math.inf, lpips_alex=None, reasons=reason),
+        record("b.png", "raw", psnr=20.0, lpips_alex=None, reasons=reason),
+        record("b.png", "enhanced", kind="cost", milliseconds=7.5),
+        record("other.png", "raw", psnr=1.0),
     ]
-    first, second = compared_views(targets, enhanced, records)
+    first, second = compared_views(*folders, records)
     assert first.metrics_raw == first.metrics_enhanced == {}
-    assert first.milliseconds is None
+    assert first.milliseconds is first.read_photo is None
     assert (second.metrics_raw, second.metrics_enhanced) == ({"psnr": 20.0}, {"psnr": math.inf})
     assert (second.milliseconds, second.reasons) == (7.5, reason)
-    assert second.read().enhanced[0].unique().tolist() == pytest.approx([0.2])
+    images = second.read()
+    assert images.photo is not None
+    assert images.photo.max() == 0
+    assert images.enhanced[0].unique().tolist() == pytest.approx([0.2])
 
 
-def test_refuses_a_target_without_its_enhanced_image(targets: list[RenderedView], enhanced: Path) -> None:
-    (enhanced / "b.png").unlink()
-    with pytest.raises(InputError, match=r"no enhanced image of b\.jpg"):
-        compared_views(targets, enhanced, [])
+def test_refuses_a_target_without_its_enhanced_image(folders: tuple[Path, Path, Path]) -> None:
+    (folders[1] / "b.webp").unlink()
+    with pytest.raises(InputError, match=r"no enhanced image of b\.png"):
+        compared_views(*folders, [])
 
 
-def test_refuses_two_measurements_of_one_view(targets: list[RenderedView], enhanced: Path) -> None:
+def test_refuses_two_measurements_of_one_view(folders: tuple[Path, Path, Path]) -> None:
     with pytest.raises(InputError, match="measured twice as 'raw'"):
-        compared_views(targets, enhanced, [record("a.jpg", "raw", psnr=1.0)] * 2)
+        compared_views(*folders, [record("a.png", "raw", psnr=1.0)] * 2)
 
 
 def test_provenance_states_each_value_once() -> None:

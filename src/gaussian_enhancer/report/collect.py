@@ -7,47 +7,52 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.report.compared import ComparedView
-from gaussian_enhancer.scene.photos import decode, list_images
-from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.photos import list_images, read_photo
 
-RAW, ENHANCED = "raw", "enhanced"
+RAW, ENHANCED, COST = "raw", "enhanced", "cost"
 
 
 def compared_views(
-    targets: Sequence[RenderedView], enhanced: Path, records: Iterable[Record]
+    renders: Path,
+    enhanced: Path,
+    photos: Path | None,
+    records: Iterable[Record],
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[ComparedView, ...]:
-    """The views of a report: every target with its enhanced image and the numbers that were measured on both.
+    """The views of a report: every render with its enhanced image and the numbers that were measured on both.
+
+    Files and records belong together by name without ending.
 
     Args:
-        targets: the renders as they came, with their photos where they are known.
-        enhanced: folder of enhanced images, named as the renders (any image ending).
+        renders: folder of the renders as they came.
+        enhanced: folder of enhanced images.
+        photos: folder of photos, which may hold more than these views; None where there are none.
         records: quality of the variants ``raw`` and ``enhanced``, and cost in milliseconds of ``enhanced``; records
             of other views and variants are not used.
+        background: colour under transparent images.
 
     Raises:
-        InputError: a target has no enhanced image, or a variant of a view was measured twice.
+        InputError: a render has no enhanced image, or a variant of a view was measured twice.
     """
-    files = {path.stem: path for path in list_images(enhanced)}
+    after = {path.stem: path for path in list_images(enhanced)}
+    truths = {} if photos is None else {path.stem: path for path in list_images(photos)}
     by_view = _by_view(records)
     views = []
-    for target in targets:
-        stem = Path(target.name).stem
-        if stem not in files:
-            raise InputError(enhanced, f"has no enhanced image of {target.name}", "enhance the run again")
-        if target.read is None:
-            raise InputError(f"view {target.name}", "has no render", "name a run with renders")
-        raw, after = by_view.get((target.name, RAW)), by_view.get((target.name, ENHANCED))
-        cost = by_view.get((target.name, "cost"))
+    for path in list_images(renders):
+        if path.stem not in after:
+            raise InputError(enhanced, f"has no enhanced image of {path.name}", "enhance the renders again")
+        raw, new, cost = (by_view.get((path.stem, what)) for what in (RAW, ENHANCED, COST))
+        truth = truths.get(path.stem)
         views.append(
             ComparedView(
-                name=target.name,
-                read_raw=target.read,
-                read_enhanced=partial(decode, files[stem]),
-                read_photo=target.read_photo,
+                name=path.name,
+                read_raw=partial(read_photo, path, background),
+                read_enhanced=partial(read_photo, after[path.stem], background),
+                read_photo=None if truth is None else partial(read_photo, truth, background),
                 metrics_raw=_known(raw),
-                metrics_enhanced=_known(after),
+                metrics_enhanced=_known(new),
                 milliseconds=_known(cost).get("milliseconds"),
-                reasons={**(raw.reasons if raw else {}), **(after.reasons if after else {})},
+                reasons={**(raw.reasons if raw else {}), **(new.reasons if new else {})},
             )
         )
     return tuple(views)
@@ -77,9 +82,9 @@ def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[
 def _by_view(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
     found: dict[tuple[str, str], Record] = {}
     for record in records:
-        if record.kind == "cost" and record.variant != ENHANCED:
+        if not record.view or (record.kind == COST and record.variant != ENHANCED):
             continue
-        key = (record.view, record.variant if record.kind == "quality" else record.kind)
+        key = (Path(record.view).stem, record.variant if record.kind == "quality" else record.kind)
         if key in found:
             received = f"was measured twice as {record.variant!r}"
             raise InputError(f"view {record.view}", received, "report one run at a time")
