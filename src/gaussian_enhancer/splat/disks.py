@@ -30,6 +30,7 @@ from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lo
 from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, camera_point, rotation_backward, rotation_of
 
 _IN_FRONT = 1e-4  # of 1 - r^2 |w|^2: below, the support reaches the camera's plane and may cover any pixel
+_FINITE = 1e300
 _EVERYWHERE = 1e7  # half the side in pixels of such a support's box
 
 
@@ -160,7 +161,8 @@ def _project(shape, view):  # type: ignore[no-untyped-def]
             p, axes, _, _ = _frame(shape, g, view)
             _, a, b, w, determinant, factor = _planes(shape, g, view, p, axes)
             x, y = view.fx * p[0] / z + view.cx, view.fy * p[1] / z + view.cy
-            if not math.isfinite(x + y + determinant + w[0] + w[1]):
+            # Not math.isfinite: it subtracts, and reassociated terms cancel.
+            if not abs(x) + abs(y) + abs(determinant) + abs(w[0]) + abs(w[1]) < _FINITE:
                 continue
             footprint = _footprint(x, y, a, b, w, 2.0 * math.log(opacity / ALPHA_MIN))
             for k in range(6):
