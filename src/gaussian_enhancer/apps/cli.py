@@ -4,6 +4,7 @@ A job is a configuration ``conf/JOB.yaml`` and a module ``apps/JOB.py`` with ``r
 job's name is Hydra's: overrides, ``--cfg job``, ``--help``, ``-m`` for multirun.
 """
 
+import errno
 import importlib
 import sys
 from collections.abc import Callable, Sequence
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import unwritable
 
 JOBS = {
     "demo": "one procedural scene, start to finish: fit, enhance, measure, report",
@@ -21,6 +23,9 @@ JOBS = {
     "measure": "compare images with photos; write records",
     "report": "make a page to look at from a measured run",
 }
+
+DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""System errors that only writing causes: a full disk, a quota, a file-size limit, a read-only file system."""
 
 USAGE = """\
 usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
@@ -100,6 +105,10 @@ def task(job: str) -> Callable[[Any], Any]:
             if HydraConfig.get().mode == RunMode.MULTIRUN:
                 raise
             _refuse(error)
+        except OSError as error:
+            if error.errno not in DISK_REFUSES or HydraConfig.get().mode == RunMode.MULTIRUN:
+                raise
+            _refuse(unwritable(error.filename or "output", error))
 
     return run
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, ListConfig
 from rich.console import Console
 from rich.progress import track
 
@@ -79,13 +79,18 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
 def _measured(
     files: Sequence[ImageFiles], distances: Sequence[PerceptualDistance], cfg: DictConfig
 ) -> tuple[Record, ...]:
-    background = tuple(float(value) for value in cfg.background)
-    if len(background) != 3:
-        raise InputError("background", f"is {list(cfg.background)}", "give three numbers from 0 to 1")
-    steps = measure_files(files, distances, (background[0], background[1], background[2]))
+    steps = measure_files(files, distances, _colour(cfg.background))
     console = Console(stderr=True)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
+
+
+def _colour(values: ListConfig) -> tuple[float, float, float]:
+    """Three numbers from 0 to 1."""
+    if len(values) != 3 or not all(isinstance(value, int | float) and 0 <= value <= 1 for value in values):
+        raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
 
 
 def _tables(records: Sequence[Record], pairs: Sequence[Pair]) -> dict[str, Table]:

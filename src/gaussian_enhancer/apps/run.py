@@ -6,7 +6,6 @@ different tables are computed once (as DomainBed names its jobs).
 
 import hashlib
 import json
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.files import whole_file
 
-WITHOUT_EFFECT = ("runs", "output", "runtime")
+WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
 """Keys that do not change a result: where it is written, on which device, with how many threads."""
 
 
@@ -51,13 +51,12 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
         label: a readable part of the folder's name, for instance scene and splat.
 
     Raises:
-        InputError: a value marked ``???`` was not given.
+        InputError: a value marked ``???`` was not given, or the folder cannot be written.
     """
     require(cfg)
     values = effective(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
-    folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     return Run(folder, digest)
 
@@ -77,7 +76,10 @@ def digest_of(values: dict[str, Any]) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a small text file so that a reader sees the old or the new content, never a part."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    """Write a small text file so that a reader sees the old or the new content, never a part.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

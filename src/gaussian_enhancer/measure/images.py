@@ -6,7 +6,6 @@ Everything that can be known from names and file headers is checked before the f
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import PROTOCOL, measure_pair
@@ -14,8 +13,6 @@ from gaussian_enhancer.measure.perceptual import PerceptualDistance
 from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.scene.photos import list_images, read_coverage, read_header, read_photo
 from gaussian_enhancer.scene.renders import run_steps
-
-Unmatched = Literal["refuse", "drop"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ def pair_folders(
     label: Label,
     *,
     masks: str | Path | None = None,
-    unmatched: Unmatched = "refuse",
+    unmatched: str = "refuse",
 ) -> tuple[ImageFiles, ...]:
     """Match a folder of images with a folder of photos by file name without ending.
 

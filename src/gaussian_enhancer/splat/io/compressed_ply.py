@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.ply import read_elements
 from gaussian_enhancer.splat.io.quantised import SH_CONSTANT, bit_field, completed_rotation, opacity_logits
-from gaussian_enhancer.splat.io.validity import Invalid, validated
+from gaussian_enhancer.splat.io.validity import validated
 from gaussian_enhancer.types import Gaussians
 
 _CHUNK = 256
@@ -26,7 +26,7 @@ _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _REMEDY = "export the splat again with SuperSplat or splat-transform"
 
 
-def read_compressed_ply(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read PlayCanvas's compressed .ply, float32 on the CPU.
 
     Args:

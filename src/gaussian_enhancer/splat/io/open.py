@@ -6,13 +6,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
 from gaussian_enhancer.splat.io.ply import read_ply
 from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
-from gaussian_enhancer.splat.io.validity import Invalid
 from gaussian_enhancer.types import Gaussians
 
 _FORMATS = "a 3DGS .ply, a PlayCanvas compressed .ply or a .spz"
 
 
-def read_splat(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, or Niantic .spz.
 
     Args:

@@ -17,7 +17,7 @@ from plyfile import PlyData, PlyElement, PlyParseError
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.splat.io.validity import Invalid, validated
+from gaussian_enhancer.splat.io.validity import validated
 from gaussian_enhancer.types import Gaussians
 
 _POSITION = ("x", "y", "z")
@@ -27,7 +27,7 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REST_COUNTS = (0, 9, 24, 45)  # three channels of degree 0, 1, 2, 3 without the constant
 
 
-def read_ply(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read a splat in the original 3DGS layout (3DGS, 2DGS or Mip-Splatting), float32 on the CPU.
 
     Args:

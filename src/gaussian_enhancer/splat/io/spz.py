@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.quantised import completed_rotation, opacity_logits
-from gaussian_enhancer.splat.io.validity import Invalid, validated
+from gaussian_enhancer.splat.io.validity import validated
 from gaussian_enhancer.types import Gaussians
 
 MAGIC = b"NGSP"
@@ -55,7 +55,7 @@ class _Header:
         return tuple(self.count * size for size in each if size)
 
 
-def read_spz(path: str | Path, *, invalid: Invalid = "refuse") -> Gaussians:
+def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     """Read a .spz of version 2, 3 or 4, float32 on the CPU, in the axes of 3DGS's .ply.
 
     Args:

@@ -5,7 +5,6 @@ Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes.
 
 import warnings
 from pathlib import Path
-from typing import Literal
 
 import torch
 from jaxtyping import Bool
@@ -13,8 +12,6 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Gaussians
-
-Invalid = Literal["refuse", "drop"]
 
 
 def renderable(gaussians: Gaussians) -> Bool[Tensor, " n"]:
@@ -28,7 +25,7 @@ def renderable(gaussians: Gaussians) -> Bool[Tensor, " n"]:
     return mask
 
 
-def validated(path: str | Path, gaussians: Gaussians, invalid: Invalid = "refuse") -> Gaussians:
+def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -> Gaussians:
     """Return the Gaussians if all can be rendered; else refuse them, or drop the bad ones with a warning.
 
     Args:
