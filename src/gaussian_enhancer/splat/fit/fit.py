@@ -6,7 +6,6 @@ the uninterrupted one would have drawn.
 
 import dataclasses
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,14 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.filters import smoothing_size
 from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
-from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
+from gaussian_enhancer.splat.fit.densify import Pull, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.fit.geometry import camera_extent
-from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
-from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
+from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.progress import FitProgress
+from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.similarity import photometric_loss
-from gaussian_enhancer.splat.fit.start import Start, starting_gaussians
+from gaussian_enhancer.splat.fit.start import starting_gaussians
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
 from gaussian_enhancer.splat.fit.targets import Colour, TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, MipSplatting
@@ -36,77 +35,11 @@ SMOOTHING_EVERY = 100
 """Steps between two looks at how finely the photos sample each Gaussian (Mip-Splatting's own interval)."""
 
 
-@dataclass(frozen=True)
-class Regularisation:
-    """What holds a splat back where few photos constrain it.
-
-    Args:
-        opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11).
-        scale: weight of the mean scale, in camera extents (the same).
-        dropout: share of Gaussians left out of a step at the fit's end, rising linearly from 0; the others' opacity
-            rises to make up for them (Park et al., DropGaussian, CVPR 2025).
-    """
-
-    opacity: float = 0.0
-    scale: float = 0.0
-    dropout: float = 0.0
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """Choices of a fit.
-
-    Args:
-        steps: number of steps, one photo each.
-        init: what to start from: "plane_sweep", "points" or "random".
-        start_gaussians: largest number of Gaussians to start with.
-        max_gaussians: largest number of Gaussians at any time.
-        sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised from 0 in equal parts of the first third.
-        snapshots: shares of the fit after which views are rendered and kept.
-        seed: of all randomness.
-        ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
-        random_background: another colour behind the object at each step (photos with coverage only).
-        rates: learning rates.
-        densification: when and how Gaussians come and go.
-        regularisation: what holds the splat back.
-        sweep: how the plane sweep searches.
-    """
-
-    steps: int = 3000
-    init: Start = "plane_sweep"
-    start_gaussians: int = 10_000
-    max_gaussians: int = 20_000
-    sh_degree: int = 1
-    snapshots: tuple[float, ...] = (0.25, 0.5)
-    seed: int = 0
-    ssim_weight: float = 0.2
-    random_background: bool = False
-    rates: LearningRates = field(default_factory=LearningRates)
-    densification: Densification = field(default_factory=Densification)
-    regularisation: Regularisation = field(default_factory=Regularisation)
-    sweep: SweepSettings = field(default_factory=SweepSettings)
-
-    def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise InputError("steps", f"is {self.steps}", "give at least 1")
-        if not 0 <= self.sh_degree <= 3:
-            raise InputError("sh_degree", f"is {self.sh_degree}", "give 0, 1, 2 or 3")
-        if not 0 < self.start_gaussians <= self.max_gaussians:
-            received = f"is {self.start_gaussians} with max_gaussians={self.max_gaussians}"
-            raise InputError("start_gaussians", received, "order them, above 0")
-        if not all(0 < share < 1 for share in self.snapshots):
-            raise InputError("snapshots", f"are {self.snapshots}", "give shares between 0 and 1")
-
-    def snapshot_steps(self) -> tuple[int, ...]:
-        """Steps after which views are rendered, the last included."""
-        return tuple(sorted({max(1, round(share * self.steps)) for share in (*self.snapshots, 1.0)}))
-
-
 def fit(
     scene: Scene,
     method: Method,
     folder: Path,
-    settings: FitSettings = FitSettings(),
+    settings: FitSettings | None = None,
     *,
     device: torch.device | str = "cpu",
     checkpoint_seconds: float = 20.0,
@@ -124,7 +57,7 @@ def fit(
         scene: training photos to fit to and test photos to render.
         method: how Gaussians become pixels.
         folder: where to write.
-        settings: choices of the fit.
+        settings: choices of the fit; the defaults where None.
         device: where to compute.
         checkpoint_seconds: time between checkpoints.
         progress: show a progress bar.
@@ -135,7 +68,7 @@ def fit(
     Raises:
         InputError: photos, settings, checkpoint or disk do not allow the fit.
     """
-    settings = dataclasses.replace(settings, **choices)
+    settings = dataclasses.replace(settings or FitSettings(), **choices)
     work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
     work.begin()
     last = settings.steps if stop_after is None else min(stop_after, settings.steps)

@@ -1,0 +1,75 @@
+"""The choices of a fit, as plain values."""
+
+from dataclasses import dataclass, field
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.fit.densify import Densification
+from gaussian_enhancer.splat.fit.optimise import LearningRates
+from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
+from gaussian_enhancer.splat.fit.start import Start
+
+
+@dataclass(frozen=True)
+class Regularisation:
+    """What holds a splat back where few photos constrain it.
+
+    Args:
+        opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11).
+        scale: weight of the mean scale, in camera extents (the same).
+        dropout: share of Gaussians left out of a step at the fit's end, rising linearly from 0; the others' opacity
+            rises to make up for them (Park et al., DropGaussian, CVPR 2025).
+    """
+
+    opacity: float = 0.0
+    scale: float = 0.0
+    dropout: float = 0.0
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Choices of a fit.
+
+    Args:
+        steps: number of steps, one photo each.
+        init: what to start from: "plane_sweep", "points" or "random".
+        start_gaussians: largest number of Gaussians to start with.
+        max_gaussians: largest number of Gaussians at any time.
+        sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised from 0 in equal parts of the first third.
+        snapshots: shares of the fit after which views are rendered and kept.
+        seed: of all randomness.
+        ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
+        random_background: another colour behind the object at each step (photos with coverage only).
+        rates: learning rates.
+        densification: when and how Gaussians come and go.
+        regularisation: what holds the splat back.
+        sweep: how the plane sweep searches.
+    """
+
+    steps: int = 3000
+    init: Start = "plane_sweep"
+    start_gaussians: int = 10_000
+    max_gaussians: int = 20_000
+    sh_degree: int = 1
+    snapshots: tuple[float, ...] = (0.25, 0.5)
+    seed: int = 0
+    ssim_weight: float = 0.2
+    random_background: bool = False
+    rates: LearningRates = field(default_factory=LearningRates)
+    densification: Densification = field(default_factory=Densification)
+    regularisation: Regularisation = field(default_factory=Regularisation)
+    sweep: SweepSettings = field(default_factory=SweepSettings)
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise InputError("steps", f"is {self.steps}", "give at least 1")
+        if not 0 <= self.sh_degree <= 3:
+            raise InputError("sh_degree", f"is {self.sh_degree}", "give 0, 1, 2 or 3")
+        if not 0 < self.start_gaussians <= self.max_gaussians:
+            received = f"is {self.start_gaussians} with max_gaussians={self.max_gaussians}"
+            raise InputError("start_gaussians", received, "order them, above 0")
+        if not all(0 < share < 1 for share in self.snapshots):
+            raise InputError("snapshots", f"are {self.snapshots}", "give shares between 0 and 1")
+
+    def snapshot_steps(self) -> tuple[int, ...]:
+        """Steps after which views are rendered, the last included."""
+        return tuple(sorted({max(1, round(share * self.steps)) for share in (*self.snapshots, 1.0)}))
