@@ -1,0 +1,242 @@
+"""The enhance job: a fitted run, a splat with its capture, or a folder of renders, to enhanced images."""
+
+import shutil
+import statistics
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import track
+from torch import Tensor
+
+from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.run import open_run
+from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.enhance.alignment import Reprojected
+from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.enhance.images import write_image
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.weights import Pretrained, load_weights
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.measure.records import Record, write_records
+from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Render
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be enhanced, and what it is called.
+
+    Args:
+        rendered: targets and references.
+        step: training step of the renders, 0 where there is none.
+    """
+
+    rendered: RenderedSet
+    step: int = 0
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Enhance and write images of the same names.
+
+    With ``output`` the images alone are written there. Otherwise a run's folder is made in the layout that ``measure
+    run=`` reads: renders, enhanced images and photos side by side, and the cost in records.
+
+    Returns:
+        Median milliseconds an image took in the network.
+    """
+    device = start(cfg.runtime)
+    console = Console(stderr=True)
+    pretrained = load_weights(cfg.weights)
+    task = _task(cfg, device.type)
+    preparation = _fitting(_asked(pretrained, cfg), task.rendered, console)
+    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile)
+    hidden = not (cfg.runtime.progress and console.is_terminal)
+    views = enhancer(task.rendered)
+    shown = track(views, "enhancing", total=len(task.rendered.targets), console=console, disable=hidden)
+    if cfg.output:
+        return _tell(_write(shown, Path(cfg.output)), Path(cfg.output), console)
+    job = open_run(cfg, "enhance", task.rendered.name)
+    side = job.folder / "test" / f"ours_{task.step}"
+    written = _write(shown, side / "enhanced")
+    _keep_sources(task.rendered, side)
+    write_records(job.folder / "records.jsonl", [_cost(one, job.folder.name, task) for one in written])
+    job.finish()
+    return _tell(written, job.folder, console)
+
+
+def _task(cfg: DictConfig, device: str) -> Task:
+    """Read the one form of input that was given."""
+    given = [name for name in ("run", "gaussians", "renders") if cfg[name] is not None]
+    if len(given) != 1:
+        received = f"was given {' and '.join(given)}" if given else "was given nothing to enhance"
+        raise InputError("enhance", received, "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER")
+    capture: Scene | None = build(cfg.scene) if cfg.get("scene") else None
+    if given == ["run"]:
+        rendered = read_run(cfg.run, cfg.step, capture=capture)
+        return Task(rendered, run_steps(Path(cfg.run))[-1] if cfg.step is None else cfg.step)
+    if given == ["gaussians"]:
+        if capture is None:
+            raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
+        return Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device))
+    references = capture if capture is not None else cfg.references
+    folders = cfg.photos, references, cfg.depth, cfg.cameras
+    return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale))
+
+
+def render_capture(file: str, capture: Scene, method: str, views: str, device: str = "cpu") -> RenderedSet:
+    """Views of a capture rendered from a splat as they are asked for.
+
+    Args:
+        file: the splat.
+        capture: cameras and reference photos.
+        method: "3dgs", "2dgs", "mip_splatting", or "auto": what the splat's own values ask for.
+        views: "test", "train" or "all".
+        device: where to render.
+
+    Raises:
+        InputError: the method or the choice of views is unknown, or no view remains.
+    """
+    from gaussian_enhancer.splat.io.open import read_splat
+    from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
+    from gaussian_enhancer.splat.render import render
+
+    gaussians = read_splat(file).to(device)
+    own = (
+        TwoDGS()
+        if gaussians.log_scales.shape[1] == 2
+        else ThreeDGS()
+        if gaussians.smoothing is None
+        else MipSplatting()
+    )
+    methods = {"auto": own, **{known.name: known for known in (ThreeDGS(), TwoDGS(), MipSplatting())}}
+    if method not in methods:
+        raise InputError("method", f"is {method!r}", f"choose {', '.join(methods)}")
+    sides = {"test": capture.test_photos, "train": capture.train_photos, "all": capture.photos}
+    if views not in sides:
+        raise InputError("views", f"is {views!r}", f"choose {', '.join(sides)}")
+    if not sides[views]:
+        raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
+
+    def drawn(photo: Photo, parts: tuple[str, ...]) -> _Drawing:
+        if photo.camera is None:
+            raise InputError(photo.name, "has no camera to render from", "give a capture with cameras")
+        camera = photo.camera.to(device)
+        return _Drawing(lambda: render(gaussians, camera, methods[method], capture.background).to("cpu"), parts)
+
+    def target(photo: Photo) -> RenderedView:
+        draw = drawn(photo, ("colour", "depth", "alpha"))
+        return RenderedView(photo.name, draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
+
+    def reference(photo: Photo) -> RenderedView:
+        return RenderedView(photo.name, None, photo.camera, drawn(photo, ("depth",)).depth, None, photo.read)
+
+    targets, references = map(target, sides[views]), map(reference, capture.train_photos)
+    return RenderedSet(capture.name, tuple(targets), tuple(references), capture.background)
+
+
+class _Drawing:
+    """Parts of one rendering, which is made once for all of them; each is forgotten when it was read."""
+
+    def __init__(self, draw: Callable[[], Render], wanted: tuple[str, ...]) -> None:
+        self.draw, self.wanted = draw, wanted
+        self.parts: dict[str, Tensor] = {}
+
+    def colour(self) -> Float[Tensor, "3 h w"]:
+        """The render as 8 bits keep it, as folders of renders have it."""
+        return (self._part("colour").clamp(0, 1) * 255).round() / 255
+
+    def depth(self) -> Float[Tensor, "1 h w"]:
+        """Expected z."""
+        return self._part("depth")
+
+    def alpha(self) -> Float[Tensor, "1 h w"]:
+        """Opacity."""
+        return self._part("alpha")
+
+    def _part(self, name: str) -> Tensor:
+        if name not in self.parts:
+            with torch.no_grad():
+                drawing = self.draw()
+            self.parts = {part: getattr(drawing, part) for part in self.wanted}
+        return self.parts.pop(name)
+
+
+def _asked(pretrained: Pretrained, cfg: DictConfig) -> Preparation:
+    """The preparation that the network was trained with, with the number of references that the user asks for."""
+    if cfg.max_references is None:
+        return pretrained.preparation
+    count = cfg.max_references
+    candidates = max(count, pretrained.preparation.candidates)
+    return replace(pretrained.preparation, references=count, candidates=candidates)
+
+
+def _fitting(preparation: Preparation, rendered: RenderedSet, console: Console) -> Preparation:
+    """The preparation as far as the input allows; what is left out is said."""
+    if not isinstance(preparation.warp, Reprojected) or preparation.references == 0:
+        return preparation
+    bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
+    bare += [view.name for view in rendered.references if view.camera is None]
+    if not bare:
+        return preparation
+    console.print(
+        f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected: enhancing from the renders alone",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return replace(preparation, references=0)
+
+
+def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
+    """Write each image as it comes; what was written is returned without its pixels."""
+    written = []
+    for one in views:
+        write_image(folder / one.name, one.image)
+        written.append(replace(one, image=one.image[:, :0, :0]))
+    return written
+
+
+def _keep_sources(rendered: RenderedSet, side: Path) -> None:
+    """Put renders and photos beside the enhanced images: copies of their files where they have one."""
+    for view in rendered.targets:
+        for part, read in (("renders", view.read), ("gt", view.read_photo)):
+            if read is None:
+                continue
+            path = side / part / view.name
+            if isinstance(read, ReadPhoto) and _as_stored(read) and read.path.suffix == path.suffix:
+                with whole_file(path) as temporary:
+                    shutil.copyfile(read.path, temporary)
+            else:
+                write_image(path, read())
+
+
+def _as_stored(read: ReadPhoto) -> bool:
+    """Whether what is read is what the file holds."""
+    header = read_header(read.path)
+    return read.lens is None and not header.has_alpha and (header.height, header.width) == (read.height, read.width)
+
+
+def _cost(one: Enhanced, run_name: str, task: Task) -> Record:
+    values: dict[str, float | None] = {"milliseconds": one.enhancing}
+    splat = f"ours_{task.step}"
+    return Record("cost", run_name, task.rendered.name, splat, one.name, "enhanced", values)
+
+
+def _tell(written: list[Enhanced], folder: Path, console: Console) -> float:
+    network = statistics.median(one.enhancing for one in written)
+    preparing = statistics.median(one.preparing for one in written)
+    console.print(
+        f"{folder}: {len(written)} images, {network:.0f} ms each (median) and {preparing:.0f} ms for its references",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return network

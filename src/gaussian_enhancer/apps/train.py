@@ -1,0 +1,100 @@
+"""The train job: fitted runs to weights."""
+
+import json
+import logging
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from gaussian_enhancer.apps.build import build, require
+from gaussian_enhancer.apps.run import Run, open_run, write_text
+from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.enhance.weights import count_parameters, design_of, preparation_of, save_weights
+from gaussian_enhancer.errors import InputError
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
+
+    Returns:
+        The mean gain in PSNR over the raw renders of the validation runs, in dB.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    job = open_run(cfg, "train", cfg.label)
+    if job.done:
+        print(f"trained already: {job.folder / 'weights.safetensors'}")
+        return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+    # Heavy, and of no use to those who only ask for help.
+    from lightning import seed_everything
+
+    from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
+
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", message=".*(exists and is not empty|many workers|is deprecated).*")
+    seed_everything(cfg.seed, workers=True, verbose=False)
+    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
+    metrics = {"psnr": psnr, "ssim": ssim}
+    module = EnhancerModule(
+        build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps
+    )
+    trainer = _trainer(cfg, job)
+    last = job.folder / "last.ckpt"
+    started = time.time()
+    trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+    if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
+        print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
+        return None
+    gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    preparation = build(cfg.preparation)
+    card = {
+        **_plain(cfg.card),
+        "design": design_of(module.average),  # type: ignore[arg-type]
+        "preparation": preparation_of(preparation),
+        "parameters": count_parameters(module.average),
+        "steps": trainer.global_step,
+        "minutes": round((time.time() - started) / 60, 1),
+        "train": list(cfg.data.train),
+        "samples": sum(len(source) for source in data.sources),
+        "validation": gains,
+        "run": job.digest,
+    }
+    save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
+    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    job.finish()
+    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in gains.items()))
+    return gains["gain/psnr"]
+
+
+def _trainer(cfg: DictConfig, job: Run) -> Any:
+    from lightning.pytorch.callbacks import ModelCheckpoint
+
+    # One file, replaced as a whole: a kill leaves the last or the one before it.
+    keep = ModelCheckpoint(
+        dirpath=job.folder, filename="last", every_n_train_steps=cfg.save_every, enable_version_counter=False
+    )
+    try:
+        logger = build(cfg.logger, save_dir=str(job.folder))
+    except (ModuleNotFoundError, ImportError) as error:
+        raise InputError(
+            "logger", f"needs a package that is not installed ({error})", "install it, or logger=csv"
+        ) from error
+    return build(
+        cfg.trainer,
+        callbacks=[keep],
+        logger=logger,
+        enable_progress_bar=cfg.runtime.progress,
+        default_root_dir=str(job.folder),
+    )
+
+
+def _plain(values: DictConfig) -> dict[str, Any]:
+    from omegaconf import OmegaConf
+
+    container = OmegaConf.to_container(values, resolve=True)
+    if not isinstance(container, dict):
+        raise InputError("card", "is no mapping", "give names and values")
+    return {str(name): value for name, value in container.items()}

@@ -1,0 +1,170 @@
+"""How references reach the target's pixel grid, before any network sees them.
+
+Axes: r references, h height, w width of the target.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
+from gaussian_enhancer.enhance.depth import refine_depth
+from gaussian_enhancer.enhance.reproject import Warped, reproject
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """A view in memory: a target's render, or a reference's photo.
+
+    Args:
+        name: the view's file name.
+        image: colours in [0, 1].
+        camera: where it was taken from, of the image's size; None where unknown.
+        depth: rendered z, scene units, 0 where nothing was hit; None where unknown.
+        alpha: rendered opacity; None where unknown.
+    """
+
+    name: str
+    image: Float[Tensor, "3 h w"]
+    camera: Camera | None = None
+    depth: Float[Tensor, "1 h w"] | None = None
+    alpha: Float[Tensor, "1 h w"] | None = None
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """References on the target's grid, the most useful first.
+
+    Args:
+        references: colours, 0 where nothing is visible.
+        visibility: how surely each shows the target's surface, in [0, 1].
+        names: of the references.
+    """
+
+    references: Float[Tensor, "r 3 h w"]
+    visibility: Float[Tensor, "r 1 h w"]
+    names: tuple[str, ...]
+
+
+@runtime_checkable
+class Warp(Protocol):
+    """One way of bringing references to the target's grid."""
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Bring at most ``keep`` of the references, given nearest first, to the target's grid."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unwarped:
+    """References as they are, resized where they differ in size, visible everywhere: the paper's way."""
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Take the first ``keep`` references."""
+        height, width = target.image.shape[-2:]
+        chosen = list(references[:keep])
+        images = [resize(reference.image, height, width) for reference in chosen]
+        return _aligned(
+            target, [Warped(i, torch.ones_like(i[:1])) for i in images], [reference.name for reference in chosen]
+        )
+
+
+@dataclass(frozen=True)
+class Reprojected:
+    """References warped through the target's depth, coloured like the render and ranked by what they then show.
+
+    Args:
+        refine_depth: better the depth photometrically before the warp (`refine_depth`).
+        match_colour: bring each reference's exposure to that of the render (`fit_colour`).
+        tolerance: relative depth difference that the occlusion check forgives (`reproject`).
+        softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
+    """
+
+    refine_depth: bool = True
+    match_colour: bool = True
+    tolerance: float = 0.05
+    softness: float = 0.08
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Warp all references and keep those that together show most.
+
+        Raises:
+            InputError: a view has no camera, or the target no depth.
+        """
+        if target.depth is None:
+            raise InputError(
+                target.name, "has no depth to reproject references through", "give depth, or alignment=none"
+            )
+        camera, depth = _camera_of(target), target.depth
+        cameras = [_camera_of(reference) for reference in references]
+        if self.refine_depth:
+            photos = [reference.image for reference in references]
+            depth = refine_depth(camera, depth, target.image, cameras, photos)
+        warped = [
+            reproject(camera, depth, other, reference.image, reference.depth, target.alpha, self.tolerance)
+            for other, reference in zip(cameras, references, strict=True)
+        ]
+        if self.match_colour:
+            warped = [_coloured(one, target.image) for one in warped]
+        order = rank(target.image, warped, keep, self.softness)
+        return _aligned(target, [warped[i] for i in order], [references[i].name for i in order])
+
+
+def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
+    """Indices of the references that together show most of the target, best first.
+
+    A reference's worth at a pixel is visibility x exp(-|reference - render| / softness), differences averaged over
+    7x7 pixels. The next one is always that which adds most to the best worth so far, counting a tenth of its own
+    worth so that agreement decides among those that show the same.
+
+    Args:
+        image: the render.
+        warped: references on its grid.
+        keep: how many to return at most.
+        softness: colour difference at which worth falls to 1/e.
+    """
+    if not warped:
+        return []
+    difference = torch.stack([(one.colour - image).abs().mean(0) for one in warped])[:, None]
+    seen = torch.stack([one.visibility for one in warped])
+    weighted = F.avg_pool2d(torch.cat([difference * seen, seen]), 7, 1, 3, count_include_pad=False)
+    mean = weighted[: len(warped)] / weighted[len(warped) :].clamp_min(1e-6)
+    worth = (seen * torch.exp(-mean / softness)).flatten(1)
+    order: list[int] = []
+    best = torch.zeros_like(worth[0])
+    while len(order) < min(keep, len(warped)):
+        gain = (worth - best).clamp_min(0).mean(1) + 0.1 * worth.mean(1)
+        gain[order] = -1
+        order.append(int(gain.argmax()))
+        best = torch.maximum(best, worth[order[-1]])
+    return order
+
+
+def _coloured(warped: Warped, render: Float[Tensor, "3 h w"]) -> Warped:
+    """The reference in the render's exposure."""
+    transform = fit_colour(warped.colour, render, warped.visibility)
+    return Warped(apply_colour(warped.colour, transform) * (warped.visibility > 0), warped.visibility)
+
+
+def _camera_of(view: Pixels) -> Camera:
+    if view.camera is None:
+        raise InputError(view.name, "has no camera to reproject with", "give cameras, or alignment=none")
+    return view.camera
+
+
+def _aligned(target: Pixels, warped: Sequence[Warped], names: Sequence[str]) -> Aligned:
+    height, width = target.image.shape[-2:]
+    if not warped:
+        empty = target.image.new_zeros(0, 4, height, width)
+        return Aligned(empty[:, :3], empty[:, 3:], ())
+    return Aligned(
+        torch.stack([one.colour for one in warped]), torch.stack([one.visibility for one in warped]), tuple(names)
+    )

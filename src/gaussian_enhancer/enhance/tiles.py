@@ -1,0 +1,89 @@
+"""Enhancing large images by overlapping tiles, so that memory stays flat.
+
+Axes: b batch, h height, w width.
+"""
+
+from collections.abc import Callable, Iterator
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Views
+
+Network = Callable[[Views], Float[Tensor, "b 3 h w"]]
+
+
+def enhance_tiled(
+    network: Network, views: Views, tile: int = 768, halo: int = 64, blend: int = 32, stride: int = 16
+) -> Float[Tensor, "b 3 h w"]:
+    """Run a network over tiles whose seams are blended.
+
+    Each tile carries a halo that is thrown away and a ramp over which it fades into its neighbour. The result equals
+    the whole image's wherever the halo covers the network's reach; a smaller halo is hidden by the ramp. Depth is
+    normalised by the whole image's ``depth_unit``, which must be given where depth is.
+
+    Args:
+        network: what maps views to enhanced images of the same size.
+        views: the whole image.
+        tile: side of a tile with halo, a multiple of stride.
+        halo: pixels on each inner side that are computed and thrown away, a multiple of stride.
+        blend: pixels over which neighbours fade into each other, a multiple of stride.
+        stride: tiles start at multiples of this, as the network's own grid does.
+
+    Raises:
+        InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.
+    """
+    if any(side % stride for side in (tile, halo, blend)):
+        raise InputError("tile", f"has sides {tile}, {halo}, {blend}", f"use multiples of {stride}")
+    if tile < 2 * halo + 2 * blend:
+        raise InputError("tile", f"is {tile} with a halo of {halo}", f"use at least {2 * halo + 2 * blend}")
+    height, width = views.render.shape[-2:]
+    if height <= tile and width <= tile:
+        return network(views)
+    result = torch.zeros_like(views.render)
+    total = views.render.new_zeros(1, 1, height, width)
+    for top, bottom in _spans(height, tile, halo, blend):
+        for left, right in _spans(width, tile, halo, blend):
+            weight = _ramp(top, bottom, height, halo, blend).to(result)[:, None] * _ramp(
+                left, right, width, halo, blend
+            ).to(result)
+            enhanced = network(_crop(views, top, bottom, left, right))
+            result[..., top:bottom, left:right] += weight * enhanced
+            total[..., top:bottom, left:right] += weight
+    return result / total
+
+
+def _spans(length: int, tile: int, halo: int, blend: int) -> Iterator[tuple[int, int]]:
+    """First and last pixel of the tiles along one axis: kept parts overlap by the ramp."""
+    step = tile - 2 * halo - blend
+    start = 0
+    while True:
+        end = min(start + tile, length)
+        yield start, end
+        if end == length:
+            return
+        start += step
+
+
+def _ramp(start: int, end: int, length: int, halo: int, blend: int) -> Float[Tensor, " n"]:
+    """Weight of each pixel along one axis: 0 in the halo, rising over the ramp, 1 inside and at the image's border."""
+    position = torch.arange(start, end, dtype=torch.float32) + 0.5
+    before = torch.ones_like(position) if start == 0 else ((position - start - halo) / blend).clamp(0, 1)
+    after = torch.ones_like(position) if end == length else ((end - halo - position) / blend).clamp(0, 1)
+    return torch.minimum(before, after)
+
+
+def _crop(views: Views, top: int, bottom: int, left: int, right: int) -> Views:
+    def cut(image: Tensor) -> Tensor:
+        return image[..., top:bottom, left:right]
+
+    return Views(
+        cut(views.render),
+        cut(views.references),
+        cut(views.visibility),
+        None if views.depth is None else cut(views.depth),
+        None if views.alpha is None else cut(views.alpha),
+        views.depth_unit,
+    )

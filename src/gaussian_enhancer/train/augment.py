@@ -1,0 +1,92 @@
+"""What training varies: where a sample is cut out, how it is turned, which references it has and in which light.
+
+Axes: p planes, h height, w width, s side of a crop, b batch.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from gaussian_enhancer.train.samples import FIXED
+from gaussian_enhancer.types import Batch
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Random crops and turns, dropped references, and jittered exposure.
+
+    Args:
+        crop: side of the square crops in pixels, a multiple of 16.
+        drop_all: chance that a sample has no reference, so that the network also serves renders alone.
+        exposure: standard deviation of a reference's log gain beside the target's, per reference and half of it per
+            channel: what colour matching leaves.
+        light: standard deviation of a log gain per channel that all images of a sample share.
+    """
+
+    crop: int = 128
+    drop_all: float = 0.1
+    exposure: float = 0.04
+    light: float = 0.1
+
+    def cut(self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator) -> UInt8[np.ndarray, "p s s"]:
+        """A random square, flipped and turned; images smaller than it are continued by reflection.
+
+        Args:
+            planes: of one sample.
+            generator: source of randomness.
+        """
+        height, width = planes.shape[1:]
+        top = _below(max(1, height - self.crop + 1), generator)
+        left = _below(max(1, width - self.crop + 1), generator)
+        piece = np.array(planes[:, top : top + self.crop, left : left + self.crop])
+        while piece.shape[1] < self.crop or piece.shape[2] < self.crop:
+            grow = [(0, min(self.crop - side, side)) for side in piece.shape[1:]]
+            piece = np.pad(piece, [(0, 0), *grow], mode="symmetric")
+        if _below(2, generator):
+            piece = piece[:, :, ::-1]
+        return np.ascontiguousarray(np.rot90(piece, _below(4, generator), axes=(1, 2)))
+
+    def drop(self, planes: UInt8[np.ndarray, "p s s"], generator: torch.Generator) -> UInt8[np.ndarray, "q s s"]:
+        """Keep a random number of references, the better ones first more often than not.
+
+        Args:
+            planes: of one crop.
+            generator: source of randomness.
+        """
+        count = (len(planes) - FIXED) // 4
+        if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
+            return planes[:FIXED]
+        kept = 1 + _below(count, generator)
+        order = list(range(count)) if _below(2, generator) else torch.randperm(count, generator=generator).tolist()
+        chosen = [planes[FIXED + 4 * i : FIXED + 4 * i + 4] for i in order[:kept]]
+        return np.concatenate([planes[:FIXED], *chosen])
+
+    def relight(self, batch: Batch, generator: torch.Generator) -> Batch:
+        """Change the light of whole samples, and the exposure of their references.
+
+        Args:
+            batch: crops.
+            generator: source of randomness.
+        """
+        views = batch.views
+        size, count = views.references.shape[:2]
+        light = torch.exp(self.light * torch.randn(size, 3, 1, 1, generator=generator))
+        one = torch.randn(size, count, 1, 1, 1, generator=generator)
+        each = torch.randn(size, count, 3, 1, 1, generator=generator)
+        exposure = torch.exp(self.exposure * (one + 0.5 * each))
+
+        def lit(image: Tensor, gain: Tensor) -> Tensor:
+            return (image * gain).clamp(0, 1)
+
+        views = dataclasses.replace(
+            views, render=lit(views.render, light), references=lit(views.references, light[:, None] * exposure)
+        )
+        return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light))
+
+
+def _below(limit: int, generator: torch.Generator) -> int:
+    return int(torch.randint(limit, (), generator=generator))

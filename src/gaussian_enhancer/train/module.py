@@ -1,0 +1,107 @@
+"""The thin layer between a network and Lightning."""
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from lightning import LightningModule
+from torch import Tensor, nn
+
+from gaussian_enhancer.enhance.prepare import quantised
+from gaussian_enhancer.objective.objective import Objective
+from gaussian_enhancer.types import Batch
+
+
+@dataclass(frozen=True)
+class Optimiser:
+    """AdamW with linear warm-up and a cosine down to zero.
+
+    Args:
+        rate: largest learning rate.
+        decay: weight decay of AdamW.
+        warmup: steps of rising rate.
+        average: decay of the running mean of the weights, which is what is kept; 0 keeps the last.
+    """
+
+    rate: float = 8e-4
+    decay: float = 1e-4
+    warmup: int = 200
+    average: float = 0.999
+
+    def factor(self, step: int, steps: int) -> float:
+        """Share of the largest learning rate at a step."""
+        rise = min(1.0, (step + 1) / max(1, self.warmup))
+        return rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / max(1, steps))))
+
+
+class EnhancerModule(LightningModule):
+    """Trains a network; keeps the running mean of its weights as ``average`` and validates with that.
+
+    Args:
+        network: maps views to enhanced images.
+        objective: what is minimised.
+        metrics: figures of enhanced image against photo by name; their gain over the raw render is logged.
+        optimiser: how.
+        steps: length of the training, for the schedule.
+    """
+
+    def __init__(
+        self, network: nn.Module, objective: Objective, metrics: Mapping[str, Any], optimiser: Optimiser, steps: int
+    ) -> None:
+        super().__init__()
+        self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = copy.deepcopy(network).requires_grad_(False)
+        self.objective, self.metrics, self.optimiser, self.steps = objective, dict(metrics), optimiser, steps
+
+    def training_step(self, batch: Batch, index: int) -> Tensor:
+        """Loss of a batch of crops."""
+        enhanced = self.network(batch.views)
+        with torch.autocast(self.device.type, enabled=False):
+            total, parts = self.objective(enhanced.float(), batch.photo, batch.views.render)
+        size = len(batch.names)
+        self.log("train/total", total, prog_bar=True, batch_size=size)
+        self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size)
+        return total
+
+    @torch.no_grad()
+    def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
+        """Move the average towards the weights; early on it follows faster."""
+        decay = min(self.optimiser.average, (1 + self.global_step) / (10 + self.global_step))
+        for mean, value in zip(self.average.parameters(), self.network.parameters(), strict=True):
+            mean.lerp_(value, 1 - decay)
+
+    def validation_step(self, batch: Batch, index: int) -> None:
+        """Gain over the raw render on a whole image, both quantised to 8 bit."""
+        enhanced, raw = quantised(self.average(batch.views).float()), quantised(batch.views.render)
+        with torch.autocast(self.device.type, enabled=False):
+            gains = {
+                f"gain/{name}": metric(enhanced, batch.photo) - metric(raw, batch.photo)
+                for name, metric in self.metrics.items()
+            }
+        self.log_dict(gains, prog_bar=True, batch_size=1)
+
+    def configure_optimizers(self) -> Any:
+        """AdamW on the network's parameters; convolutions' weights alone decay."""
+        parameters = [p for p in self.network.parameters() if p.requires_grad]
+        groups = [
+            {"params": [p for p in parameters if p.dim() == 4], "weight_decay": self.optimiser.decay},
+            {"params": [p for p in parameters if p.dim() != 4], "weight_decay": 0.0},
+        ]
+        adam = torch.optim.AdamW(groups, lr=self.optimiser.rate, betas=(0.9, 0.99))
+        schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: self.optimiser.factor(step, self.steps))
+        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def psnr(enhanced: Tensor, photo: Tensor) -> Tensor:
+    """Peak signal-to-noise ratio in dB of images in [0, 1], 100 at most."""
+    return -10 * torch.log10((enhanced - photo).square().mean().clamp_min(1e-10))
+
+
+def ssim(enhanced: Tensor, photo: Tensor) -> Tensor:
+    """Structural similarity as 3DGS measures it: 11x11 Gaussian window of 1.5 pixels, zero padding."""
+    from gaussian_enhancer.objective.terms import dissimilarity
+
+    return 1 - dissimilarity(enhanced, photo).mean()

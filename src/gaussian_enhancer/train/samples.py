@@ -1,0 +1,157 @@
+"""Prepared training tuples on disk: every reference is warped once, at full size.
+
+A sample is one `.npy` of 8-bit planes (p h w), which is memory-mapped so that a crop reads only its own rows:
+render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3 and
+visibility 1. Warping commutes with cropping and flipping, so that augmentation is local.
+Axes: p planes, h height, w width, r references.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from gaussian_enhancer.enhance.modulate import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
+from gaussian_enhancer.enhance.weights import preparation_of
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import unwritable, whole_file
+from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Batch, Views
+
+LAYOUT = 3
+FIXED = 9
+NEAREST = 4.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One prepared tuple.
+
+    Args:
+        name: set and view.
+        path: of the planes.
+        height: in pixels.
+        width: in pixels.
+        references: how many references it has.
+        has_depth: whether depth is known.
+        has_alpha: whether opacity is known.
+    """
+
+    name: str
+    path: str
+    height: int
+    width: int
+    references: int
+    has_depth: bool
+    has_alpha: bool
+
+    def planes(self) -> np.ndarray:
+        """The planes, mapped from the file."""
+        return np.load(self.path, mmap_mode="r")
+
+
+def prepare_samples(
+    rendered: RenderedSet,
+    preparation: Preparation,
+    cache: Path,
+    identity: str,
+    workers: int = 2,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Sample]:
+    """The samples of a set, prepared now or found in the cache.
+
+    Args:
+        rendered: targets with photos, and references.
+        preparation: how references are aligned.
+        cache: folder of prepared sets.
+        identity: what tells the content of the set, for instance its folder, step and time of completion.
+        workers: threads.
+        progress: called after each view.
+
+    Raises:
+        InputError: a view has no photo, or the cache cannot be written.
+    """
+    content = {"layout": LAYOUT, "identity": identity, "preparation": preparation_of(preparation)}
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+    folder = cache / f"{rendered.name}-{digest}"
+    index = folder / "index.json"
+    if index.is_file():
+        return [Sample(**entry) for entry in json.loads(index.read_text())]
+    pool = Pool(rendered.references)
+
+    def prepared(number: int) -> Sample:
+        sample = _prepare(rendered, number, preparation, pool, folder)
+        progress()
+        return sample
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with ThreadPoolExecutor(workers) as executor:
+            samples = list(executor.map(prepared, range(len(rendered.targets))))
+        with whole_file(index) as temporary:
+            temporary.write_text(json.dumps([dataclasses.asdict(sample) for sample in samples]))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return samples
+
+
+def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool: Pool, folder: Path) -> Sample:
+    view = rendered.targets[number]
+    target = read_target(view)
+    photo = _photo(view, *target.image.shape[-2:])
+    aligned = preparation.align(target, view, pool)
+    inverse = torch.zeros_like(target.image[:1])
+    if target.depth is not None:
+        depth = target.depth[None]
+        inverse = normalised_inverse_depth(depth, depth_unit(depth))[0] / NEAREST
+    fine = (inverse * 65535).round().int()
+    alpha = torch.ones_like(inverse) if target.alpha is None else target.alpha
+    references = torch.cat([aligned.references, aligned.visibility], dim=1).flatten(0, 1)
+    planes = torch.cat(
+        [_bytes(target.image), _bytes(photo), _bytes(alpha), fine // 256, fine % 256, _bytes(references)]
+    )
+    path = folder / f"{number:04d}.npy"
+    np.save(path, planes.to(torch.uint8).numpy())
+    height, width = planes.shape[-2:]
+    known = target.depth is not None, target.alpha is not None
+    return Sample(f"{rendered.name}/{view.name}", str(path), height, width, len(aligned.names), *known)
+
+
+def _photo(view: RenderedView, height: int, width: int) -> Float[Tensor, "3 {height} {width}"]:
+    if view.read_photo is None:
+        raise InputError(view.name, "has no photo to learn from", "train on renders of photographed views")
+    return resize(view.read_photo(), height, width)
+
+
+def _bytes(image: Float[Tensor, "p h w"]) -> Tensor:
+    return (image.clamp(0, 1) * 255).round().int()
+
+
+def batch_of(planes: Sequence[UInt8[np.ndarray, "_ h w"]], samples: Sequence[Sample], references: int) -> Batch:
+    """A batch from planes of equal size; missing references have visibility 0.
+
+    Args:
+        planes: crops or whole images.
+        samples: what they belong to.
+        references: places for references.
+    """
+    wide = [np.pad(p, ((0, FIXED + 4 * references - len(p)), (0, 0), (0, 0))) for p in planes]
+    values = torch.from_numpy(np.ascontiguousarray(np.stack(wide)))
+    height, width = values.shape[-2:]
+    images = values.float() / 255
+    inverse = (values[:, 7:8].float() * 256 + values[:, 8:9].float()) * (NEAREST / 65535)
+    known = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
+    depth = torch.where((inverse > 0) & known, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
+    stack = images[:, FIXED:].view(len(samples), references, 4, height, width)
+    views = Views(images[:, :3], stack[:, :, :3], stack[:, :, 3:], depth, images[:, 6:7], torch.ones(len(samples)))
+    return Batch(views, images[:, 3:6], tuple(sample.name for sample in samples))

@@ -1,0 +1,64 @@
+"""A fitted run's folder made without fitting: a textured plane, blurred photos as renders, exact depth."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from PIL import Image
+
+from gaussian_enhancer.scene.cameras import write_cameras
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.types import Camera, identity_camera
+
+
+def plane_camera(index: int, height: int, width: int) -> Camera:
+    camera = identity_camera(height, width, float(width))
+    pose = torch.eye(4)
+    pose[:3, 3] = -torch.tensor([0.15 * (index % 4) - 0.2, 0.12 * (index // 4) - 0.1, 0.02 * index])
+    return Camera(camera.K, pose, height, width)
+
+
+def plane_view(camera: Camera, texture: torch.Tensor, distance: float = 3.0) -> tuple[torch.Tensor, torch.Tensor]:
+    """Photo and depth of a plane at a distance, textured over [-3, 3]^2."""
+    y, x = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
+    rays = torch.linalg.inv(camera.K) @ torch.stack([x, y, torch.ones_like(x)]).flatten(1)
+    reach = distance - camera.centre[2]
+    points = camera.centre[:, None] + rays * reach
+    grid = (points[:2].T / 3).view(1, camera.height, camera.width, 2)
+    photo = F.grid_sample(texture[None], grid, align_corners=False, padding_mode="reflection")[0]
+    return photo.clamp(0, 1), torch.full((1, camera.height, camera.width), float(reach))
+
+
+def write_plane_run(
+    folder: Path, seed: int = 0, views: int = 8, size: tuple[int, int] = (48, 64), steps: tuple[int, ...] = (100,)
+) -> Path:
+    """Write a run with every fourth view held out; the render is the photo, blurred and noisy."""
+    generator = torch.Generator().manual_seed(seed)
+    texture = torch.rand(3, 192, 192, generator=generator)
+    coarse = F.interpolate(torch.rand(1, 3, 12, 12, generator=generator), size=(192, 192), mode="bicubic")[0]
+    texture = (0.4 * texture + 0.6 * coarse).clamp(0, 1)
+    views_, sides = [], []
+    for index in range(views):
+        camera = plane_camera(index, *size)
+        photo, depth = plane_view(camera, texture)
+        side = "test" if index % 4 == 0 else "train"
+        views_.append(RenderedView(f"view_{index:03d}.png", None, camera))
+        sides.append(side)
+        for step in steps:
+            blurred = F.avg_pool2d(photo[None], 5, 1, 2, count_include_pad=False)[0]
+            render = (blurred + 0.02 * torch.randn(blurred.shape, generator=generator)).clamp(0, 1)
+            part = folder / side / f"ours_{step}"
+            for name, image in (("renders", render), ("gt", photo), ("alpha", torch.ones_like(depth))):
+                _write(part / name / f"view_{index:03d}.png", image)
+            (part / "depth").mkdir(parents=True, exist_ok=True)
+            np.save(part / "depth" / f"view_{index:03d}.npy", depth[0].numpy())
+    write_cameras(folder / "cameras.json", views_, sides)
+    (folder / "done").write_text("{}")
+    return folder
+
+
+def _write(path: Path, image: torch.Tensor) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    values = (image * 255).round().byte().permute(1, 2, 0).numpy()
+    Image.fromarray(values[..., 0] if values.shape[2] == 1 else values).save(path)
