@@ -50,3 +50,20 @@ def smoothing_size(
         raise InputError("training cameras", received, "give the cameras that the splat was fitted to")
     largest = spacing[seen].max() if len(means) else 0.0
     return FILTER_VARIANCE**0.5 * torch.where(seen, spacing, largest)
+
+
+def smoothed(
+    scales: Float[Tensor, "n 3"], opacities: Float[Tensor, " n"], smoothing: Float[Tensor, " n"]
+) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
+    """Convolve Gaussians with the 3D filter: s -> sqrt(s^2 + f^2), opacity *= prod s / sqrt(s^2 + f^2).
+
+    Source: Yu et al., Mip-Splatting, CVPR 2024, equation 9. The factor is a product of ratios, so that the
+    determinants of small Gaussians do not underflow.
+
+    Args:
+        scales: standard deviations, world units.
+        opacities: peak opacities in [0, 1].
+        smoothing: the filter's standard deviation f, world units.
+    """
+    wide = torch.sqrt(scales.square() + smoothing[:, None].square())
+    return wide, opacities * (scales / wide).prod(-1)

@@ -1,0 +1,145 @@
+"""Rendering on CUDA through the gsplat library (1.5 or newer), with the same contract as the CPU kernels.
+
+Axes: n Gaussians, h height, w width. Where gsplat differs from `splat.oracle`:
+    - disks: depths are the z of the centres, not of the intersections; shares are capped at 0.999 instead of 0.99
+      before version 1.6; the low-pass sits at the middle of the projected disk's box; intersections are not clipped
+      at the near plane; absolute gradients cover the low-pass only and are therefore not handed on;
+    - Mip-Splatting: from version 1.6 the factor on opacity is at least 0.005.
+"""
+
+import math
+import weakref
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.filters import smoothed
+from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
+from gaussian_enhancer.splat.render import ScreenStatistics
+from gaussian_enhancer.types import Camera, Gaussians, Render
+
+_COVERED = 1e-3
+_BOX_DEVIATIONS = 3.33  # gsplat's half box of a disk in standard deviations
+
+
+def render_gsplat(
+    gaussians: Gaussians,
+    camera: Camera,
+    method: Method,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    near: float = 0.01,
+    screen: ScreenStatistics | None = None,
+) -> Render:
+    """Render one view with gsplat; see `splat.render.render`, which calls this.
+
+    Args:
+        gaussians: float32; three scale axes for ellipsoids, two for disks.
+        camera: on any device; moved to the Gaussians'.
+        method: whose footprints to use.
+        background: colour behind everything, [0, 1].
+        near: smallest z in scene units that is drawn.
+        screen: is filled with statistics for densification, if given.
+
+    Raises:
+        InputError: if gsplat is not installed or the Gaussians are not float32.
+    """
+    if gaussians.means.dtype != torch.float32:
+        raise InputError("splat", f"has dtype {gaussians.means.dtype}", "use float32 on CUDA")
+    gsplat = _library()
+    arguments = _arguments(gaussians, camera, method, near)
+    arguments["absgrad"] = screen is not None and not isinstance(method, TwoDGS)
+    median = normals = None
+    if isinstance(method, TwoDGS):
+        planes, alphas, world_normals, _, _, medians, meta = gsplat.rasterization_2dgs(**arguments)
+        # gsplat turns normals to the world and hands out a median even where less than half is covered.
+        median = torch.where(alphas[0] >= 0.5, medians[0], 0.0).detach()
+        unit = torch.nn.functional.normalize(world_normals[0] @ camera.rotation.to(planes).T, dim=-1)
+        normals = torch.where(alphas[0] >= _COVERED, unit, 0.0)
+    else:
+        mode = "antialiased" if isinstance(method, MipSplatting) else "classic"
+        arguments |= {"eps2d": method.dilation, "rasterize_mode": mode}
+        planes, alphas, meta = gsplat.rasterization(**arguments)
+    if screen is not None:
+        _fill(screen, meta, planes, isinstance(method, TwoDGS))
+    colour = planes[0, ..., :3] + (1 - alphas[0]) * planes.new_tensor(background)
+    depth = torch.where(alphas[0] >= _COVERED, planes[0, ..., 3:], 0.0)
+    images = (
+        None if plane is None else plane.permute(2, 0, 1) for plane in (colour, depth, alphas[0], median, normals)
+    )
+    return Render(*images)  # type: ignore[arg-type]
+
+
+def _library() -> Any:
+    """The gsplat package, imported only when something is rendered on CUDA."""
+    try:
+        import gsplat
+    except ModuleNotFoundError as error:
+        if error.name != "gsplat":
+            raise
+        received = "needs the package gsplat, which is not installed"
+        raise InputError("rendering on CUDA", received, "run: pip install gaussian-enhancer[cuda]") from None
+    return gsplat
+
+
+def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float) -> dict[str, Any]:
+    """What both of gsplat's rasterisers take, with one camera as a batch."""
+    scales, opacities = torch.exp(gaussians.log_scales), torch.sigmoid(gaussians.opacity_logits)
+    if isinstance(method, TwoDGS):
+        scales = torch.cat([scales, torch.ones_like(scales[:, :1])], 1)
+    elif isinstance(method, MipSplatting) and gaussians.smoothing is not None:
+        scales, opacities = smoothed(scales, opacities, gaussians.smoothing)
+    return {
+        "means": gaussians.means,
+        "quats": gaussians.quaternions,
+        "scales": scales,
+        "opacities": opacities,
+        "colors": gaussians.sh,
+        "sh_degree": math.isqrt(gaussians.sh.shape[1]) - 1,
+        "viewmats": camera.world_to_camera.to(gaussians.means)[None].contiguous(),
+        "Ks": camera.K.to(gaussians.means)[None].contiguous(),
+        "width": camera.width,
+        "height": camera.height,
+        "near_plane": near,
+        "render_mode": "RGB+ED",
+        "packed": False,
+    }
+
+
+def _fill(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks: bool) -> None:
+    """Fill what the forward knows, and have the backward fill the gradients."""
+    radii = meta["radii"][0]
+    screen.visible = (radii > 0).all(-1)
+    if disks:
+        widest = radii.amax(-1) * (3.0 / _BOX_DEVIATIONS)
+    else:
+        widest = 3.0 * _deviation(meta["conics"][0].detach())
+    screen.radius = torch.where(screen.visible, widest, 0.0)
+    screen.gradient = screen.absolute_gradient = None
+    means2d = meta["means2d"]
+    source = meta["gradient_2dgs"] if disks else means2d
+    if not (source.requires_grad and planes.grad_fn):
+        return
+    # gsplat puts the absolute gradient on the tensor that the hook is on. A hook that owned its tensor might never be
+    # freed, so that the graph owns it instead.
+    held = weakref.ref(means2d)
+    planes.grad_fn.metadata["means2d"] = means2d
+
+    def fill(gradient: Tensor) -> None:
+        screen.gradient = gradient[0].norm(dim=-1)
+        tensor = held()
+        if not disks and tensor is not None:
+            screen.absolute_gradient = tensor.absgrad[0].norm(dim=-1)
+
+    source.register_hook(fill)
+
+
+def _deviation(conics: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
+    """Standard deviation of the longer axis in pixels, from inverse covariances (xx, xy, yy)."""
+    xx, xy, yy = conics.unbind(-1)
+    middle = (xx + yy) / 2
+    largest = middle + ((xx - yy).square() / 4 + xy.square()).sqrt()
+    return (largest / (xx * yy - xy.square()).clamp_min(torch.finfo(conics.dtype).tiny)).sqrt()
