@@ -6,7 +6,6 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.colmap import find_model, load_colmap
 from gaussian_enhancer.scene.opensfm import find_reconstruction, load_opensfm
-from gaussian_enhancer.scene.posed import Missing
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
@@ -15,9 +14,9 @@ from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transfo
 def open_capture(
     path: str | Path,
     *,
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
-    missing: Missing = "error",
+    missing: str = "error",
     background: tuple[float, float, float] | None = None,
     name: str = "",
 ) -> Scene:

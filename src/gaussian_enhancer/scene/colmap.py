@@ -13,7 +13,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import ENDINGS, list_images
-from gaussian_enhancer.scene.posed import Missing, PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
@@ -30,9 +30,9 @@ def load_colmap(
     *,
     images: str = "images",
     sparse: str | None = None,
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
-    missing: Missing = "error",
+    missing: str = "error",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     name: str = "",
 ) -> Scene:
@@ -58,11 +58,13 @@ def load_colmap(
     files: list[PosedFile] = []
     absent: list[str] = []
     for image in model.images.values():
-        found = photos.pop(_key(image.name), None)
-        if found is None or not image.has_pose:
-            absent.extend([image.name] if found is None else [])
+        if not image.has_pose:
             continue
-        files.append(PosedFile(found[0], found[1], _lens(image.camera, folder), _pose(image)))
+        found = photos.pop(_key(image.name), None)
+        if found is None:
+            absent.append(image.name)
+        else:
+            files.append(PosedFile(found[0], found[1], _lens(image.camera, folder), _pose(image)))
     refuse_or_drop(absent, "cameras without a photo", root / images, missing)
     refuse_or_drop([listed for listed, _ in photos.values()], "photos without a camera", root / images, missing)
     return build_scene(

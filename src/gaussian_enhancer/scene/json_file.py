@@ -35,14 +35,14 @@ def member(record: Any, key: str, where: object) -> Any:
     return record[key]
 
 
-def number(record: Any, key: str, where: object, default: float | None = None) -> float:
+def number(record: Any, key: str, where: object, default: int | float | None = None) -> float:
     """A numeric member of a JSON object; ``default`` where it is absent.
 
     Raises:
         InputError: the member is no number, or absent without a default.
     """
     if default is not None and isinstance(record, dict) and key not in record:
-        return default
+        return float(default)
     value = member(record, key, where)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(where, f"has {key} = {value!r}", "give a number")

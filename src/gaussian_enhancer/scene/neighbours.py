@@ -8,7 +8,6 @@ Axes: h w the target's size, H W a reference's size, n candidates.
 
 import re
 from collections.abc import Sequence
-from typing import Literal
 
 import torch
 from jaxtyping import Float
@@ -91,7 +90,7 @@ def rank_references(
     candidates: Sequence[View],
     count: int,
     *,
-    distance: Literal["relative", "published"] = "relative",
+    distance: str = "relative",
     depth: Float[Tensor, "1 h w"] | None = None,
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.

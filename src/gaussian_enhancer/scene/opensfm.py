@@ -15,7 +15,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.photos import list_images
-from gaussian_enhancer.scene.posed import Missing, PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
@@ -27,9 +27,9 @@ def load_opensfm(
     file: str | None = None,
     component: int = 0,
     images: str = "images",
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
-    missing: Missing = "error",
+    missing: str = "error",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     name: str = "",
 ) -> Scene:

@@ -111,7 +111,7 @@ def resize(image: Float[Tensor, "c h w"], height: int, width: int) -> Float[Tens
     return resized[0].clamp(0, 1)
 
 
-def downscaled_size(height: int, width: int, downscale: float) -> tuple[int, int]:
+def downscaled_size(height: int, width: int, downscale: int | float) -> tuple[int, int]:
     """Height and width after dividing by ``downscale`` and rounding, as 3DGS does.
 
     Raises:

@@ -21,8 +21,6 @@ from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
 from gaussian_enhancer.types import Camera
 
-Missing = Literal["error", "drop"]
-
 
 @dataclass(frozen=True)
 class PosedFile:
@@ -79,7 +77,7 @@ def build_scene(
     *,
     source: Path,
     name: str = "",
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     points: Points | None = None,
@@ -127,7 +125,7 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
     return names
 
 
-def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: Missing) -> None:
+def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str) -> None:
     """Let incomplete entries pass if ``missing`` is "drop".
 
     Raises:
@@ -180,7 +178,7 @@ def _own_split(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int,
     return train, test
 
 
-def _photo(file: PosedFile, name: str, downscale: float, background: tuple[float, float, float]) -> Photo:
+def _photo(file: PosedFile, name: str, downscale: int | float, background: tuple[float, float, float]) -> Photo:
     header = read_header(file.path)
     lens = fitted_lens(file.lens, header.height, header.width, file.path)
     K, height, width = ideal_pinhole(lens)

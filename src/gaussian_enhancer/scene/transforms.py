@@ -17,7 +17,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
-from gaussian_enhancer.scene.posed import Missing, PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
@@ -31,9 +31,9 @@ def load_transforms(
     path: str | Path,
     *,
     file: str = "transforms.json",
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
-    missing: Missing = "error",
+    missing: str = "error",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     name: str = "",
 ) -> Scene:
@@ -75,9 +75,9 @@ def load_transforms(
 def load_nerf_synthetic(
     path: str | Path,
     *,
-    downscale: float = 1.0,
+    downscale: int | float = 1,
     split: Split | None = None,
-    missing: Missing = "error",
+    missing: str = "error",
     background: tuple[float, float, float] = (1.0, 1.0, 1.0),
     name: str = "",
 ) -> Scene:

@@ -1,0 +1,134 @@
+import dataclasses
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.neighbours import (
+    camera_spacing,
+    covisibility,
+    pose_costs,
+    rank_references,
+    scene_references,
+)
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Camera, identity_camera
+
+
+def camera_at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn: float = 0.0) -> Camera:
+    """A camera at a place, turned around the vertical axis by radians."""
+    c, s = torch.cos(torch.tensor(turn)), torch.sin(torch.tensor(turn))
+    pose = torch.eye(4)
+    pose[:3, :3] = torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+    pose[:3, 3] = -pose[:3, :3] @ torch.tensor([x, y, z])
+    return dataclasses.replace(identity_camera(24, 32, 40.0), world_to_camera=pose)
+
+
+def view(name, camera=None):
+    return RenderedView(name, None, camera)
+
+
+def scaled(camera: Camera, scale: float) -> Camera:
+    pose = camera.world_to_camera.clone()
+    pose[:3, 3] *= scale
+    return dataclasses.replace(camera, world_to_camera=pose)
+
+
+def test_published_cost_by_hand():
+    costs = pose_costs(camera_at(), [camera_at(3.0, 0.0, 4.0), camera_at(turn=torch.pi / 3), camera_at(turn=torch.pi)])
+    torch.testing.assert_close(costs, torch.tensor([5.0, 25.0, 100.0], dtype=torch.float64), atol=1e-4, rtol=0)
+
+
+def test_spacing_is_the_median_nearest_distance():
+    cameras = [camera_at(x) for x in (0.0, 1.0, 3.0, 6.0)]
+    assert camera_spacing(cameras) == pytest.approx(1.0)
+    assert camera_spacing([camera_at(x) for x in (0.0, 0.0, 5.0)]) == pytest.approx(5.0)
+    assert camera_spacing([camera_at(), camera_at(turn=1.0)]) == 1.0
+    assert camera_spacing([camera_at()]) == 1.0
+
+
+@given(scale=st.floats(1e-3, 1e3))
+def test_ranking_does_not_depend_on_scene_units(scale):
+    target = camera_at(0.2, 0, 0)
+    cameras = [camera_at(1.0), camera_at(turn=0.2), camera_at(0, 3.0, 0), camera_at(0.5, 0, 0, 0.4), camera_at(2.0)]
+    names = [f"{i}.png" for i in range(5)]
+    expected = rank_references(view("t.png", target), [view(n, c) for n, c in zip(names, cameras, strict=True)], 5)
+    candidates = [view(n, scaled(c, scale)) for n, c in zip(names, cameras, strict=True)]
+    assert rank_references(view("t.png", scaled(target, scale)), candidates, 5) == expected
+
+
+def test_published_distance_does_depend_on_units():
+    target, near, turned = camera_at(), camera_at(10.0), camera_at(turn=0.3)
+    candidates = [view("near.png", near), view("turned.png", turned)]
+    assert rank_references(view("t.png", target), candidates, 1, distance="published") == (1,)
+    assert rank_references(view("t.png", target), candidates, 1) == (0,)
+
+
+def test_target_is_never_its_own_reference():
+    candidates = [view("t.png", camera_at()), view("a.png", camera_at(1.0)), view("b.png", camera_at(0.5))]
+    assert rank_references(view("t.png", camera_at()), candidates, 5) == (2, 1)
+    assert rank_references(view("t.png"), candidates, 5) == (2, 1)
+
+
+def test_without_cameras_names_nearest_in_natural_order():
+    names = ["r_1.png", "r_2.png", "r_9.png", "r_10.png", "r_30.png"]
+    candidates = [view(name) for name in names]
+    assert rank_references(view("r_8.png"), candidates, 3) == (1, 2, 0)
+    assert rank_references(view("r_11.png"), candidates, 2) == (3, 4)
+    assert rank_references(view("r_0.png"), candidates, 2) == (0, 1)
+
+
+def test_some_cameras_only_are_refused():
+    with pytest.raises(InputError, match=r"b\.png"):
+        rank_references(view("t.png", camera_at()), [view("a.png", camera_at()), view("b.png")], 2)
+    with pytest.raises(InputError, match="count"):
+        rank_references(view("t.png"), [view("a.png")], 0)
+    with pytest.raises(InputError, match="distance"):
+        rank_references(view("t.png"), [view("a.png")], 1, distance="far")
+
+
+def test_covisibility_by_hand():
+    wall = torch.full((1, 24, 32), 4.0)
+    target = camera_at()
+    assert covisibility(wall, target, target, stride=1) == 1
+    assert covisibility(wall, target, camera_at(turn=torch.pi)) == 0
+    assert covisibility(torch.zeros(1, 24, 32), target, target) == 0
+    shift = 16 * 4.0 / 40.0
+    assert covisibility(wall, target, camera_at(shift), stride=1) == pytest.approx(0.5)
+    assert covisibility(wall, target, camera_at(z=5.0), stride=1) == 0
+
+
+def test_covisibility_counts_only_pixels_with_depth():
+    half = torch.full((1, 24, 32), 4.0)
+    half[..., :16] = 0
+    shift = 16 * 4.0 / 40.0
+    assert covisibility(half, camera_at(), camera_at(shift), stride=1) == 1
+    assert covisibility(half, camera_at(), camera_at(-shift), stride=1) == 0
+
+
+def test_what_another_surface_hides_does_not_count():
+    wall, target = torch.full((1, 24, 32), 4.0), camera_at()
+    screen = torch.full((1, 24, 32), 4.0)
+    screen[:, :12] = 2.0
+    assert covisibility(wall, target, target, screen, stride=1) == pytest.approx(0.5)
+    coarse = torch.nn.functional.avg_pool2d(screen, 4)
+    assert covisibility(wall, target, target, coarse, stride=1) == pytest.approx(0.5)
+
+
+def test_depth_puts_views_that_see_the_target_first():
+    wall, target = torch.full((1, 24, 32), 1.0), camera_at()
+    candidates = [view("beside.png", camera_at(1.5)), view("far.png", camera_at(z=-1.7)), view("x.png", camera_at(9.0))]
+    assert rank_references(view("t.png", target), candidates, 1) == (0,)
+    assert rank_references(view("t.png", target), candidates, 1, depth=wall) == (1,)
+
+
+def test_scene_references_are_training_photos_only():
+    photos = tuple(Photo(f"{i}.png", camera_at(float(i)), lambda: torch.zeros(3, 24, 32)) for i in range(6))
+    scene = Scene("row", photos, (0, 2, 3, 5), (1, 4))
+    assert set(scene_references(scene, 1, 2)) == {0, 2}
+    assert set(scene_references(scene, 4, 2)) == {3, 5}
+    assert scene_references(scene, 3, 1) == (2,)
+    assert set(scene_references(scene, 3, 9)) == {0, 2, 5}

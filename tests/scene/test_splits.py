@@ -1,0 +1,55 @@
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.scene.splits import Split, every_nth, resplit, thinned
+
+
+def test_every_eighth_is_held_out():
+    assert every_nth(18) == (tuple(i for i in range(18) if i % 8), (0, 8, 16))
+    assert every_nth(5, 2, 1) == ((0, 2, 4), (1, 3))
+    assert every_nth(3, 0) == ((0, 1, 2), ())
+
+
+@given(count=st.integers(2, 60), every=st.integers(2, 9), thin=st.integers(1, 5), unused=st.booleans())
+def test_sides_never_overlap_and_thinning_only_moves_photos(count, every, thin, unused):
+    train, test = Split(every, 1, thin, unused)(count)
+    assert not set(train) & set(test)
+    assert train == every_nth(count, every, 1)[0][::thin]
+    assert set(every_nth(count, every, 1)[1]) <= set(test)
+    if unused:
+        assert sorted((*train, *test)) == list(range(count))
+
+
+def test_files_own_split_is_followed_unless_refused():
+    own = (0, 2, 4), (1,)
+    assert Split()(6, own) == own
+    assert Split(train_every=2)(6, own) == ((0, 4), (1,))
+    assert Split(train_every=2, unused_as_test=True)(6, own) == ((0, 4), (1, 2))
+    assert Split(3, own=False)(6, own) == ((1, 2, 4, 5), (0, 3))
+
+
+def test_thinned_by_one_keeps_all():
+    assert thinned((1, 2), (0,), 1, True) == ((1, 2), (0,))
+
+
+def test_resplit_thins_what_a_scene_has():
+    photos = tuple(Photo(f"{i}.png", None, lambda: torch.zeros(3, 2, 2)) for i in range(6))
+    scene = Scene("s", photos, (1, 2, 3, 4, 5), (0,))
+    again = resplit(scene, Split(train_every=2, unused_as_test=True))
+    assert (again.train, again.test) == ((1, 3, 5), (0, 2, 4))
+    assert again.photos is photos
+
+
+@pytest.mark.parametrize("values", [{"test_every": 1}, {"test_every": -2}, {"test_offset": 8}, {"train_every": 0}])
+def test_impossible_numbers_are_refused(values):
+    with pytest.raises(InputError, match=next(iter(values))):
+        Split(**values)
+
+
+def test_split_that_leaves_nothing_is_refused():
+    with pytest.raises(InputError, match="leaves none of 2"):
+        Split()(2, ((), (0, 1)))
