@@ -67,10 +67,8 @@ def render_gsplat(
         _fill(screen, meta, planes, isinstance(method, TwoDGS))
     colour = planes[0, ..., :3] + (1 - alphas[0]) * planes.new_tensor(background)
     depth = torch.where(alphas[0] >= _COVERED, planes[0, ..., 3:], 0.0)
-    images = (
-        None if plane is None else plane.permute(2, 0, 1) for plane in (colour, depth, alphas[0], median, normals)
-    )
-    return Render(*images)  # type: ignore[arg-type]
+    images = (colour, depth, alphas[0], median, normals)
+    return Render(*(None if image is None else image.permute(2, 0, 1) for image in images))  # type: ignore[arg-type]
 
 
 def _library() -> Any:
@@ -126,7 +124,7 @@ def _fill(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks:
     # gsplat puts the absolute gradient on the tensor that the hook is on. A hook that owned its tensor might never be
     # freed, so that the graph owns it instead.
     held = weakref.ref(means2d)
-    planes.grad_fn.metadata["means2d"] = means2d
+    planes.grad_fn.metadata["means2d"] = means2d  # type: ignore[index]
 
     def fill(gradient: Tensor) -> None:
         screen.gradient = gradient[0].norm(dim=-1)
