@@ -13,7 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import save_array, whole_file
 from gaussian_enhancer.scene.cameras import write_scene_cameras
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
@@ -69,8 +69,7 @@ def _export_view(folder: Path, stem: str, photo: Photo, scene: Scene, gaussians:
     _write_png(folder / "renders" / f"{stem}.png", view.colour)
     _write_png(folder / "gt" / f"{stem}.png", photo.read())
     _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
-    with whole_file(folder / "depth" / f"{stem}.npy") as temporary:
-        np.save(temporary, view.depth[0].cpu().numpy().astype(np.float32))
+    save_array(folder / "depth" / f"{stem}.npy", view.depth[0].cpu().numpy().astype(np.float32))
 
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:

@@ -1,12 +1,13 @@
 """The choices of a fit, as plain values."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import Densification
 from gaussian_enhancer.splat.fit.optimise import LearningRates
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
-from gaussian_enhancer.splat.fit.start import Start
+from gaussian_enhancer.splat.fit.start import STARTS
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,11 @@ class FitSettings:
     """
 
     steps: int = 3000
-    init: Start = "plane_sweep"
+    init: str = "plane_sweep"
     start_gaussians: int = 10_000
     max_gaussians: int = 20_000
     sh_degree: int = 1
-    snapshots: tuple[float, ...] = (0.25, 0.5)
+    snapshots: Sequence[float] = (0.25, 0.5)
     seed: int = 0
     ssim_weight: float = 0.2
     random_background: bool = False
@@ -62,6 +63,8 @@ class FitSettings:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise InputError("steps", f"is {self.steps}", "give at least 1")
+        if self.init not in STARTS:
+            raise InputError("init", f"is {self.init!r}", f"choose {', '.join(STARTS)}")
         if not 0 <= self.sh_degree <= 3:
             raise InputError("sh_degree", f"is {self.sh_degree}", "give 0, 1, 2 or 3")
         if not 0 < self.start_gaussians <= self.max_gaussians:

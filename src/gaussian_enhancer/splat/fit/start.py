@@ -3,8 +3,6 @@
 Axes: p points, s scale axes.
 """
 
-from typing import Literal
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -17,14 +15,15 @@ from gaussian_enhancer.splat.fit.targets import TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, TwoDGS
 from gaussian_enhancer.types import Camera, Gaussians
 
-Start = Literal["plane_sweep", "points", "random"]
+STARTS = ("plane_sweep", "points", "random")
+"""What a fit can start from."""
 
 
 def starting_gaussians(
     scene: Scene,
     photos: TrainingPhotos,
     method: Method,
-    init: Start,
+    init: str,
     *,
     count: int,
     sh_degree: int,
@@ -56,7 +55,7 @@ def starting_gaussians(
     elif init == "random":
         points = at_random(photos.cameras, count, generator)
     else:
-        raise InputError("init", f"is {init!r}", "choose plane_sweep, points or random")
+        raise InputError("init", f"is {init!r}", f"choose {', '.join(STARTS)}")
     if len(points.positions) == 0:
         raise InputError("init=plane_sweep", "found no point that two photos agree on", "choose random or points")
     chosen = torch.randperm(len(points.positions), generator=generator)[:count]

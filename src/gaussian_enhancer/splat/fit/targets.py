@@ -38,8 +38,9 @@ class TrainingPhotos:
         self._background = scene.background
         self._device = device
         self.cameras: list[Camera] = [_camera(photo) for photo in self._photos]
-        for photo in scene.test_photos:
+        for photo in scene.test_photos:  # a fit must not find out after an hour that it cannot be measured
             _camera(photo)
+            _checked(photo)
         self._prepared: dict[int, PreparedPhoto] = {}
         for number, photo in enumerate(self._photos):
             pixels = _checked(photo)
