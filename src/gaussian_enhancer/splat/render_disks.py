@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.splat import disks, ewa, raster_disks, tiles
 from gaussian_enhancer.splat import sh as harmonics
@@ -79,6 +80,7 @@ class _Disks(torch.autograd.Function):
         return colour, depth, alpha, median, torch.from_numpy(image.normals)
 
     @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         shape, sh, view, visible, splats, lists, image, screen = ctx.saved
         colour, depth, alpha, _, normals = (array(gradient) for gradient in gradients)
