@@ -1,10 +1,13 @@
 """Writing files whole or not at all: a killed run, or a full disk, leaves either the old file or none."""
 
+import io
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 from gaussian_enhancer.errors import InputError
 
@@ -36,6 +39,25 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def save_array(path: str | Path, array: np.ndarray) -> None:
+    """Write an array as .npy, whole or not at all.
+
+    `numpy.save` hands arrays to C and does not see a full disk refuse the last few kilobytes, so that a file without
+    an error may be cut. Python's own writing does see it.
+
+    Args:
+        path: the file to write, with its ending.
+        array: what to write.
+
+    Raises:
+        InputError: if the system refuses to write.
+    """
+    content = io.BytesIO()
+    np.save(content, array)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.getbuffer())
 
 
 def unwritable(path: str | Path, error: OSError) -> InputError:

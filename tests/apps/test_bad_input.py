@@ -172,3 +172,120 @@ def test_measure_no_space(measured: tuple[str, ...], refused: Refused, monkeypat
 
     monkeypatch.setattr(Path, "write_text", full)
     assert "out/config.yaml: cannot be written (No space left on device)" in refused(*measured)
+
+
+# fit --------------------------------------------------------------------------------------------------------------
+
+FAST = ("settings.steps=2", "settings.init=random", "runtime.progress=false", "runtime.threads=1")
+
+
+def fit(capture: Path, *words: str) -> tuple[str, ...]:
+    return ("fit", f"scene.path={capture}", *FAST, *words)
+
+
+def edit(capture: Path, change: Callable[[dict], object]) -> None:
+    file = capture / "transforms.json"
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+def test_fit_accepts_what_the_cases_below_spoil(capture: Path) -> None:
+    cli.main(list(fit(capture, "output=out")))
+    assert {p.name for p in Path("out").iterdir()} >= {"splat.ply", "cameras.json", "records.jsonl", "done"}
+
+
+@pytest.mark.parametrize("number", [0, 3])  # 0 is held out, 3 is trained on
+def test_fit_truncated_photo(capture: Path, refused: Refused, number: int) -> None:
+    cut(capture / f"images/{number}.png")
+    assert f"images/{number}.png: cannot be decoded" in refused(*fit(capture))
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_fit_missing_photo(capture: Path, refused: Refused, number: int) -> None:
+    (capture / f"images/{number}.png").unlink()
+    line = refused(*fit(capture))
+    assert f"{number}.png" in line
+    assert "missing=drop" in line
+
+
+def test_fit_photo_of_another_size(capture: Path, refused: Refused) -> None:
+    save(capture / "images/3.png", (WIDTH, HEIGHT + 5))
+    line = refused(*fit(capture))
+    assert "3.png" in line
+    assert f"{WIDTH}x{HEIGHT + 5}" in line
+
+
+def test_fit_one_photo(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content.update(frames=content["frames"][:1]))
+    assert "photo" in refused(*fit(capture))
+
+
+def test_fit_no_frames(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content.update(frames=[]))
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_camera_that_is_not_finite(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content["frames"][3]["transform_matrix"][0].__setitem__(0, math.nan))
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_cut_json(capture: Path, refused: Refused) -> None:
+    cut(capture / "transforms.json")
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_empty_folder(refused: Refused) -> None:
+    Path("empty").mkdir()
+    assert "empty: is no capture that can be recognised (it holds nothing)" in refused(*fit(Path("empty")))
+
+
+def test_fit_missing_folder(refused: Refused) -> None:
+    assert "nowhere: is no folder" in refused(*fit(Path("nowhere")))
+
+
+def test_fit_without_a_scene(refused: Refused) -> None:
+    assert "scene.path: is mandatory" in refused("fit", *FAST)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("settings.steps=0",), "steps"),
+        (("settings.init=magic",), "magic"),
+        (("settings.sh_degree=4",), "degree"),
+        (("scene.downscale=0",), "downscale"),
+        (("scene.split.test_every=1",), "split"),
+        (("settings.snapshots=[2.0]",), "snapshots"),
+        (("settings.max_gaussians=0",), "gaussians"),
+        (("runtime.device=tpu",), "runtime.device"),
+        (("runtime.threads=0",), "runtime.threads"),
+    ],
+)
+def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*fit(capture, *words))
+
+
+@pytest.mark.parametrize("room", [700, 3000, 20_000])
+def test_fit_full_disk(capture: Path, room: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever is there after a refusal is whole, and the fit goes on once there is room."""
+    with full_disk(room), pytest.raises(SystemExit) as stop:
+        cli.main(list(fit(capture, "output=out")))
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (" in lines[0]
+    assert not list(Path("out").rglob(".*"))
+    assert not Path("out/done").exists()
+    for picture in Path("out").rglob("*.png"):
+        Image.open(picture).load()
+    for depth in Path("out").rglob("*.npy"):
+        assert np.load(depth).shape == (HEIGHT, WIDTH)
+    cli.main(list(fit(capture, "output=out")))
+    assert Path("out/done").is_file()
+
+
+def test_fit_damaged_checkpoint(capture: Path, refused: Refused) -> None:
+    Path("out").mkdir()
+    Path("out/checkpoint.pt").write_bytes(b"PK\x03\x04 no checkpoint")
+    assert "out/checkpoint.pt: cannot be read" in refused(*fit(capture, "output=out"), allowed=("config.yaml",))

@@ -3,6 +3,7 @@
 from typing import Any
 
 import hydra
+from hydra.errors import InstantiationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationResolutionError
 
@@ -18,10 +19,24 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
         **kwargs: keyword arguments that a configuration cannot hold; they win over the node's.
 
     Raises:
-        InputError: a value marked ``???`` was not given.
+        InputError: a value marked ``???`` was not given, or what is built refuses its values.
     """
     require(node)
-    return hydra.utils.instantiate(node, *args, _convert_="all", **kwargs)
+    try:
+        return hydra.utils.instantiate(node, *args, _convert_="all", **kwargs)
+    except InstantiationException as error:
+        refusal = _refusal(error)
+        if refusal is None:
+            raise
+        raise refusal from None
+
+
+def _refusal(error: BaseException) -> InputError | None:
+    """The user's mistake that Hydra wrapped, if it is one; an error of our own stays wrapped with its traceback."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, InputError):
+        cause = cause.__cause__
+    return cause
 
 
 def require(cfg: DictConfig) -> None:

@@ -23,7 +23,7 @@ from gaussian_enhancer.enhance.modulate import depth_unit, normalised_inverse_de
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.weights import preparation_of
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable, whole_file
+from gaussian_enhancer.files import save_array, unwritable, whole_file
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Batch, Views
@@ -121,7 +121,7 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
         [_bytes(target.image), _bytes(photo), _bytes(alpha), fine // 256, fine % 256, _bytes(references)]
     )
     path = folder / f"{number:04d}.npy"
-    np.save(path, planes.to(torch.uint8).numpy())
+    save_array(path, planes.to(torch.uint8).numpy())
     height, width = planes.shape[-2:]
     known = target.depth is not None, target.alpha is not None
     return Sample(f"{rendered.name}/{view.name}", str(path), height, width, len(aligned.names), *known)

@@ -8,6 +8,7 @@ SIGGRAPH 2023, and the files that its trainer and those of 2DGS and Mip-Splattin
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes.
 """
 
+import io
 import re
 from pathlib import Path
 
@@ -88,8 +89,10 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     names = [name for block in blocks for name in block]
     values = torch.cat([block.detach().to("cpu", torch.float32) for block in blocks.values()], dim=1).numpy()
     vertex = np.ascontiguousarray(values).view([(name, "<f4") for name in names])[:, 0]
+    content = io.BytesIO()  # numpy's own writing to a file does not notice a disk that is full at the very end
+    PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(content)
     with whole_file(path) as temporary:
-        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(str(temporary))
+        temporary.write_bytes(content.getbuffer())
 
 
 def read_elements(path: str | Path) -> dict[str, np.ndarray]:

@@ -1,0 +1,65 @@
+import os
+import resource
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import save_array, whole_file
+
+
+def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "a.txt"
+    with whole_file(target) as temporary:
+        assert temporary.suffix == ".txt"
+        temporary.write_text("new")
+        assert not target.exists()
+    assert target.read_text() == "new"
+    assert [p.name for p in target.parent.iterdir()] == ["a.txt"]
+
+
+def test_permissions_follow_the_mask(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        with whole_file(tmp_path / "a") as temporary:
+            temporary.write_text("x")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o640
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("ours"), KeyboardInterrupt()])
+def test_an_error_leaves_the_old_file_alone(tmp_path: Path, error: BaseException) -> None:
+    (tmp_path / "a").write_text("old")
+
+    def interrupted() -> None:
+        with whole_file(tmp_path / "a") as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(InputError if isinstance(error, OSError) else type(error)):
+        interrupted()
+    assert (tmp_path / "a").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_is_a_file_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("a file")
+    with pytest.raises(InputError, match=r"a/b: cannot be written \(.*\); free some space or choose another folder"):
+        save_array(tmp_path / "a" / "b", np.zeros(3))
+
+
+@pytest.mark.parametrize("size", [700, 5000])
+def test_an_array_that_does_not_fit_is_refused(tmp_path: Path, size: int) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4 * size, hard))  # the header's 128 bytes are what is missing
+    try:
+        with pytest.raises(InputError, match=r"a\.npy: cannot be written"):
+            save_array(tmp_path / "a.npy", np.zeros(size, np.float32))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not list(tmp_path.iterdir())
+    save_array(tmp_path / "a.npy", np.arange(size))
+    assert np.load(tmp_path / "a.npy")[-1] == size - 1
