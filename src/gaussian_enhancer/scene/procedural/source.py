@@ -76,9 +76,7 @@ def procedural_scene(
     height: int = 192,
     width: int = 256,
     views: int = 48,
-    test_every: int = 8,
-    train_every: int = 1,
-    unused_as_test: bool = False,
+    split: Split | None = None,
     field_of_view: float | None = None,
     points: int = 3000,
     device: str = "cpu",
@@ -94,9 +92,7 @@ def procedural_scene(
         height: photo height in pixels.
         width: photo width in pixels.
         views: number of photos along the camera path.
-        test_every: every how many photos one is held out; 0 holds none out.
-        train_every: keep every n-th training photo only.
-        unused_as_test: hold out the photos that thinning removed, too.
+        split: how to divide the photos; every 8th is held out where None.
         field_of_view: horizontal, degrees; None takes the family's own.
         points: number of surface points to sample from training views, slightly off as from structure from motion.
         device: where photos are rendered; they are returned on the CPU.
@@ -106,12 +102,18 @@ def procedural_scene(
     """
     if family not in _FAMILIES:
         raise InputError("procedural family", f"is {family!r}", f"choose one of {', '.join(FAMILIES)}")
-    for name, value, least in (("seed", seed, 0), ("height", height, 1), ("width", width, 1), ("views", views, 1), ("points", points, 0)):
+    for name, value, least in (
+        ("seed", seed, 0),
+        ("height", height, 1),
+        ("width", width, 1),
+        ("views", views, 1),
+        ("points", points, 0),
+    ):
         if value < least:
             raise InputError(f"procedural {name}", f"is {value}", f"give at least {least}")
     if field_of_view is not None and not 1.0 <= field_of_view <= 170.0:
         raise InputError("procedural field_of_view", f"is {field_of_view}", "give 1 to 170 degrees")
-    train, test = Split(test_every=test_every, train_every=train_every, unused_as_test=unused_as_test)(views)
+    train, test = (split or Split())(views)
     _, draft = _baked(family, seed, device)
     angle = np.deg2rad(field_of_view or draft.field_of_view)
     focal = 0.5 * width / float(np.tan(angle / 2))
