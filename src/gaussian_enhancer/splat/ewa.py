@@ -22,6 +22,7 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lock
 from gaussian_enhancer.types import Camera
 
+_LARGEST = 1e100  # of a determinant in pixels; beyond, the Gaussian is taken for not finite
 _WHITE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(WHITE^2 q)
 
 
@@ -255,7 +256,7 @@ def _project(shape, view, dilation, mip):  # type: ignore[no-untyped-def]
             (x, y, z), _, _, _, _, _, (xx, yy, xy, _, det), factor = _ellipse(shape, g, view, dilation, mip)
             xx, yy = xx + dilation, yy + dilation
             opacity = factor / (1.0 + math.exp(-np.float64(shape.opacity_logits[g])))
-            if opacity >= ALPHA_MIN and det > 0.0 and math.isfinite(x + y + det):
+            if opacity >= ALPHA_MIN and det > 0.0 and abs(x) + abs(y) + det <= _LARGEST:
                 r = math.sqrt(2.0 * math.log(opacity / ALPHA_MIN))
                 footprints[g, 0] = view.fx * x / z + view.cx
                 footprints[g, 1] = view.fy * y / z + view.cy

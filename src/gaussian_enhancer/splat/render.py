@@ -4,16 +4,20 @@ Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
 from gaussian_enhancer.types import Camera, Gaussians, Render
+
+if TYPE_CHECKING:
+    from gaussian_enhancer.splat import ewa, raster, tiles
 
 
 @dataclass
@@ -59,7 +63,7 @@ def render(
     Raises:
         InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used.
     """
-    _check(gaussians, camera, method, screen)
+    _check(gaussians, camera, method, near, screen)
     if gaussians.means.device.type == "cuda":
         from gaussian_enhancer.splat.gsplat_backend import render_gsplat
 
@@ -75,7 +79,7 @@ def render(
     return _render_ellipsoids(gaussians, camera, method, background, near, screen)
 
 
-def _check(gaussians: Gaussians, camera: Camera, method: Method, screen: ScreenStatistics | None) -> None:
+def _check(gaussians: Gaussians, camera: Camera, method: Method, near: float, screen: ScreenStatistics | None) -> None:
     axes = 2 if isinstance(method, TwoDGS) else 3
     found = gaussians.log_scales.shape[1]
     if found != axes:
@@ -87,6 +91,8 @@ def _check(gaussians: Gaussians, camera: Camera, method: Method, screen: ScreenS
         raise InputError("splat", received, "use 1, 4, 9 or 16 (degrees 0 to 3)")
     if camera.height < 1 or camera.width < 1:
         raise InputError("camera", f"has an image of {camera.width}x{camera.height}", "use at least one pixel")
+    if not near >= 0.0:
+        raise InputError("near", f"is {near}", "use a distance that is not negative")
     if screen is not None and gaussians.means.device.type == "cpu" and gaussians.means.dtype != torch.float32:
         raise InputError("screen statistics", f"asked of {gaussians.means.dtype}", "render in float32")
 
@@ -94,7 +100,7 @@ def _check(gaussians: Gaussians, camera: Camera, method: Method, screen: ScreenS
 def _render_ellipsoids(
     gaussians: Gaussians,
     camera: Camera,
-    method: Method,
+    method: ThreeDGS | MipSplatting,
     background: tuple[float, float, float],
     near: float,
     screen: ScreenStatistics | None,
@@ -116,6 +122,21 @@ def array(tensor: Tensor) -> np.ndarray:
     return tensor.detach().contiguous().numpy()
 
 
+class _Kept(NamedTuple):
+    """What the forward leaves for the backward besides the tensors that autograd watches."""
+
+    view: "ewa.View"
+    dilation: float
+    mip: bool
+    smoothing: np.ndarray
+    visible: np.ndarray
+    splats: "raster.Splats"
+    lists: "tiles.TileLists"
+    median_depth: np.ndarray
+    used: np.ndarray
+    screen: ScreenStatistics | None
+
+
 class _Ellipsoids(torch.autograd.Function):
     """3DGS and Mip-Splatting on the CPU."""
 
@@ -128,46 +149,49 @@ class _Ellipsoids(torch.autograd.Function):
         opacity_logits: Tensor,
         sh: Tensor,
         smoothing: Tensor | None,
-        options: tuple[Camera, Any, tuple[float, float, float], float, ScreenStatistics | None],
+        options: tuple[Camera, ThreeDGS | MipSplatting, tuple[float, float, float], float, ScreenStatistics | None],
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         from gaussian_enhancer.splat import ewa, raster, tiles
         from gaussian_enhancer.splat import sh as harmonics
 
         camera, method, background, near, screen = options
-        filter_ = np.zeros(len(means), np.float32) if smoothing is None else array(smoothing)
-        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), filter_)
-        view = ewa.view_of(camera, near)
-        mip = isinstance(method, MipSplatting)
-        projection = ewa.project(shape, view, float(method.dilation), mip)
+        filters = np.zeros(len(means), np.float32) if smoothing is None else array(smoothing)
+        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), filters)
+        view, dilation, mip = ewa.view_of(camera, near), float(method.dilation), isinstance(method, MipSplatting)
+        projection = ewa.project(shape, view, dilation, mip)
         lists = tiles.bin_tiles(projection.footprints, projection.depths, camera.height, camera.width)
         visible = lists.first[1:] > lists.first[:-1]
         colours = harmonics.shade(shape.means, array(sh), view.centre, visible)
         splats = raster.Splats(projection.footprints, projection.whitening, projection.depths, colours)
-        behind = np.asarray(background, np.float32)
-        image = raster.blend(splats, lists, behind, camera.height, camera.width)
+        image = raster.blend(splats, lists, np.asarray(background, np.float32), camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
             screen.radius = torch.from_numpy(projection.radii * visible)
-        ctx.saved = shape, array(sh), view, float(method.dilation), mip, visible, splats, lists, image, screen
-        median = torch.from_numpy(image.median_depth)
+            screen.gradient = screen.absolute_gradient = None
+        colour, depth, alpha, median = (torch.from_numpy(plane) for plane in image[:4])
+        ctx.save_for_backward(means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha)
+        ctx.kept = _Kept(view, dilation, mip, filters, visible, splats, lists, image.median_depth, image.used, screen)
         ctx.mark_non_differentiable(median)
-        return torch.from_numpy(image.colour), torch.from_numpy(image.depth), torch.from_numpy(image.alpha), median
+        return colour, depth, alpha, median
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         from gaussian_enhancer.splat import ewa, raster, tiles
         from gaussian_enhancer.splat import sh as harmonics
 
-        shape, sh, view, dilation, mip, visible, splats, lists, image, screen = ctx.saved
-        colour, depth, alpha = (array(gradient) for gradient in gradients[:3])
-        entries = raster.blend_backward(splats, lists, image, colour, depth, alpha)
-        gathered = tiles.sum_over_tiles(entries, lists)
-        back = ewa.project_backward(shape, view, dilation, mip, visible, gathered)
-        by_colour = np.ascontiguousarray(gathered[:, :3])
-        by_sh = harmonics.shade_backward(shape.means, sh, view.centre, visible, splats.colours, by_colour, back.means)
-        if screen is not None:
-            signed, absolute = ewa.screen_gradients(splats.whitening, gathered)
-            screen.gradient = torch.from_numpy(np.linalg.norm(signed, axis=1))
-            screen.absolute_gradient = torch.from_numpy(np.linalg.norm(absolute, axis=1))
-        learnt = (back.means, back.log_scales, back.quaternions, back.opacity_logits, by_sh)
-        return *(torch.from_numpy(gradient) for gradient in learnt), None, None
+        kept: _Kept = ctx.kept
+        means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(array, ctx.saved_tensors)
+        shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, kept.smoothing)
+        image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)
+        entries = raster.blend_backward(kept.splats, kept.lists, image, *map(array, gradients[:3]))
+        gathered = tiles.sum_over_tiles(entries, kept.lists)
+        back = ewa.project_backward(shape, kept.view, kept.dilation, kept.mip, kept.visible, gathered)
+        by_sh = harmonics.shade_backward(
+            means, sh, kept.view.centre, kept.visible, kept.splats.colours, gathered, back.means
+        )
+        if kept.screen is not None:
+            signed, absolute = ewa.screen_gradients(kept.splats.whitening, gathered)
+            kept.screen.gradient = torch.from_numpy(np.linalg.norm(signed, axis=1))
+            kept.screen.absolute_gradient = torch.from_numpy(np.linalg.norm(absolute, axis=1))
+        return *map(torch.from_numpy, (*back, by_sh)), None, None

@@ -46,7 +46,7 @@ def shade_backward(
     centre: Float64[np.ndarray, " 3"],
     wanted: Bool[np.ndarray, " n"],
     colours: Float32[np.ndarray, "n 3"],
-    colour_gradient: Float32[np.ndarray, "n 3"],
+    colour_gradient: Float32[np.ndarray, "n c"],
     mean_gradient: Float32[np.ndarray, "n 3"],
 ) -> Float32[np.ndarray, "n k 3"]:
     """Return the gradient of ``sh`` and add that of the means (through the direction) to ``mean_gradient``.
@@ -57,7 +57,7 @@ def shade_backward(
         centre: as in `shade`.
         wanted: as in `shade`.
         colours: what `shade` returned; a channel that was cut off at 0 passes nothing back.
-        colour_gradient: gradient of the loss with respect to ``colours``.
+        colour_gradient: gradient of the loss with respect to ``colours``, in the first three columns.
         mean_gradient: is added to, in place.
     """
     with kernel_lock:

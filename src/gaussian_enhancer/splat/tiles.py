@@ -24,6 +24,7 @@ from numba import get_num_threads, prange
 from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
 
 _SLACK = 1e-3  # pixels; rounding may grow a footprint, never shrink it
+_LARGEST = 1e100  # pixels; a footprint beyond is taken for not finite
 
 
 class TileLists(NamedTuple):
@@ -96,7 +97,9 @@ def _rows_in_column(footprint, left, height):  # type: ignore[no-untyped-def]
 def _columns(footprint, width):  # type: ignore[no-untyped-def]
     """First and last tile column of a footprint; last < first if there is none."""
     x, y, half_width, half_height, slope, chord = footprint
-    if not (half_width > 0.0 and math.isfinite(x + y + half_width + half_height + slope + chord)):
+    # Not math.isfinite: it subtracts, and reassociated terms cancel.
+    size = abs(x) + abs(y) + half_width + abs(half_height) + abs(slope) + abs(chord)
+    if not (half_width > 0.0 and size <= _LARGEST):
         return 0, -1
     slack = _SLACK + 1e-9 * (abs(x) + half_width)
     left = math.ceil(max(x - half_width - slack - 0.5, 0.0))
