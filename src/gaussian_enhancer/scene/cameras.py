@@ -5,7 +5,6 @@ fx, fy; the test cameras come first. It has neither principal point (the middle 
 """
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 import torch
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.posed import rigid
 from gaussian_enhancer.scene.rendered import RenderedView
@@ -47,17 +47,13 @@ def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Seq
         splits: "train" or "test" for each view.
 
     Raises:
-        InputError: a view has no camera, or counts differ.
+        InputError: a view has no camera, counts differ, or the system refuses to write.
     """
     if len(views) != len(splits):
         raise InputError("splits", f"has {len(splits)} entries for {len(views)} views", "give one for each view")
     entries = [_entry(i, view, side) for i, (view, side) in enumerate(zip(views, splits, strict=True))]
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_text(json.dumps(entries, indent=1), encoding="utf-8")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(entries, indent=1), encoding="utf-8")
 
 
 def write_scene_cameras(path: Path, scene: Scene) -> None:

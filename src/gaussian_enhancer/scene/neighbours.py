@@ -144,7 +144,7 @@ def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Floa
     """World positions (float64) of every stride-th pixel that has depth; the depth map may be of another size."""
     height, width = depth.shape[1:]
     y, x = torch.meshgrid(torch.arange(0, height, stride), torch.arange(0, width, stride), indexing="ij")
-    z = depth[0, ::stride, ::stride].double()
+    z = depth[0, ::stride, ::stride].detach().cpu().double()
     K = camera.resized(height, width).K.double()
     hit = (z > 0) & torch.isfinite(z)
     pixels = torch.stack([x + 0.5, y + 0.5, torch.ones_like(x)], -1).to(z)[hit]

@@ -1,4 +1,4 @@
-"""Finished renders with what belongs to them: the contract between splats on one side, enhancing and measuring on the other.
+"""Finished renders with what belongs to them: the contract between splats and what enhances and measures them.
 
 Axes: h height, w width.
 """
@@ -40,7 +40,8 @@ class RenderedSet:
     Args:
         name: short name, used in records and folders.
         targets: renders to enhance; ``read`` is never None.
-        references: views with ``read_photo``; ``read_depth`` (rendered) allows the occlusion check; ``read`` may be None.
+        references: views with ``read_photo``; ``read_depth`` (rendered) allows the occlusion check, ``read`` may
+            be None.
         background: colour composited under the renders.
     """
 
