@@ -4,6 +4,7 @@ import math
 import pytest
 import torch
 
+from gaussian_enhancer.enhance import depth as depth_search
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
 from gaussian_enhancer.enhance.depth import refine_depth
 from gaussian_enhancer.enhance.reproject import fill_depth, reproject
@@ -104,6 +105,19 @@ def test_wrong_depth_is_refined():
     error = (better.double() / truth).log().abs().flatten()
     assert error.median() < 0.25 * math.log(1.12)
     torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], []), wrong)
+
+
+def test_compiled_search_equals_its_readable_twin():
+    render, truth = plane(TARGET, 3.0)
+    camera = REFERENCE.resized(48, 64)
+    photo = plane(camera, 3.0)[0].float() * 0.9
+    z, image = (truth * 1.05).float(), render.float()
+    z[..., :20, :30] = 0.05
+    how = depth_search.Search(0.15, 9, 1)
+    seen = [depth_search._seen(TARGET, z, image, camera, photo)]
+    compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
+    assert (compiled - plain).abs().median() < 1e-5
+    assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
 
 
 def test_colour_transform_is_recovered_despite_outliers():

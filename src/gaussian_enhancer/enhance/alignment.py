@@ -28,14 +28,14 @@ class Pixels:
         name: the view's file name.
         image: colours in [0, 1].
         camera: where it was taken from, of the image's size; None where unknown.
-        depth: rendered z, scene units, 0 where nothing was hit; None where unknown.
+        depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
         alpha: rendered opacity; None where unknown.
     """
 
     name: str
     image: Float[Tensor, "3 h w"]
     camera: Camera | None = None
-    depth: Float[Tensor, "1 h w"] | None = None
+    depth: Float[Tensor, "1 _ _"] | None = None
     alpha: Float[Tensor, "1 h w"] | None = None
 
 
@@ -99,6 +99,8 @@ class Reprojected:
         Raises:
             InputError: a view has no camera, or the target no depth.
         """
+        if not references or keep == 0:
+            return _aligned(target, [], [])
         if target.depth is None:
             raise InputError(
                 target.name, "has no depth to reproject references through", "give depth, or alignment=none"
@@ -109,7 +111,9 @@ class Reprojected:
             photos = [reference.image for reference in references]
             depth = refine_depth(camera, depth, target.image, cameras, photos)
         warped = [
-            reproject(camera, depth, other, reference.image, reference.depth, target.alpha, self.tolerance)
+            reproject(
+                camera, depth, other, reference.image, reference.depth, target.alpha, self.tolerance, target.depth
+            )
             for other, reference in zip(cameras, references, strict=True)
         ]
         if self.match_colour:

@@ -5,7 +5,9 @@ Axes: h height, w width of the target; p height, q width of a reference; m hypot
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -16,17 +18,45 @@ from gaussian_enhancer.enhance.reproject import fill_depth, look_up, projection
 from gaussian_enhancer.types import Camera
 
 
+@dataclass(frozen=True)
+class Search:
+    """How finely depth is searched around what is there.
+
+    Args:
+        span: largest relative change, > 0.
+        hypotheses: number of multipliers, odd.
+        shrink: factor by which images are shrunk for the search.
+        window: side of the square that is compared, in pixels of the shrunk image, odd.
+        penalty: cost of the largest change, in colour units.
+    """
+
+    span: float
+    hypotheses: int
+    shrink: int
+    window: int = 5
+    penalty: float = 0.005
+
+
+COARSE_TO_FINE = (Search(0.15, 13, 2), Search(0.02, 7, 1))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A reference as the search sees it: projection of the target's pixels, photo of fitting size, colour match."""
+
+    slopes: Float[Tensor, "3 h w"]
+    offset: Float[Tensor, "3 1 1"]
+    photo: Float[Tensor, "3 p q"]
+    colours: Float[Tensor, "3 2"]
+
+
 def refine_depth(
     target: Camera,
     depth: Float[Tensor, "1 h w"],
     render: Float[Tensor, "3 h w"],
     cameras: Sequence[Camera],
     photos: Sequence[Float[Tensor, "3 _ _"]],
-    span: float = 0.3,
-    hypotheses: int = 17,
-    window: int = 7,
-    penalty: float = 0.01,
-    shrink: int = 2,
+    searches: Sequence[Search] = COARSE_TO_FINE,
 ) -> Float[Tensor, "1 h w"]:
     """Depth at which the references agree best with the render, within a span around what was rendered.
 
@@ -40,53 +70,84 @@ def refine_depth(
         render: the target's colours, [0, 1].
         cameras: the references' cameras.
         photos: the references' colours, [0, 1], at any resolution.
-        span: largest relative change, > 0.
-        hypotheses: number of multipliers, odd.
-        window: side of the square that is compared, in pixels of the shrunk image, odd.
-        penalty: cost of the largest change, in colour units.
-        shrink: factor by which images are shrunk for the search.
+        searches: one after the other, each around the last one's result.
     """
     if not cameras:
         return depth
-    height, width = (max(1, side // shrink) for side in render.shape[-2:])
-    small = target.resized(height, width)
-    image = _resized(render, height, width)
-    z = _resized(fill_depth(depth), height, width)
-    steps = torch.linspace(-1, 1, hypotheses, dtype=z.dtype, device=z.device)
-    multipliers = torch.exp(steps * math.log1p(span))
-    cost = z.new_zeros(hypotheses, height, width)
-    weight = z.new_full((hypotheses, height, width), 1e-6)
-    for camera, photo in zip(cameras, photos, strict=True):
-        difference, inside = _differences(small, z * multipliers[:, None, None], image, camera, photo)
-        cost += _window(difference * inside, window)
-        weight += _window(inside, window)
+    for how in searches:
+        height, width = (max(1, side // how.shrink) for side in render.shape[-2:])
+        small, image = target.resized(height, width), _resized(render, height, width)
+        z = _resized(fill_depth(depth), height, width).to(image.dtype)
+        seen = [_seen(small, z, image, camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
+        compiled = z.device.type == "cpu" and z.dtype == torch.float32
+        change = (_search_compiled if compiled else search)(z, image, seen, how)
+        change = F.interpolate(change[None], size=depth.shape[-2:], mode="bilinear", align_corners=False)[0]
+        depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
+    return depth
+
+
+def search(
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
+) -> Float[Tensor, "1 h w"]:
+    """The cheapest step k of each pixel; readable twin of the compiled kernels, on any device."""
+    steps = torch.linspace(-1, 1, how.hypotheses, dtype=z.dtype, device=z.device)
+    multipliers = torch.exp(steps * math.log1p(how.span))[:, None, None]
+    cost, weight = z.new_zeros(2, how.hypotheses, *z.shape[-2:])
+    for one in seen:
+        warped, inside = _warped(z * multipliers, one)
+        colours = one.colours.to(z.dtype)
+        difference = (warped * colours[:, :1, None] + colours[:, 1:, None] - image).abs().mean(1)
+        cost, weight = cost + difference * inside, weight + inside
+    total, share = _window(cost, how.window), _window(weight, how.window)
     # A hypothesis that fewer references see is not cheaper for it: each is judged by the mean of those that do.
-    cost = cost / weight + penalty * steps.abs()[:, None, None]
-    cost = torch.where(weight > 0.1, cost, torch.full_like(cost, 1.0))
-    best = _valley(cost, steps)
-    seen = weight[hypotheses // 2] > 0.1
-    change = torch.where(seen, best, torch.zeros_like(best))
-    change = F.interpolate(change[None, None], size=depth.shape[-2:], mode="bilinear", align_corners=False)[0]
-    return depth * torch.exp(change * math.log1p(span)).to(depth.dtype)
+    visible = share > 0.1
+    mean = torch.where(visible, total / share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], 1.0)
+    return torch.where(visible[how.hypotheses // 2], _valley(mean, steps), 0.0)[None]
 
 
-def _differences(
-    target: Camera, z: Float[Tensor, "m h w"], image: Float[Tensor, "3 h w"], camera: Camera, photo: Tensor
-) -> tuple[Float[Tensor, "m h w"], Float[Tensor, "m h w"]]:
-    """Absolute colour difference of a photo warped by each hypothesis, and where it lies inside the photo."""
+def _search_compiled(
+    z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
+) -> Float[Tensor, "1 h w"]:
+    """The same by compiled kernels."""
+    from gaussian_enhancer.enhance.sweep_kernels import add_differences, find_valleys
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    steps = np.linspace(-1, 1, how.hypotheses, dtype=np.float32)
+    multipliers = np.exp(steps * np.float32(math.log1p(how.span)))
+    cost, weight = np.zeros((2, *z.shape[-2:], how.hypotheses), np.float32)
+    best = np.empty(z.shape[-2:], np.float32)
+    with kernel_lock:
+        for one in seen:
+            gain, shift = np.ascontiguousarray(one.colours.float().numpy().T)
+            offset = one.offset.flatten().numpy()
+            images = _pixels(one.photo), _pixels(image)
+            add_differences(
+                z[0].contiguous().numpy(), multipliers, one.slopes.numpy(), offset, *images, gain, shift, cost, weight
+            )
+        find_valleys(cost, weight, steps, np.float32(how.penalty), how.window // 2, best)
+    return torch.from_numpy(best)[None]
+
+
+def _seen(
+    target: Camera, z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], camera: Camera, photo: Tensor
+) -> _Seen:
+    """Prepare a reference: not finer than the target, its colours fitted through the depth that is there."""
     ratio = float(camera.resized(*photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     size = [max(1, round(side / max(1.0, ratio))) for side in photo.shape[-2:]]
-    photo, camera = _resized(photo.to(image.dtype), *size), camera.resized(*size)
-    slopes, offset = projection(target, camera, z.dtype)
-    depth = z * slopes[2] + offset[2]
+    photo = _resized(photo.to(image.dtype), *size)
+    one = _Seen(*projection(target, camera.resized(*size), z.dtype), photo, image.new_ones(3, 2))
+    warped, inside = _warped(z, one)
+    return _Seen(one.slopes, one.offset, photo, fit_colour(warped[0], image, inside))
+
+
+def _warped(z: Float[Tensor, "m h w"], one: _Seen) -> tuple[Float[Tensor, "m 3 h w"], Float[Tensor, "m h w"]]:
+    """A photo through each hypothesis, and where that lies inside it."""
+    depth = z * one.slopes[2] + one.offset[2]
     safe = depth.clamp_min(1e-6)
-    x, y = (z * slopes[0] + offset[0]) / safe, (z * slopes[1] + offset[1]) / safe
-    inside = ((x >= 0) & (x <= camera.width) & (y >= 0) & (y <= camera.height) & (depth > 1e-6)).to(z.dtype)
-    warped = look_up(photo, x, y)
-    middle = len(z) // 2
-    colours = fit_colour(warped[middle], image, inside[middle][None]).to(image.dtype)
-    gain, shift = colours[:, :1, None], colours[:, 1:, None]
-    return (warped * gain + shift - image).abs().mean(1), inside
+    x, y = (z * one.slopes[0] + one.offset[0]) / safe, (z * one.slopes[1] + one.offset[1]) / safe
+    rows, columns = one.photo.shape[-2:]
+    inside = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows) & (depth > 1e-6)
+    return look_up(one.photo, x, y), inside.to(z.dtype)
 
 
 def _valley(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:
@@ -108,3 +169,8 @@ def _resized(image: Float[Tensor, "c _ _"], height: int, width: int) -> Float[Te
     if image.shape[-2:] == (height, width):
         return image
     return F.interpolate(image[None], size=(height, width), mode="bilinear", antialias=True, align_corners=False)[0]
+
+
+def _pixels(image: Float[Tensor, "3 h w"]) -> np.ndarray:
+    """A pixel's channels side by side, as the kernels read them."""
+    return np.ascontiguousarray(image.permute(1, 2, 0).numpy())

@@ -6,7 +6,6 @@ Axes: b batch, h height, w width.
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from jaxtyping import Float
@@ -18,8 +17,6 @@ from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Views
-
-Precision = Literal["auto", "float32", "bfloat16", "float16"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Enhancer:
         network: nn.Module,
         preparation: Preparation,
         device: torch.device | None = None,
-        precision: Precision = "auto",
+        precision: str = "auto",
         tile: int = 1024,
         halo: int = 96,
     ) -> None:
@@ -98,7 +95,7 @@ class Enhancer:
         return enhanced.float().clamp(0, 1).cpu()
 
 
-def choose_precision(precision: Precision, device: torch.device) -> torch.dtype:
+def choose_precision(precision: str, device: torch.device) -> torch.dtype:
     """The type that convolutions compute in.
 
     Raises:

@@ -109,6 +109,7 @@ def reproject(
     reference_depth: Float[Tensor, "1 _ _"] | None = None,
     alpha: Float[Tensor, "1 h w"] | None = None,
     tolerance: float = 0.05,
+    rendered_depth: Float[Tensor, "1 h w"] | None = None,
 ) -> Warped:
     """Warp a photo backwards into the target view through the target's depth.
 
@@ -124,29 +125,42 @@ def reproject(
         reference_depth: rendered z of the reference at any resolution; None leaves occlusion unchecked.
         alpha: rendered opacity of the target; None counts holes of the depth as invisible.
         tolerance: relative depth difference of one standard deviation, > 0.
+        rendered_depth: the target's depth before it was refined, which alone compares with what the reference
+            renders; None means ``depth``.
     """
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
     reference = reference.resized(*photo.shape[-2:])
     slopes, offset = projection(target, reference, dtype)
-    homogeneous = fill_depth(depth) * slopes + offset
-    z = homogeneous[2:]
-    in_front = z > 1e-6
-    x, y = (homogeneous[:2] / torch.where(in_front, z, torch.ones_like(z))).unsqueeze(1)
-    inside = (x >= 0) & (x <= reference.width) & (y >= 0) & (y <= reference.height) & in_front
+    x, y, _, inside = _landing(slopes, offset, fill_depth(depth), reference)
     visibility = inside.to(dtype)
     if alpha is None:
         visibility = visibility * (torch.isfinite(depth) & (depth > 0))
     else:
         visibility = visibility * alpha.to(dtype).clamp(0, 1)
     if reference_depth is not None:
+        checked = fill_depth(depth if rendered_depth is None else rendered_depth.to(dtype))
+        u, v, z, _ = _landing(slopes, offset, checked, reference)
         rows, columns = reference_depth.shape[-2:]
-        seen = look_up(reference_depth, x * (columns / reference.width), y * (rows / reference.height), "nearest")[:, 0]
+        scale = columns / reference.width, rows / reference.height
+        seen = look_up(reference_depth, u * scale[0], v * scale[1], "nearest")[:, 0]
         difference = (z - seen) / (tolerance * z.clamp_min(1e-6))
         visibility = visibility * torch.where(seen > 0, torch.exp(-0.5 * difference**2), 1.0)
     photo, scale = _shrunk(photo.to(dtype), x, y, inside)
     colour = look_up(photo, x * scale[0], y * scale[1])[0]
     return Warped(colour * (visibility > 0), visibility)
+
+
+def _landing(
+    slopes: Float[Tensor, "3 h w"], offset: Float[Tensor, "3 1 1"], depth: Float[Tensor, "1 h w"], reference: Camera
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Where pixels at a depth land in the reference: columns, rows, z there, and whether inside and in front."""
+    homogeneous = depth * slopes + offset
+    z = homogeneous[2:]
+    in_front = z > 1e-6
+    x, y = (homogeneous[:2] / torch.where(in_front, z, torch.ones_like(z))).unsqueeze(1)
+    inside = (x >= 0) & (x <= reference.width) & (y >= 0) & (y <= reference.height) & in_front
+    return x, y, z, inside
 
 
 def _shrunk(

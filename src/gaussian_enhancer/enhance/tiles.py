@@ -35,10 +35,7 @@ def enhance_tiled(
     Raises:
         InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.
     """
-    if any(side % stride for side in (tile, halo, blend)):
-        raise InputError("tile", f"has sides {tile}, {halo}, {blend}", f"use multiples of {stride}")
-    if tile < 2 * halo + 2 * blend:
-        raise InputError("tile", f"is {tile} with a halo of {halo}", f"use at least {2 * halo + 2 * blend}")
+    check_tiles(tile, halo, blend, stride)
     height, width = views.render.shape[-2:]
     if height <= tile and width <= tile:
         return network(views)
@@ -53,6 +50,18 @@ def enhance_tiled(
             result[..., top:bottom, left:right] += weight * enhanced
             total[..., top:bottom, left:right] += weight
     return result / total
+
+
+def check_tiles(tile: int, halo: int = 64, blend: int = 32, stride: int = 16) -> None:
+    """Refuse sides that `enhance_tiled` cannot work with.
+
+    Raises:
+        InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.
+    """
+    if any(side % stride for side in (tile, halo, blend)):
+        raise InputError("tile", f"has sides {tile}, {halo}, {blend}", f"use multiples of {stride}")
+    if tile < 2 * halo + 2 * blend:
+        raise InputError("tile", f"is {tile} with a halo of {halo}", f"use at least {2 * halo + 2 * blend}")
 
 
 def _spans(length: int, tile: int, halo: int, blend: int) -> Iterator[tuple[int, int]]:

@@ -1,0 +1,66 @@
+import dataclasses
+
+import pytest
+import torch
+
+from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, Unwarped, rank
+from gaussian_enhancer.enhance.reproject import Warped
+from gaussian_enhancer.errors import InputError
+from synthetic_runs import plane_camera, plane_view
+
+
+def pixels(index: int, gain: float = 1.0) -> Pixels:
+    generator = torch.Generator().manual_seed(0)
+    texture = torch.nn.functional.interpolate(torch.rand(1, 3, 24, 24, generator=generator), size=192, mode="bicubic")[
+        0
+    ]
+    camera = plane_camera(index, 48, 64)
+    photo, depth = plane_view(camera, texture.clamp(0, 1))
+    return Pixels(f"{index}.png", (photo * gain).clamp(0, 1), camera, depth, torch.ones_like(depth))
+
+
+def test_reprojected_references_show_what_the_target_shows():
+    target = pixels(0)
+    aligned = Reprojected()(target, [pixels(1, 0.8), pixels(2, 1.1), pixels(5)], keep=2)
+    assert aligned.references.shape == (2, 3, 48, 64)
+    seen = aligned.visibility[:, 0] > 0.9
+    assert seen.float().mean() > 0.7
+    error = (aligned.references - target.image).abs().mean(1)[seen]
+    unaligned = (pixels(1).image - target.image).abs().mean()
+    assert error.mean() < 0.15 * unaligned
+
+
+def test_unwarped_takes_the_nearest_as_they_are_in_the_targets_size():
+    target, reference = pixels(0), pixels(1)
+    large = dataclasses.replace(reference, image=torch.rand(3, 100, 90), name="large.png", camera=None, alpha=None)
+    aligned = Unwarped()(target, [reference, large, reference], keep=2)
+    assert torch.equal(aligned.references[0], reference.image)
+    assert aligned.references.shape == (2, 3, 48, 64)
+    assert bool((aligned.visibility == 1).all())
+    assert aligned.names == ("1.png", "large.png")
+
+
+@pytest.mark.parametrize("warp", [Reprojected(), Unwarped()])
+def test_no_reference_is_no_error(warp):
+    bare = dataclasses.replace(pixels(0), depth=None, camera=None)
+    assert warp(bare, [], keep=3).references.shape == (0, 3, 48, 64)
+
+
+def test_missing_geometry_is_refused_by_name():
+    target, reference = pixels(0), pixels(1)
+    with pytest.raises(InputError, match=r"0.png.*no depth"):
+        Reprojected()(dataclasses.replace(target, depth=None), [reference], 1)
+    with pytest.raises(InputError, match=r"1.png.*no camera"):
+        Reprojected()(target, [dataclasses.replace(reference, camera=None)], 1)
+
+
+def test_ranking_prefers_what_agrees_and_what_is_new():
+    image = torch.full((3, 32, 32), 0.5)
+    left, right = torch.zeros(1, 32, 32), torch.zeros(1, 32, 32)
+    left[..., :20], right[..., 20:] = 1, 1
+    good_left, good_right = Warped(image * left, left), Warped(image * right, right)
+    wrong = Warped((image + 0.3) * left, left)
+    everywhere = Warped((image + 0.3), torch.ones(1, 32, 32))
+    assert rank(image, [wrong, good_right, good_left], keep=2) == [2, 1]
+    assert rank(image, [everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
+    assert rank(image, [], keep=2) == []

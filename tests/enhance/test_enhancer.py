@@ -1,0 +1,66 @@
+import dataclasses
+
+import pytest
+import torch
+from test_sif import small, trained
+
+from gaussian_enhancer.enhance.enhancer import Enhancer, choose_precision
+from gaussian_enhancer.enhance.images import write_image
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+
+
+def test_untrained_network_returns_every_render(plane_run):
+    rendered = read_run(plane_run)
+    enhanced = list(Enhancer(small(), Preparation())(rendered))
+    assert [one.name for one in enhanced] == [view.name for view in rendered.targets]
+    for one, view in zip(enhanced, rendered.targets, strict=True):
+        assert view.read is not None
+        assert torch.equal(one.image, view.read())
+        assert len(one.references) == 3
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_result_is_an_image(plane_run, precision):
+    one = next(Enhancer(trained(), Preparation(references=1, candidates=2), precision=precision)(read_run(plane_run)))
+    assert one.image.dtype == torch.float32
+    assert 0 <= float(one.image.min()) <= float(one.image.max()) <= 1
+
+
+def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):
+    rendered = read_run(plane_run)
+    bare = [dataclasses.replace(view, camera=None, read_depth=None, read_alpha=None) for view in rendered.targets]
+    rendered = dataclasses.replace(rendered, targets=tuple(bare))
+    assert next(Enhancer(trained(), Preparation(references=0))(rendered)).references == ()
+    with pytest.raises(InputError, match="no depth"):
+        next(Enhancer(trained(), Preparation())(rendered))
+
+
+def test_wrong_values_are_refused(plane_run):
+    with pytest.raises(InputError, match="references"):
+        Preparation(references=9)
+    with pytest.raises(InputError, match="candidates"):
+        Preparation(references=3, candidates=2)
+    with pytest.raises(InputError, match="precision"):
+        choose_precision("int8", torch.device("cpu"))
+    empty = dataclasses.replace(read_run(plane_run), targets=())
+    with pytest.raises(InputError, match="no render"):
+        next(Enhancer(small(), Preparation())(empty))
+
+
+def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    image = torch.rand(3, 5, 7)
+    write_image(tmp_path / "deep" / "a.png", image)
+    torch.testing.assert_close(read_photo(tmp_path / "deep" / "a.png"), image, rtol=0, atol=0.5 / 255 + 1e-6)
+    with pytest.raises(InputError, match="ends in"):
+        write_image(tmp_path / "a.odd", image)
+
+    def full(*_args, **_kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("PIL.Image.Image.save", full)
+    with pytest.raises(InputError, match="No space left"):
+        write_image(tmp_path / "b.png", image)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]

@@ -1,0 +1,42 @@
+import pytest
+import torch
+from test_sif import trained, views
+
+from gaussian_enhancer.enhance.deform import Deformable
+from gaussian_enhancer.enhance.modulate import depth_unit
+from gaussian_enhancer.enhance.tiles import enhance_tiled
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Views
+
+
+def large(height: int, width: int) -> Views:
+    seen = views(height, width)
+    assert seen.depth is not None
+    return Views(seen.render, seen.references, seen.visibility, seen.depth, seen.alpha, depth_unit(seen.depth))
+
+
+@pytest.mark.parametrize("size", [(352, 200), (390, 413)])
+def test_tiles_equal_the_whole_where_the_halo_covers_the_reach(size):
+    network, seen = trained(), large(*size)
+    with torch.no_grad():
+        tiled, whole = enhance_tiled(network, seen, tile=288, halo=96, blend=16), network(seen)
+    torch.testing.assert_close(tiled, whole, rtol=0, atol=2e-4)
+
+
+def test_no_seam_with_a_small_halo():
+    network, seen = trained(refine=Deformable(kernel=1)), large(200, 200)
+    with torch.no_grad():
+        error = (enhance_tiled(network, seen, tile=128, halo=32, blend=32) - network(seen)).abs()
+    assert error.max() < 0.02
+
+
+def test_identity_of_any_size_is_kept():
+    seen = large(150, 97)
+    tiled = enhance_tiled(lambda v: v.render, seen, tile=64, halo=16, blend=16)
+    torch.testing.assert_close(tiled, seen.render)
+
+
+@pytest.mark.parametrize("sides", [{"tile": 100}, {"tile": 64, "halo": 32}, {"halo": 20}])
+def test_impossible_tiles_are_refused(sides):
+    with pytest.raises(InputError, match="tile"):
+        enhance_tiled(lambda v: v.render, large(200, 200), **sides)
