@@ -12,7 +12,8 @@ from jaxtyping import Float
 from gaussian_enhancer.scene.procedural.atlas import Texture
 from gaussian_enhancer.scene.procedural.mesh import MeshBuilder, Part
 
-Vector = tuple[float, float, float]
+Number = float | int
+Vector = tuple[Number, Number, Number]
 CameraPath = Callable[[int], tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]]
 
 
@@ -116,7 +117,7 @@ class Draft:
         self.textures.append(texture)
         return len(self.textures) - 1
 
-    def material(self, texture: int | Texture, size: float | tuple[float, float] = 1.0, **looks: object) -> int:
+    def material(self, texture: int | Texture, size: Number | tuple[Number, Number] = 1.0, **looks: object) -> int:
         """Store a material whose texture repeats every `size` metres (along u and v)."""
         index = texture if isinstance(texture, int) else self.texture(texture)
         u, v = size if isinstance(size, tuple) else (size, size)

@@ -12,7 +12,14 @@ from gaussian_enhancer.scene.procedural.mesh import Part, joined
 from gaussian_enhancer.scene.procedural.palette import Palette
 
 
-def flat_print(p: Palette, name: str, origin: Vector, right: Vector, down: Vector, window: tuple[float, float, float, float] = (0, 0, 1, 1)) -> None:
+def flat_print(
+    p: Palette,
+    name: str,
+    origin: Vector,
+    right: Vector,
+    down: Vector,
+    window: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
+) -> None:
     """A printed sheet; `window` is the part of the texture shown (u, v, width, height)."""
     part = shapes.quad(origin, right, down)
     u, v, w, h = window
@@ -27,11 +34,17 @@ def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height:
     thick = rng.uniform(0.03, 0.055)
     if rng.random() < 0.35:
         r = min(size) / 2
-        top = shapes.lathe(np.array([[0, -thick], [r * 0.95, -thick], [r, -thick / 2], [r, 0], [r - 0.01, 0.004], [0, 0.004]]), 40)
+        top = shapes.lathe(
+            np.array([[0, -thick], [r * 0.95, -thick], [r, -thick / 2], [r, 0], [r - 0.01, 0.004], [0, 0.004]]), 40
+        )
         x = y = r * 0.6
     else:
         top = shapes.box((size[0], size[1], thick)).placed((0, 0, -thick))
-    legs = [shapes.rod((a * x, b * y, 0), (a * x * 0.92, b * y * 0.92, height - thick), 0.025, 10) for a in (-1, 1) for b in (-1, 1)]
+    legs = [
+        shapes.rod((a * x, b * y, 0), (a * x * 0.92, b * y * 0.92, height - thick), 0.025, 10)
+        for a in (-1, 1)
+        for b in (-1, 1)
+    ]
     legs += [shapes.rod((-x, b * y, height * 0.25), (x, b * y, height * 0.25), 0.012, 6) for b in (-1, 1)]
     p.draft.add(joined([top.placed((0, 0, height)), *legs]).placed(at, yaw=yaw), p(material))
 
@@ -48,7 +61,10 @@ def chair(p: Palette, at: Vector, yaw: float) -> None:
         frame.append(shapes.rod((t * h, h, seat), (t * h, h + 0.08, back), 0.008, 6))
     frame += [shapes.rod((-h, b * h, 0.2), (h, b * h, 0.2), 0.01, 6) for b in (-1, 1)]
     p.draft.add(joined(frame).placed(at, yaw=yaw), p(str(rng.choice(["wood 2", "iron", "chrome"]))))
-    p.draft.add(shapes.box((w, w, 0.05)).placed((0, 0, seat)).placed(at, yaw=yaw), p(str(rng.choice(["cloth", "wood 2", "cloth 2"]))))
+    p.draft.add(
+        shapes.box((w, w, 0.05)).placed((0, 0, seat)).placed(at, yaw=yaw),
+        p(str(rng.choice(["cloth", "wood 2", "cloth 2"]))),
+    )
 
 
 def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
@@ -62,13 +78,22 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
 
     seats = int(rng.integers(2, 4))
     each = length / seats
-    parts = [shapes.box((length, 0.75, 0.25)).placed((0, 0, 0.1)), shapes.box((length, 0.2, 0.7)).placed((0, 0.32, 0.1))]
+    parts = [
+        shapes.box((length, 0.75, 0.25)).placed((0, 0, 0.1)),
+        shapes.box((length, 0.2, 0.7)).placed((0, 0.32, 0.1)),
+    ]
     parts += [cushion(0.22, 0.9, 0.55).placed((a * (length / 2 + 0.05), 0, 0.32)) for a in (-1, 1)]
     for k in range(seats):
         x = (k + 0.5) * each - length / 2
-        parts += [cushion(each, 0.7, 0.2).placed((x, -0.05, 0.4)), cushion(each, 0.22, 0.5).placed((x, 0.25, 0.65), tilt=-0.2)]
+        parts += [
+            cushion(each, 0.7, 0.2).placed((x, -0.05, 0.4)),
+            cushion(each, 0.22, 0.5).placed((x, 0.25, 0.65), tilt=-0.2),
+        ]
     p.draft.add(joined(parts).placed(at, yaw=yaw), p("cloth 3"))
-    pillows = [cushion(0.42, 0.16, 0.42).placed((x, 0.05, 0.68), yaw=rng.uniform(-0.5, 0.5), tilt=-0.35) for x in rng.uniform(-length / 2.6, length / 2.6, 2)]
+    pillows = [
+        cushion(0.42, 0.16, 0.42).placed((x, 0.05, 0.68), yaw=rng.uniform(-0.5, 0.5), tilt=-0.35)
+        for x in rng.uniform(-length / 2.6, length / 2.6, 2)
+    ]
     p.draft.add(joined(pillows).placed(at, yaw=yaw), p("cloth 4"))
 
 
@@ -105,7 +130,7 @@ def shelf(p: Palette, at: Vector, yaw: float, width: float, levels: int) -> None
         z, split = 0.085 + k * step, rng.uniform(0.35, 0.95)
         books(p, place(-width / 2 + 0.03, -deep / 2 + 0.03, z), yaw, (width - 0.06) * split)
         if split < 0.75:
-            vase(p, place(width / 2 - 0.15, 0, z), rng.uniform(0.15, 0.24), flowers=False)
+            vase(p, place(width / 2 - 0.15, 0.0, z), rng.uniform(0.15, 0.24), flowers=False)
 
 
 def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str | None = None) -> None:
@@ -114,7 +139,9 @@ def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str 
     r = height * rng.uniform(0.18, 0.36, 5)
     points = [(r[0], 0.0), (r[1] * 1.3, 0.3), (r[2], 0.6), (r[3] * 0.6, 0.85), (r[4] * 0.8, 1.0)]
     outer = shapes.smooth_profile([(a, b * height) for a, b in points], 26)
-    profile = np.concatenate([[[0.0, 0.0]], outer, [[outer[-1, 0] * 0.92, height], [outer[-1, 0] * 0.7, height * 0.85], [0.0, height * 0.8]]])
+    profile = np.concatenate(
+        [[[0.0, 0.0]], outer, [[outer[-1, 0] * 0.92, height], [outer[-1, 0] * 0.7, height * 0.85], [0.0, height * 0.8]]]
+    )
     fluted = rng.random() < 0.4
     part = shapes.lathe(profile, 48, int(rng.integers(6, 16)) if fluted else 0, 0.1 if fluted else 0.0)
     p.draft.add(part.placed(at), p(material or str(rng.choice(["glaze", "glaze 2", "marble", "chrome"]))))
@@ -141,12 +168,25 @@ def plant(p: Palette, at: Vector, height: float, count: int, leaf: str = "sprig"
 def potted(p: Palette, at: Vector, height: float) -> None:
     """A plant in a pot."""
     r = height * 0.17
-    pot = np.array([[0, 0], [r * 0.7, 0], [r * 0.95, r * 1.5], [r * 1.08, r * 1.5], [r * 1.08, r * 1.75], [r * 0.95, r * 1.75], [r * 0.9, r * 1.5], [0, r * 1.5]])
+    pot = np.array(
+        [
+            [0, 0],
+            [r * 0.7, 0],
+            [r * 0.95, r * 1.5],
+            [r * 1.08, r * 1.5],
+            [r * 1.08, r * 1.75],
+            [r * 0.95, r * 1.75],
+            [r * 0.9, r * 1.5],
+            [0, r * 1.5],
+        ]
+    )
     p.draft.add(shapes.lathe(pot, 36).placed(at), p(str(p.draft.rng.choice(["glaze 3", "brick", "concrete"]))))
     plant(p, (at[0], at[1], at[2] + r * 1.5), height * 0.75, 90)
 
 
-def lattice(p: Palette, at: Vector, yaw: float, size: tuple[float, float], pitch: float, radius: float, material: str = "iron") -> None:
+def lattice(
+    p: Palette, at: Vector, yaw: float, size: tuple[float, float], pitch: float, radius: float, material: str = "iron"
+) -> None:
     """A net of crossing rods in a frame, in the xz plane."""
     w, h = size
     parts = [shapes.rod((-w / 2, 0, z), (w / 2, 0, z), radius * 2.2, 6) for z in (0, h)]
@@ -155,7 +195,9 @@ def lattice(p: Palette, at: Vector, yaw: float, size: tuple[float, float], pitch
         for sign in (-1, 1):
             z0, z1 = max(0.0, -w / 2 - c), min(h, w / 2 - c)
             if z1 > z0:
-                parts.append(shapes.rod((sign * (c + z0), sign * radius, z0), (sign * (c + z1), sign * radius, z1), radius, 4))
+                parts.append(
+                    shapes.rod((sign * (c + z0), sign * radius, z0), (sign * (c + z1), sign * radius, z1), radius, 4)
+                )
     p.draft.add(joined(parts).placed(at, yaw=yaw), p(material))
 
 
@@ -164,7 +206,10 @@ def wheel(radius: float, spokes: int, tyre: float) -> tuple[Part, Part]:
     angle = np.linspace(0, 2 * np.pi, 41)
     ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
     tyre_part = shapes.tube(ring * (radius - tyre), tyre, 10)
-    rim = [shapes.tube(ring * (radius - 2.2 * tyre), tyre * 0.6, 6), shapes.rod((0, -2 * tyre, 0), (0, 2 * tyre, 0), 1.2 * tyre, 8)]
+    rim = [
+        shapes.tube(ring * (radius - 2.2 * tyre), tyre * 0.6, 6),
+        shapes.rod((0, -2 * tyre, 0), (0, 2 * tyre, 0), 1.2 * tyre, 8),
+    ]
     for k in range(spokes):
         a = 2 * np.pi * k / spokes
         end = ((radius - 2 * tyre) * np.cos(a), 0.0, (radius - 2 * tyre) * np.sin(a))
@@ -178,12 +223,29 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
         tyre, rim = wheel(0.34, 28, 0.018)
         p.draft.add(tyre.placed((x, 0, 0.34)).placed(at, yaw=yaw), p("rubber"))
         p.draft.add(rim.placed((x, 0, 0.34)).placed(at, yaw=yaw), p("chrome"))
-    joints = {"rear": (-0.52, 0, 0.34), "crank": (-0.08, 0, 0.3), "seat": (-0.22, 0, 0.85), "head": (0.36, 0, 0.8), "front": (0.52, 0, 0.34)}
-    bars = [("rear", "crank"), ("rear", "seat"), ("crank", "seat"), ("crank", "head"), ("seat", "head"), ("head", "front")]
+    joints = {
+        "rear": (-0.52, 0, 0.34),
+        "crank": (-0.08, 0, 0.3),
+        "seat": (-0.22, 0, 0.85),
+        "head": (0.36, 0, 0.8),
+        "front": (0.52, 0, 0.34),
+    }
+    bars = [
+        ("rear", "crank"),
+        ("rear", "seat"),
+        ("crank", "seat"),
+        ("crank", "head"),
+        ("seat", "head"),
+        ("head", "front"),
+    ]
     parts = [shapes.rod(joints[a], joints[b], 0.016, 10) for a, b in bars]
     p.draft.add(joined(parts).placed(at, yaw=yaw), p("paint"))
     bar = np.array([[0.3, -0.28, 0.98], [0.4, -0.2, 1.0], [0.36, 0, 0.98], [0.4, 0.2, 1.0], [0.3, 0.28, 0.98]])
-    metal = [shapes.tube(bar, 0.012), shapes.rod((0.36, 0, 0.8), (0.36, 0, 0.98), 0.013), shapes.rod((-0.22, 0, 0.85), (-0.24, 0, 0.95), 0.013)]
+    metal = [
+        shapes.tube(bar, 0.012),
+        shapes.rod((0.36, 0, 0.8), (0.36, 0, 0.98), 0.013),
+        shapes.rod((-0.22, 0, 0.85), (-0.24, 0, 0.95), 0.013),
+    ]
     metal += [shapes.wire((0.32, 0.2 * s, 0.99), (0.5, 0, 0.6), 0.1, 0.003) for s in (-1, 1)]
     p.draft.add(joined(metal).placed(at, yaw=yaw), p("chrome"))
     p.draft.add(shapes.ellipsoid((0.14, 0.07, 0.035)).placed((-0.24, 0, 0.97)).placed(at, yaw=yaw), p("rubber"))
@@ -194,5 +256,7 @@ def knot(rng: np.random.Generator, radius: float, thick: float) -> Part:
     a, b = [(2, 3), (3, 2), (3, 4), (2, 5)][int(rng.integers(4))]
     t = np.linspace(0, 2 * np.pi, 220)
     r = radius * (0.7 + 0.3 * np.cos(b * t))
-    path: Float[np.ndarray, "k 3"] = np.stack([r * np.cos(a * t), r * np.sin(a * t), 0.45 * radius * np.sin(b * t)], axis=1)
+    path: Float[np.ndarray, "k 3"] = np.stack(
+        [r * np.cos(a * t), r * np.sin(a * t), 0.45 * radius * np.sin(b * t)], axis=1
+    )
     return shapes.tube(path, thick, 12)

@@ -44,7 +44,11 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
     rng, a, b = p.draft.rng, x / 2, y / 2
     floor = shapes.terrain(np.linspace(-a, a, 12), np.linspace(-b, b, 12), lambda u, v: 0 * u)
     p.draft.add(floor, p(str(rng.choice(["wood", "tiles", "wood"]))), casts=False)
-    p.draft.add(shapes.terrain(np.linspace(-a, a, 6), np.linspace(-b, b, 6), lambda u, v: h + 0 * u), p("plaster 2"), casts=False)
+    p.draft.add(
+        shapes.terrain(np.linspace(-a, a, 6), np.linspace(-b, b, 6), lambda u, v: h + 0 * u),
+        p("plaster 2"),
+        casts=False,
+    )
     walls = p(str(rng.choice(["plaster", "plaster", "cloth 6"])))
     feature = p(str(rng.choice(["brick", "plaster 3", "wood 5"])))
     p.draft.add(shapes.quad((-a, -b, h), (x, 0, 0), (0, 0, -h)), feature, casts=False)
@@ -61,7 +65,11 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
     skirting = [shapes.box((x, 0.02, 0.1)).placed((0, s * (b - 0.01), 0)) for s in (-1, 1)]
     skirting += [shapes.box((0.02, y, 0.1)).placed((s * (a - 0.01), 0, 0)) for s in (-1, 1)]
     p.draft.add(joined(skirting), p("plaster 4"), casts=False)
-    p.draft.add(shapes.terrain(np.linspace(-60, 60, 5), np.linspace(b + 0.5, 90, 5), lambda u, v: -1.0 + 0 * u), p("turf"), casts=False)
+    p.draft.add(
+        shapes.terrain(np.linspace(-60, 60, 5), np.linspace(b + 0.5, 90, 5), lambda u, v: -1.0 + 0 * u),
+        p("turf"),
+        casts=False,
+    )
     nature.house(p, (rng.uniform(-8, 8), b + 25, -1), 0.2, (12, 8, 7), "brick 3")
     nature.tree(p, (rng.uniform(-3, 3), b + 8, -1), 6.0, 260)
     nature.hills(p, 150.0, 15.0, "foliage")
@@ -82,9 +90,17 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
     for s in (-1, 1):
         width = wide * rng.uniform(0.22, 0.4)
         left = c - wide / 2 - 0.12 if s < 0 else c + wide / 2 + 0.12 - width
-        p.draft.add(shapes.curtain(width, high + 0.05, int(rng.integers(4, 8)), 0.045).placed((left, b - 0.16, 0.03)), cloth)
-    p.draft.add(shapes.rod((c - wide / 2 - 0.25, b - 0.16, high + 0.09), (c + wide / 2 + 0.25, b - 0.16, high + 0.09), 0.012), p("chrome"))
-    ribs = [shapes.rod((c + u, b - 0.08, 0.12), (c + u, b - 0.08, max(0.3, low - 0.1)), 0.018, 8) for u in np.arange(-wide * 0.4, wide * 0.4, 0.05)]
+        p.draft.add(
+            shapes.curtain(width, high + 0.05, int(rng.integers(4, 8)), 0.045).placed((left, b - 0.16, 0.03)), cloth
+        )
+    p.draft.add(
+        shapes.rod((c - wide / 2 - 0.25, b - 0.16, high + 0.09), (c + wide / 2 + 0.25, b - 0.16, high + 0.09), 0.012),
+        p("chrome"),
+    )
+    ribs = [
+        shapes.rod((c + u, b - 0.08, 0.12), (c + u, b - 0.08, max(0.3, low - 0.1)), 0.018, 8)
+        for u in np.arange(-wide * 0.4, wide * 0.4, 0.05)
+    ]
     p.draft.add(joined(ribs), p("paint 2"))
     if rng.random() < 0.6:
         furniture.potted(p, (c + rng.uniform(-0.3, 0.3), b - 0.1, low), rng.uniform(0.3, 0.45))
@@ -105,7 +121,13 @@ def _lamp(p: Palette, h: float) -> None:
 def _arrange(p: Palette, x: float, y: float, h: float) -> None:
     """Furniture along the walls and a group in the middle."""
     rng, a, b = p.draft.rng, x / 2, y / 2
-    p.draft.add(shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).placed((0, 0, 0), yaw=rng.normal() * 0.15), p("cloth"), casts=False)
+    p.draft.add(
+        shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).placed(
+            (0, 0, 0), yaw=rng.normal() * 0.15
+        ),
+        p("cloth"),
+        casts=False,
+    )
     tall = rng.random() < 0.5
     height = rng.uniform(0.7, 0.76) if tall else rng.uniform(0.38, 0.46)
     size = (rng.uniform(0.9, 1.3), rng.uniform(0.6, 0.85))
@@ -118,7 +140,9 @@ def _arrange(p: Palette, x: float, y: float, h: float) -> None:
             t = k * np.pi / 2 + rng.normal() * 0.15
             furniture.chair(p, (0.85 * np.cos(t), 0.7 * np.sin(t), 0.0), t - np.pi / 2)
     furniture.sofa(p, (rng.uniform(-0.3, 0.3), -b + 0.55, 0), np.pi, rng.uniform(1.5, 2.1))
-    furniture.shelf(p, (-a + 0.16, rng.uniform(-0.5, 0.3), 0), np.pi / 2, rng.uniform(1.4, 2.2), int(rng.integers(4, 7)))
+    furniture.shelf(
+        p, (-a + 0.16, rng.uniform(-0.5, 0.3), 0), np.pi / 2, rng.uniform(1.4, 2.2), int(rng.integers(4, 7))
+    )
     furniture.shelf(p, (a - 0.16, rng.uniform(0.1, 0.7), 0), -np.pi / 2, rng.uniform(1.0, 1.6), int(rng.integers(2, 4)))
     furniture.potted(p, (-a + 0.4, -b + 0.4, 0), rng.uniform(1.1, 1.6))
     furniture.potted(p, (a - 0.4, b - 0.5, 0), rng.uniform(0.7, 1.2))
@@ -127,7 +151,10 @@ def _arrange(p: Palette, x: float, y: float, h: float) -> None:
     furniture.lattice(p, (a - 0.05, -b + 1.3, 0.9), np.pi / 2, (0.8, 0.9), 0.1, 0.005, "chrome")
     for k in range(3):
         at = rng.uniform((-a + 0.9, -b + 1.2), (a - 0.9, b - 0.9))
-        p.draft.add(shapes.wire((*at, 0.01), (at[0] + rng.normal(), at[1] + rng.normal() * 0.5, 0.01), -0.01 * k, 0.006), p("rubber"))
+        p.draft.add(
+            shapes.wire((*at, 0.01), (at[0] + rng.normal(), at[1] + rng.normal() * 0.5, 0.01), -0.01 * k, 0.006),
+            p("rubber"),
+        )
 
 
 def _pictures(p: Palette, x: float, y: float) -> None:
@@ -137,6 +164,14 @@ def _pictures(p: Palette, x: float, y: float) -> None:
         w, t, z = rng.uniform(0.4, 0.7), rng.uniform(-a + 0.6, a - 0.9), rng.uniform(1.95, 2.2)
         name = "poster" if rng.random() < 0.7 else "page"
         h = w * rng.uniform(0.8, 1.2)
-        frame = [shapes.beam(s, e, 0.03, 0.03) for s, e in (((t, -b + 0.02, z), (t + w, -b + 0.02, z)), ((t, -b + 0.02, z - h), (t + w, -b + 0.02, z - h)), ((t, -b + 0.02, z - h), (t, -b + 0.02, z)), ((t + w, -b + 0.02, z - h), (t + w, -b + 0.02, z)))]
+        frame = [
+            shapes.beam(s, e, 0.03, 0.03)
+            for s, e in (
+                ((t, -b + 0.02, z), (t + w, -b + 0.02, z)),
+                ((t, -b + 0.02, z - h), (t + w, -b + 0.02, z - h)),
+                ((t, -b + 0.02, z - h), (t, -b + 0.02, z)),
+                ((t + w, -b + 0.02, z - h), (t + w, -b + 0.02, z)),
+            )
+        ]
         p.draft.add(joined(frame), p("wood 4" if k % 2 else "chrome"))
         furniture.flat_print(p, f"{name} {k}", (t, -b + 0.008, z), (w, 0, 0), (0, 0, -h))

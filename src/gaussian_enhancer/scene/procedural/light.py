@@ -13,7 +13,15 @@ from torch.nn import functional
 from gaussian_enhancer.scene.procedural.atlas import Atlas
 from gaussian_enhancer.scene.procedural.draft import LightSpec, SkySpec, Vector
 from gaussian_enhancer.scene.procedural.mesh import Mesh
-from gaussian_enhancer.scene.procedural.raster import Keep, SampleGrid, nearest_faces, project, sample_positions
+from gaussian_enhancer.scene.procedural.raster import (
+    Keep,
+    SampleGrid,
+    barycentric,
+    nearest_faces,
+    project,
+    sample_positions,
+)
+from gaussian_enhancer.scene.procedural.vector import dot, weighted
 from gaussian_enhancer.types import Camera
 
 _SH0, _SH1 = 0.28209479, 0.48860251
@@ -39,20 +47,13 @@ def inverse_depth(mesh: Mesh, camera: Camera, keep: Keep, *, casting: bool = Fal
     grid = SampleGrid()
 
     def solid(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        uv = _uv_at(projected.edges[face], mesh.uvs[chosen[face]], x, y)
+        uv = weighted(barycentric(projected.edges[face], x, y)[0], mesh.uvs[chosen[face]])
         return keep(chosen[face], uv[:, 0], uv[:, 1])
 
     face = nearest_faces(projected, grid, camera.width, 0, camera.height, mesh.cutout[chosen], solid)
     x, y = sample_positions(grid, camera.width, 0, camera.height, face.device)
-    edges = projected.edges[face.clamp_min(0)].sum(1)
-    inverse = edges[:, 0] * x + edges[:, 1] * y + edges[:, 2]
-    return torch.where(face >= 0, inverse, torch.zeros_like(inverse)).view(camera.height, camera.width)
-
-
-def _uv_at(edges: Tensor, uvs: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    weights = edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2]
-    weights = (weights / weights.sum(1, keepdim=True)).float()
-    return (weights[..., None] * uvs).sum(1)
+    _, z = barycentric(projected.edges[face.clamp_min(0)], x, y)
+    return torch.where(face >= 0, 1 / z, torch.zeros_like(z)).view(camera.height, camera.width)
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Light:
         """Direction to the light, its colour at each point, and how much of it is not in shadow."""
         position = points.new_tensor(self.spec.position)
         towards = position - points
-        distance = towards.norm(dim=1, keepdim=True)
+        distance = dot(towards, towards).sqrt()[:, None]
         towards = towards / distance
         colour = points.new_tensor(self.spec.colour).expand_as(points)
         if self.spec.local:
@@ -106,7 +107,7 @@ def bake_light(spec: LightSpec, mesh: Mesh, keep: Keep) -> Light:
     eye, target = torch.tensor(spec.position), torch.tensor(spec.target)
     distance = float((eye - target).norm())
     camera = look_at(eye, target, 0.5 * spec.side * distance / spec.radius, spec.side, spec.side)
-    return Light(spec, camera, inverse_depth(mesh, camera, keep, casting=True).float())
+    return Light(spec, camera, inverse_depth(mesh, camera, keep, casting=True))
 
 
 @dataclass(frozen=True)
@@ -179,15 +180,18 @@ def bake_ambient(
     corners: tuple[Vector, Vector],
     *,
     resolution: int = 56,
-    directions: int = 48,
-    side: int = 192,
+    directions: int = 40,
+    side: int = 128,
 ) -> Ambient:
     """Ask from `directions` sides which voxels see the sky, and gather what arrives."""
     device = mesh.corners.device
     lower, upper = (torch.tensor(corner, device=device) for corner in corners)
     extent = upper - lower
     counts = (extent / extent.max() * resolution).ceil().long().clamp_min(8).tolist()
-    axes = [(torch.arange(n, device=device) + 0.5) / n * float(e) + float(o) for n, e, o in zip(counts, extent, lower, strict=True)]
+    axes = [
+        (torch.arange(n, device=device) + 0.5) / n * float(e) + float(o)
+        for n, e, o in zip(counts, extent, lower, strict=True)
+    ]
     z, y, x = torch.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     points = torch.stack([x, y, z], dim=-1).view(-1, 3)
     middle, radius = (lower + upper).cpu() / 2, float(extent.norm()) / 2

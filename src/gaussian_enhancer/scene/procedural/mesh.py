@@ -13,6 +13,8 @@ from torch import Tensor
 
 from gaussian_enhancer.types import Movable
 
+Vector = tuple[float | int, float | int, float | int]
+
 
 @dataclass(frozen=True)
 class Part:
@@ -25,7 +27,7 @@ class Part:
 
     def placed(
         self,
-        at: tuple[float, float, float] | Float[np.ndarray, " 3"] = (0.0, 0.0, 0.0),
+        at: Vector | Float[np.ndarray, " 3"] = (0.0, 0.0, 0.0),
         *,
         yaw: float = 0.0,
         tilt: float = 0.0,

@@ -36,7 +36,7 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
     p.draft.add(joined(wood).placed(at), p("bark"))
     centres = np.array(ends)[rng.integers(0, len(ends), cards)]
     centres = centres + rng.normal(size=(cards, 3)) * height * np.array([0.075, 0.075, 0.055])
-    size = max(0.3, height * 0.11)
+    size = max(0.4, height * 0.15)
     p.draft.add(shapes.cards(rng, centres, size).placed(at), p(f"leaves{kind}"))
 
 
@@ -59,7 +59,9 @@ def stone(p: Palette, at: Vector, size: float, material: str = "concrete 2") -> 
     p.draft.add(part.placed(at, yaw=rng.uniform(0, 6.3)), p(material))
 
 
-def grass(p: Palette, count: int, inner: float, outer: float, height: float, centre: tuple[float, float] = (0, 0)) -> None:
+def grass(
+    p: Palette, count: int, inner: float, outer: float, height: float, centre: tuple[float, float] = (0.0, 0.0)
+) -> None:
     """Blades in tufts over a ring on flat ground."""
     rng = p.draft.rng
     tufts = max(1, count // 14)
@@ -95,14 +97,32 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str, *, gable:
         for k in range(max(1, int(width / 2.4))):
             for level in range(max(1, int(h / 2.9))):
                 u = (k + 0.5) * width / max(1, int(width / 2.4)) - width / 2
-                panes.append(shapes.quad((u - 0.5, -side - 0.03, level * 2.9 + 2.4), (1.0, 0, 0), (0, 0, -1.4)).placed(yaw=turn))
-                frames += [shapes.box((w, 0.14, t)).placed((u + dx, -side, level * 2.9 + z)).placed(yaw=turn) for dx, z, w, t in ((0, 0.9, 1.3, 0.1), (0, 2.4, 1.2, 0.1), (-0.53, 1.0, 0.08, 1.4), (0.53, 1.0, 0.08, 1.4), (0, 1.0, 0.05, 1.4))]
+                panes.append(
+                    shapes.quad((u - 0.5, -side - 0.03, level * 2.9 + 2.4), (1.0, 0, 0), (0, 0, -1.4)).placed(yaw=turn)
+                )
+                frames += [
+                    shapes.box((w, 0.14, t)).placed((u + dx, -side, level * 2.9 + z)).placed(yaw=turn)
+                    for dx, z, w, t in (
+                        (0, 0.9, 1.3, 0.1),
+                        (0, 2.4, 1.2, 0.1),
+                        (-0.53, 1.0, 0.08, 1.4),
+                        (0.53, 1.0, 0.08, 1.4),
+                        (0, 1.0, 0.05, 1.4),
+                    )
+                ]
     p.draft.add(joined(parts).placed(at, yaw=yaw), p(wall))
     p.draft.add(joined(panes).placed(at, yaw=yaw), p("glass"))
     p.draft.add(joined(frames).placed(at, yaw=yaw), p("plaster 3"))
     if gable:
         top, over = h + 0.45 * y, 0.4
-        slopes = [shapes.quad((-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over), (x + 2 * over, 0, 0), (0, s * (y / 2 + over), top - h + 0.18 * y * over)) for s in (-1, 1)]
+        slopes = [
+            shapes.quad(
+                (-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over),
+                (x + 2 * over, 0, 0),
+                (0, s * (y / 2 + over), top - h + 0.18 * y * over),
+            )
+            for s in (-1, 1)
+        ]
         p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
         gables = [shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, top)) for s in (-1, 1)]
         p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
@@ -112,5 +132,9 @@ def lamp_post(p: Palette, at: Vector, height: float) -> None:
     """A slim post with an arm."""
     profile = np.array([[0.09, 0], [0.09, 0.25], [0.05, 0.3], [0.035, height]])
     arm = np.array([[0, 0, height], [0.1, 0, height + 0.2], [0.5, 0, height + 0.3], [0.9, 0, height + 0.25]])
-    parts = [shapes.lathe(profile, 14), shapes.tube(arm, 0.025, 8), shapes.ellipsoid((0.22, 0.1, 0.06)).placed((0.95, 0, height + 0.23))]
+    parts = [
+        shapes.lathe(profile, 14),
+        shapes.tube(arm, 0.025, 8),
+        shapes.ellipsoid((0.22, 0.1, 0.06)).placed((0.95, 0, height + 0.23)),
+    ]
     p.draft.add(joined(parts).placed(at, yaw=p.draft.rng.uniform(0, 6.3)), p("iron"))

@@ -13,7 +13,11 @@ Colour = tuple[float, float, float]
 
 
 def fractal(
-    rng: np.random.Generator, beta: float = 1.0, stretch: tuple[float, float] = (1.0, 1.0), low: float = 1.0, side: int = SIDE
+    rng: np.random.Generator,
+    beta: float = 1.0,
+    stretch: tuple[float, float] = (1.0, 1.0),
+    low: float = 1.0,
+    side: int = SIDE,
 ) -> Float[np.ndarray, "t t"]:
     """Noise with amplitude falling as 1/frequency^beta, mean 0.5 and standard deviation about 0.2, in [0, 1].
 
@@ -26,7 +30,9 @@ def fractal(
     """
     fv = np.fft.fftfreq(side, 1 / side)[:, None] * stretch[1]
     fu = np.fft.rfftfreq(side, 1 / side)[None] * stretch[0]
-    spectrum = np.fft.rfft2(rng.normal(size=(side, side))) / np.maximum(np.hypot(fu, fv), low) ** beta
+    amplitude = (np.maximum(np.hypot(fu, fv), low) ** -beta).astype(np.float32)
+    random = rng.standard_normal((side, side // 2 + 1, 2), dtype=np.float32)
+    spectrum = (random[..., 0] + 1j * random[..., 1]) * amplitude
     spectrum[0, 0] = 0
     field = np.fft.irfft2(spectrum, s=(side, side))
     return np.clip(0.5 + 0.2 * field / field.std(), 0, 1)
@@ -36,12 +42,12 @@ def cells(
     rng: np.random.Generator, grid: int, jitter: float = 0.9, side: int = SIDE
 ) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, "t t"], Float[np.ndarray, "t t"]]:
     """Worley cells: distance to the nearest point, how much nearer it is than the second, and a random value a cell."""
-    points = 0.5 + jitter * (rng.random((grid, grid, 2)) - 0.5)
+    points = (0.5 + jitter * (rng.random((grid, grid, 2)) - 0.5)).astype(np.float32)
     values = rng.random((grid, grid))
-    axis = np.arange(side) * grid / side
+    axis = np.arange(side, dtype=np.float32) * grid / side
     v, u = np.meshgrid(axis, axis, indexing="ij")
     cell_v, cell_u = v.astype(int), u.astype(int)
-    first, second = np.full((side, side), 9.0), np.full((side, side), 9.0)
+    first, second = np.full((side, side), 9.0, np.float32), np.full((side, side), 9.0, np.float32)
     value = np.zeros((side, side))
     for dv in (-1, 0, 1):
         for du in (-1, 0, 1):
@@ -54,24 +60,33 @@ def cells(
     return first, second - first, value
 
 
-def step(edge0: float, edge1: float, x: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:
+def step(edge0: float, edge1: float, x: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
     """Smooth step from 0 at `edge0` to 1 at `edge1`."""
     s = np.clip((x - edge0) / (edge1 - edge0), 0, 1)
     return s * s * (3 - 2 * s)
 
 
-def blend(first: Float[np.ndarray, "..."], second: Float[np.ndarray, "..."], share: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t 3"]:
+def blend(
+    first: Float[np.ndarray, "..."] | Colour, second: Float[np.ndarray, "..."] | Colour, share: Float[np.ndarray, "*t"]
+) -> Float[np.ndarray, "t t 3"]:
     """Mix two colours or colour pictures by a mask."""
     return np.asarray(first) * (1 - share[..., None]) + np.asarray(second) * share[..., None]
+
+
+# Hues of man-made things, as they are photographed: mostly from red through wood to beige, some blue, seldom others.
+_HUES = ((0.0, 0.05), (0.05, 0.1), (0.07, 0.13), (0.09, 0.15), (0.55, 0.64), (0.22, 0.4), (0.0, 1.0))
+_HUE_ODDS = (0.15, 0.25, 0.22, 0.12, 0.14, 0.07, 0.05)
 
 
 def muted(
     rng: np.random.Generator,
     saturation: tuple[float, float] = (0.1, 0.45),
     value: tuple[float, float] = (0.3, 0.75),
-    hue: tuple[float, float] = (0.0, 1.0),
+    hue: tuple[float, float] | None = None,
 ) -> Colour:
-    """A colour as things have it: not neon."""
+    """A colour as things have it: not neon, and of the hues that are common unless told otherwise."""
+    if hue is None:
+        hue = _HUES[int(rng.choice(len(_HUES), p=_HUE_ODDS))]
     return colorsys.hsv_to_rgb(rng.uniform(*hue) % 1.0, rng.uniform(*saturation), rng.uniform(*value))
 
 

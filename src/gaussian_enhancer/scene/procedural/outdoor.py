@@ -1,5 +1,7 @@
 """`outdoor`: a street with facades, parked vehicles, poles, wires and fences, as in Tanks & Temples."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
@@ -30,14 +32,22 @@ def draft_outdoor(seed: int) -> Draft:
     sun, light = np.array(draft.sky.sun), draft.lights[0]
     sun[1] = -abs(sun[1]) - 0.15
     draft.sky = SkySpec(draft.sky.zenith, draft.sky.horizon, draft.sky.ground, draft.sky.cloud_texture, tuple(sun))
-    draft.lights[0] = type(light)(tuple(sun / np.linalg.norm(sun) * 840), light.target, light.radius, light.colour, side=3072)
+    draft.lights[0] = type(light)(
+        tuple(sun / np.linalg.norm(sun) * 840), light.target, light.radius, light.colour, side=3072
+    )
     p = Palette(draft)
     _street(p)
     x = -17.0
     while x < 17.0:
         width = rng.uniform(4.5, 8.0)
         if rng.random() < 0.8 or abs(x) < 4:
-            _facade(p, x, width, rng.uniform(4.5, 10.0), f"{['brick', 'plaster', 'concrete', 'brick', 'plaster'][int(rng.integers(5))]} {int(rng.integers(4))}")
+            _facade(
+                p,
+                x,
+                width,
+                rng.uniform(4.5, 10.0),
+                f"{['brick', 'plaster', 'concrete', 'brick', 'plaster'][int(rng.integers(5))]} {int(rng.integers(4))}",
+            )
         else:
             _garden(p, x, width)
         x += width
@@ -49,27 +59,43 @@ def draft_outdoor(seed: int) -> Draft:
 def _street(p: Palette) -> None:
     rng = p.draft.rng
     xs = np.linspace(-40, 40, 41)
-    p.draft.add(shapes.terrain(xs, np.linspace(-14, 2.2, 10), lambda x, y: -0.14 + 0 * x), p(str(rng.choice(["asphalt", "cobble"]))), casts=False)
-    p.draft.add(shapes.terrain(xs, np.linspace(2.35, _WALL + 6, 6), lambda x, y: 0 * x), p(str(rng.choice(["concrete", "tiles 2", "cobble 2"]))), casts=False)
+    p.draft.add(
+        shapes.terrain(xs, np.linspace(-14, 2.2, 10), lambda x, y: -0.14 + 0 * x),
+        p(str(rng.choice(["asphalt", "cobble"]))),
+        casts=False,
+    )
+    p.draft.add(
+        shapes.terrain(xs, np.linspace(2.35, _WALL + 6, 6), lambda x, y: 0 * x),
+        p(str(rng.choice(["concrete", "tiles 2", "cobble 2"]))),
+        casts=False,
+    )
     for x in np.arange(-20, 20, 1.0):
         p.draft.add(shapes.box((0.98, 0.17, 0.16)).placed((x + 0.5, 2.28, -0.14)), p("concrete 3"))
     for x in np.arange(-20, 20, 3.0):
         p.draft.add(shapes.quad((x, -2.9, -0.135), (1.5, 0, 0), (0, -0.12, 0)), p("plaster 5"), casts=False)
-    p.draft.add(shapes.lathe(np.array([[0.32, -0.134], [0.0, -0.134]]), 24).placed((rng.uniform(-3, 3), 0.6, 0)), p("iron"))
+    p.draft.add(
+        shapes.lathe(np.array([[0.32, -0.134], [0.0, -0.134]]), 24).placed((rng.uniform(-3, 3), 0.6, 0)), p("iron")
+    )
 
 
 def _window(p: Palette, x: float, z: float, w: float, h: float, trim: str) -> None:
     """A sash window: sill, frame, bars, panes set back, sometimes shutters or a flower box."""
     rng, y = p.draft.rng, _WALL
     p.draft.add(shapes.quad((x - w / 2, y - 0.012, z + h), (w, 0, 0), (0, 0, -h)), p("glass"))
-    bars = [shapes.box((w + 0.24, 0.16, 0.08)).placed((x, y - 0.06, z - 0.08)), shapes.box((w + 0.16, 0.12, 0.12)).placed((x, y - 0.05, z + h))]
+    bars = [
+        shapes.box((w + 0.24, 0.16, 0.08)).placed((x, y - 0.06, z - 0.08)),
+        shapes.box((w + 0.16, 0.12, 0.12)).placed((x, y - 0.05, z + h)),
+    ]
     bars += [shapes.box((0.07, 0.1, h)).placed((x + s * w / 2, y - 0.04, z)) for s in (-1, 1)]
     bars += [shapes.box((0.03, 0.05, h)).placed((x + s, y - 0.025, z)) for s in ([0.0] if w < 1.1 else [-w / 6, w / 6])]
     bars += [shapes.box((w, 0.05, 0.03)).placed((x, y - 0.025, z + h * s)) for s in (0.33, 0.66)]
     p.draft.add(joined(bars), p(trim))
     if rng.random() < 0.3:
         for s in (-1, 1):
-            slats = [shapes.box((w / 2, 0.03, 0.045)).placed((x + s * (w * 0.77), y - 0.05, z + k * 0.075), tilt=0.5) for k in range(int(h / 0.075))]
+            slats = [
+                shapes.box((w / 2, 0.03, 0.045)).placed((x + s * (w * 0.77), y - 0.05, z + k * 0.075), tilt=0.5)
+                for k in range(int(h / 0.075))
+            ]
             p.draft.add(joined(slats), p("paint 2"))
     elif rng.random() < 0.4:
         p.draft.add(shapes.box((w, 0.2, 0.18)).placed((x, y - 0.2, z - 0.06)), p("wood 2"))
@@ -96,7 +122,16 @@ def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> Non
                 _window(p, u, 0.95 + 3.0 * level, w, h, trim)
     u = x + (door + 0.5) * width / count
     p.draft.add(shapes.box((1.0, 0.1, 2.2)).placed((u, y - 0.02, 0.05)), p(f"wood {int(rng.integers(1, 4))}"))
-    p.draft.add(joined([shapes.box((0.1, 0.2, 2.35)).placed((u + s * 0.55, y - 0.05, 0)) for s in (-1, 1)] + [shapes.box((1.3, 0.22, 0.14)).placed((u, y - 0.06, 2.3)), shapes.box((1.3, 0.5, 0.15)).placed((u, y - 0.25, 0))]), p(trim))
+    p.draft.add(
+        joined(
+            [shapes.box((0.1, 0.2, 2.35)).placed((u + s * 0.55, y - 0.05, 0)) for s in (-1, 1)]
+            + [
+                shapes.box((1.3, 0.22, 0.14)).placed((u, y - 0.06, 2.3)),
+                shapes.box((1.3, 0.5, 0.15)).placed((u, y - 0.25, 0)),
+            ]
+        ),
+        p(trim),
+    )
     p.draft.add(shapes.ellipsoid((0.03, 0.03, 0.03)).placed((u + 0.4, y - 0.11, 1.1)), p("chrome"))
     if shop:
         _shop(p, x, width, u)
@@ -104,19 +139,34 @@ def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> Non
     p.draft.add(shapes.rod((pipe, y - 0.1, 0), (pipe, y - 0.1, height), 0.045, 10), p("iron"))
     for _ in range(int(rng.integers(0, 3))):
         s = rng.uniform(0.35, 0.6)
-        furniture.flat_print(p, "poster", (x + rng.uniform(0.3, width - 0.9), y - 0.056, rng.uniform(1.5, 2.0)), (s, 0, 0), (0, 0, -s * 1.35))
+        furniture.flat_print(
+            p,
+            "poster",
+            (x + rng.uniform(0.3, width - 0.9), y - 0.056, rng.uniform(1.5, 2.0)),
+            (s, 0, 0),
+            (0, 0, -s * 1.35),
+        )
 
 
 def _shop(p: Palette, x: float, width: float, door: float) -> None:
     """Shop windows beside a door, a striped awning, and the name above."""
     rng, y = p.draft.rng, _WALL
-    furniture.flat_print(p, "sign", (x + 0.4, y - 0.09, 3.06), (width - 0.8, 0, 0), (0, 0, -0.5), (0, 0.25 * int(rng.integers(4)), 1, 0.25))
+    furniture.flat_print(
+        p,
+        "sign",
+        (x + 0.4, y - 0.09, 3.06),
+        (width - 0.8, 0, 0),
+        (0, 0, -0.5),
+        (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25),
+    )
     for left, right in ((x + 0.5, door - 0.7), (door + 0.7, x + width - 0.4)):
         if right - left < 0.6:
             continue
         p.draft.add(shapes.quad((left, y - 0.055, 2.4), (right - left, 0, 0), (0, 0, -1.8)), p("glass"))
         bars = [shapes.box((0.06, 0.08, 1.85)).placed((u, y - 0.07, 0.58)) for u in np.linspace(left, right, 3)]
-        bars += [shapes.box((right - left, 0.08, 0.06)).placed(((left + right) / 2, y - 0.07, z)) for z in (0.56, 2.0, 2.4)]
+        bars += [
+            shapes.box((right - left, 0.08, 0.06)).placed(((left + right) / 2, y - 0.07, z)) for z in (0.56, 2.0, 2.4)
+        ]
         p.draft.add(joined(bars), p("wood 3"))
         furniture.flat_print(p, "page", (left + 0.1, y - 0.06, 1.5), (0.3, 0, 0), (0, 0, -0.4))
     if rng.random() < 0.75:
@@ -141,18 +191,42 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
     van = rng.random() < 0.4
     length, half, top = (4.4, 0.88, 1.9) if van else (4.1, 0.84, 1.42)
     hood = 0.95 if van else 0.9
-    outline = np.array([[-0.5, 0.35], [-0.5, hood - 0.08], [-0.36 if not van else -0.42, hood], [-0.2 if not van else -0.34, top - 0.03], [0.0, top], [0.3 if not van else 0.44, top - 0.02], [0.45 if not van else 0.49, hood], [0.5, hood - 0.1], [0.5, 0.35]])
+    outline = np.array(
+        [
+            [-0.5, 0.35],
+            [-0.5, hood - 0.08],
+            [-0.36 if not van else -0.42, hood],
+            [-0.2 if not van else -0.34, top - 0.03],
+            [0.0, top],
+            [0.3 if not van else 0.44, top - 0.02],
+            [0.45 if not van else 0.49, hood],
+            [0.5, hood - 0.1],
+            [0.5, 0.35],
+        ]
+    )
     closed = np.concatenate([outline, outline[:1]])
     steps = np.linspace(0, len(closed) - 1, 120)
     curve = np.stack([np.interp(steps, np.arange(len(closed)), closed[:, k]) for k in (0, 1)], axis=1)
     kernel = np.ones(7) / 7
-    curve = np.stack([np.convolve(np.concatenate([curve[-4:-1, k], curve[:, k], curve[1:4, k]]), kernel, "valid") for k in (0, 1)], axis=1)
+    curve = np.stack(
+        [np.convolve(np.concatenate([curve[-4:-1, k], curve[:, k], curve[1:4, k]]), kernel, "valid") for k in (0, 1)],
+        axis=1,
+    )
     middle = np.array([0.0, 0.7])
     rows = []
     for across in np.sin(np.linspace(-np.pi / 2, np.pi / 2, 17)):
         shrink = 1 - 0.16 * np.abs(across) ** 6
         inward = half * (1 - 0.17 * np.clip((curve[:, 1] - hood) / (top - hood), 0, 1))
-        rows.append(np.stack([((curve[:, 0] - middle[0]) * shrink) * length, across * inward, middle[1] + (curve[:, 1] - middle[1]) * shrink], axis=1))
+        rows.append(
+            np.stack(
+                [
+                    ((curve[:, 0] - middle[0]) * shrink) * length,
+                    across * inward,
+                    middle[1] + (curve[:, 1] - middle[1]) * shrink,
+                ],
+                axis=1,
+            )
+        )
     loft = np.array(rows)
     along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(loft[8], axis=0), axis=1))])
     uv = np.stack(np.broadcast_arrays(along[None], np.linspace(0, 2 * half, 17)[:, None]), axis=-1)
@@ -164,7 +238,9 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
 
 def _cap(ring: np.ndarray) -> Part:
     centre = ring.mean(0)
-    return joined([shapes.triangle(tuple(centre), tuple(a), tuple(b)) for a, b in zip(ring[:-1], ring[1:], strict=True) if np.linalg.norm(a - b) > 1e-6])
+    return joined(
+        [shapes.triangle(tuple(centre), tuple(a), tuple(b)) for a, b in pairwise(ring) if np.linalg.norm(a - b) > 1e-6]
+    )
 
 
 def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, hood: float, top: float) -> None:
@@ -175,7 +251,12 @@ def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, h
         edge = half * 1.005
         for left, right in ((-0.28, -0.02), (0.02, 0.3)):
             a, b = left * length, right * length
-            put(shapes.quad((a * 0.85, s * edge * 0.93, top - 0.1), (b * 0.9 - a * 0.85, 0, 0), (0, s * 0.1, hood - top + 0.14)), "glass")
+            put(
+                shapes.quad(
+                    (a * 0.85, s * edge * 0.93, top - 0.1), (b * 0.9 - a * 0.85, 0, 0), (0, s * 0.1, hood - top + 0.14)
+                ),
+                "glass",
+            )
         put(shapes.box((length * 0.8, 0.03, 0.05)).placed((0, s * edge, 0.62)), "rubber")
         put(shapes.ellipsoid((0.08, 0.09, 0.07)).placed((-length * 0.24, s * (half + 0.12), hood + 0.06)), "rubber")
         for x in (-0.31, 0.31):
@@ -183,13 +264,23 @@ def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, h
             put(tyre.placed((x * length, s * (half - 0.06), 0.32)), "rubber")
             put(rim.placed((x * length, s * (half - 0.06), 0.32)), "chrome")
         for x in (-0.495, 0.495):
-            put(shapes.ellipsoid((0.07, 0.13, 0.08)).placed((x * length, s * half * 0.68, 0.72)), "chrome" if x < 0 else "paint 6")
+            put(
+                shapes.ellipsoid((0.07, 0.13, 0.08)).placed((x * length, s * half * 0.68, 0.72)),
+                "chrome" if x < 0 else "paint 6",
+            )
     for x in (-0.5, 0.5):
         put(shapes.box((0.1, 1.7 * half, 0.14)).placed((x * length, 0, 0.4)), "rubber")
         sign = 1.0 if x > 0 else -1.0
         plate = shapes.quad((x * length + sign * 0.055, -0.26, 0.54), (0, 0.52, 0), (0, 0, -0.12))
-        p.draft.add(Part(plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces).placed(at, yaw=yaw), p("sign"))
-    slant = shapes.quad((-0.345 * length, -half * 0.72, hood + 0.04), (0, half * 1.44, 0), (0.135 * length, 0, top - hood - 0.12))
+        p.draft.add(
+            Part(plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces).placed(
+                at, yaw=yaw
+            ),
+            p("sign"),
+        )
+    slant = shapes.quad(
+        (-0.345 * length, -half * 0.72, hood + 0.04), (0, half * 1.44, 0), (0.135 * length, 0, top - hood - 0.12)
+    )
     put(slant, "glass")
 
 
@@ -207,8 +298,13 @@ def _furnish(p: Palette) -> None:
         p.draft.add(shapes.box((0.08, 1.3, 0.08)).placed((u, 2.7, 6.0)), p("wood 4"))
         if k:
             for y in (2.15, 2.5, 2.9, 3.25):
-                p.draft.add(shapes.wire((posts[k - 1], y, 6.1), (u, y, 6.1), rng.uniform(0.15, 0.4), 0.012), p("rubber"))
-            p.draft.add(shapes.wire((u, 2.7, 5.6), (u + rng.uniform(-3, 3), _WALL, rng.uniform(3.4, 5)), 0.25, 0.01), p("rubber"))
+                p.draft.add(
+                    shapes.wire((posts[k - 1], y, 6.1), (u, y, 6.1), rng.uniform(0.15, 0.4), 0.012), p("rubber")
+                )
+            p.draft.add(
+                shapes.wire((u, 2.7, 5.6), (u + rng.uniform(-3, 3), _WALL, rng.uniform(3.4, 5)), 0.25, 0.01),
+                p("rubber"),
+            )
         if rng.random() < 0.6:
             furniture.flat_print(p, "poster", (u - 0.16, 2.61, 1.8), (0.32, 0, 0), (0, 0, -0.42))
     for u in rng.uniform(-9, 9, 7):
@@ -218,7 +314,19 @@ def _furnish(p: Palette) -> None:
         elif kind == 1:
             furniture.bicycle(p, (u, 4.6, 0.0), rng.normal() * 0.1)
         elif kind == 2:
-            ribs = np.array([[0.0, 0.0], [0.27, 0.0], [0.3, 0.3], [0.31, 0.3], [0.31, 0.33], [0.29, 0.6], [0.31, 0.6], [0.3, 0.9], [0.0, 0.92]])
+            ribs = np.array(
+                [
+                    [0.0, 0.0],
+                    [0.27, 0.0],
+                    [0.3, 0.3],
+                    [0.31, 0.3],
+                    [0.31, 0.33],
+                    [0.29, 0.6],
+                    [0.31, 0.6],
+                    [0.3, 0.9],
+                    [0.0, 0.92],
+                ]
+            )
             p.draft.add(shapes.lathe(ribs, 28).placed(at), p("paint 7"))
         else:
             furniture.chair(p, at, rng.uniform(0, 6.3))
@@ -229,11 +337,27 @@ def _beyond(p: Palette) -> None:
     """What is seen over the roofs and at the street's ends."""
     rng = p.draft.rng
     for u in np.arange(-36, 37, 11.0):
-        nature.house(p, (u + rng.uniform(-2, 2), 24 + rng.uniform(0, 8), 0), rng.normal() * 0.2, (9, 8, rng.uniform(8, 14)), f"brick {int(rng.integers(4))}")
-        nature.house(p, (u + rng.uniform(-2, 2), -18 - rng.uniform(0, 5), 0), np.pi, (10, 8, rng.uniform(5, 10)), f"plaster {int(rng.integers(4))}")
+        nature.house(
+            p,
+            (u + rng.uniform(-2, 2), 24 + rng.uniform(0, 8), 0),
+            rng.normal() * 0.2,
+            (9, 8, rng.uniform(8, 14)),
+            f"brick {int(rng.integers(4))}",
+        )
+        nature.house(
+            p,
+            (u + rng.uniform(-2, 2), -18 - rng.uniform(0, 5), 0),
+            np.pi,
+            (10, 8, rng.uniform(5, 10)),
+            f"plaster {int(rng.integers(4))}",
+        )
     for s in (-1, 1):
         nature.house(p, (s * 45.0, 0, 0), np.pi / 2, (16, 9, 10), "brick 1")
         nature.tree(p, (s * 21.0, 3.0, 0), rng.uniform(6, 9), 260)
         nature.tree(p, (s * 27.0, -3.0, 0), rng.uniform(6, 9), 200, " 3")
-    p.draft.add(shapes.terrain(np.linspace(-400, 400, 9), np.linspace(-400, 400, 9), lambda x, y: -0.3 + 0 * x), p("turf"), casts=False)
+    p.draft.add(
+        shapes.terrain(np.linspace(-400, 400, 9), np.linspace(-400, 400, 9), lambda x, y: -0.3 + 0 * x),
+        p("turf"),
+        casts=False,
+    )
     nature.hills(p, 180.0, 14.0, "foliage")

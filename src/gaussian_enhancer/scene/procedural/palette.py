@@ -28,7 +28,14 @@ class Palette:
 def _wood(d: Draft) -> int:
     colour = muted(d.rng, (0.3, 0.6), (0.3, 0.7), (0.05, 0.11))
     count = int(d.rng.integers(3, 9))
-    return d.material(textures.planks(d.rng, colour, count), d.rng.uniform(0.7, 1.2), reflectance=0.045, roughness=0.45)
+    return d.material(
+        textures.planks(d.rng, colour, count),
+        d.rng.uniform(0.7, 1.2),
+        detail=0.2,
+        dirt=0.3,
+        reflectance=0.045,
+        roughness=0.45,
+    )
 
 
 def _brick(d: Draft) -> int:
@@ -38,7 +45,13 @@ def _brick(d: Draft) -> int:
 
 
 def _plaster(d: Draft) -> int:
-    return d.material(textures.plaster(d.rng, muted(d.rng, (0.05, 0.35), (0.5, 0.85))), d.rng.uniform(1.5, 2.5), relief=0.02)
+    return d.material(
+        textures.plaster(d.rng, muted(d.rng, (0.05, 0.35), (0.5, 0.85))),
+        d.rng.uniform(1.5, 2.5),
+        relief=0.02,
+        detail=0.15,
+        dirt=0.25,
+    )
 
 
 def _concrete(d: Draft) -> int:
@@ -46,11 +59,15 @@ def _concrete(d: Draft) -> int:
 
 
 def _asphalt(d: Draft) -> int:
-    return d.material(textures.asphalt(d.rng, muted(d.rng, (0.0, 0.1), (0.25, 0.42))), 1.6, reflectance=0.04, roughness=0.6)
+    return d.material(
+        textures.asphalt(d.rng, muted(d.rng, (0.0, 0.1), (0.25, 0.42))), 1.6, reflectance=0.04, roughness=0.6
+    )
 
 
 def _cobble(d: Draft) -> int:
-    return d.material(textures.cobble(d.rng, earthy(d.rng, (0.4, 0.65))), d.rng.uniform(1.0, 1.6), relief=0.03, roughness=0.5)
+    return d.material(
+        textures.cobble(d.rng, earthy(d.rng, (0.4, 0.65))), d.rng.uniform(1.0, 1.6), relief=0.03, roughness=0.5
+    )
 
 
 def _gravel(d: Draft) -> int:
@@ -58,7 +75,9 @@ def _gravel(d: Draft) -> int:
 
 
 def _turf(d: Draft) -> int:
-    return d.material(textures.turf(d.rng, green(d.rng), earthy(d.rng, (0.4, 0.6))), d.rng.uniform(0.9, 1.6), relief=0.03)
+    return d.material(
+        textures.turf(d.rng, green(d.rng), earthy(d.rng, (0.4, 0.6))), d.rng.uniform(0.9, 1.6), relief=0.03
+    )
 
 
 def _tiles(d: Draft) -> int:
@@ -75,7 +94,13 @@ def _cloth(d: Draft) -> int:
 
 
 def _marble(d: Draft) -> int:
-    return d.material(textures.marble(d.rng, muted(d.rng, (0.02, 0.25), (0.4, 0.9))), d.rng.uniform(0.5, 1.1), reflectance=0.05, roughness=0.15, relief=0.0)
+    return d.material(
+        textures.marble(d.rng, muted(d.rng, (0.02, 0.25), (0.4, 0.9))),
+        d.rng.uniform(0.5, 1.1),
+        reflectance=0.05,
+        roughness=0.15,
+        relief=0.0,
+    )
 
 
 def _glaze(d: Draft) -> int:
@@ -91,7 +116,9 @@ def _paint(d: Draft) -> int:
 
 def _chrome(d: Draft) -> int:
     texture = textures.metal(d.rng, muted(d.rng, (0.0, 0.15), (0.7, 0.88)), float(d.rng.uniform(0.0, 0.25)))
-    return d.material(texture, 0.7, reflectance=0.6, roughness=float(d.rng.uniform(0.12, 0.4)), relief=0.002, detail=0.1)
+    return d.material(
+        texture, 0.7, reflectance=0.6, roughness=float(d.rng.uniform(0.12, 0.4)), relief=0.002, detail=0.1
+    )
 
 
 def _iron(d: Draft) -> int:
@@ -104,7 +131,9 @@ def _rubber(d: Draft) -> int:
 
 
 def _glass(d: Draft) -> int:
-    return d.material(textures.plaster(d.rng, (0.13, 0.15, 0.16)), 2.5, reflectance=0.12, roughness=0.02, relief=0.0, detail=0.1)
+    return d.material(
+        textures.plaster(d.rng, (0.13, 0.15, 0.16)), 2.5, reflectance=0.12, roughness=0.02, relief=0.0, detail=0.1
+    )
 
 
 def _bark(d: Draft) -> int:
@@ -117,7 +146,7 @@ def _foliage(d: Draft) -> int:
 
 def _leaves(d: Draft, size: float = 0.5) -> int:
     colour = d.pick(green(d.rng), green(d.rng), muted(d.rng, (0.4, 0.65), (0.35, 0.6), (0.05, 0.14)))
-    texture = textures.leaves(d.rng, colour, int(d.rng.integers(18, 40)), d.rng.uniform(0.2, 0.5))  # type: ignore[arg-type]
+    texture = textures.leaves(d.rng, colour, int(d.rng.integers(34, 60)), d.rng.uniform(0.2, 0.5))  # type: ignore[arg-type]
     return d.material(texture, size, reflectance=0.04, roughness=0.45, relief=0.002, translucency=0.35, detail=0.2)
 
 

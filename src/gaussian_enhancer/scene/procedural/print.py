@@ -14,7 +14,7 @@ _WORDS = (
     "the of light and field in points view scale from with ray open surface colour time depth over edge house "
     "near far sum street market coffee north station paper garden river stone letter window bread music hotel "
     "number volume sharp quiet signal harbour copper orange theory motion summer archive"
-).split()
+).split()  # noqa: SIM905
 
 
 def _rgb(colour: Colour) -> tuple[int, int, int]:

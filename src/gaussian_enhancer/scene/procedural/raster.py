@@ -2,19 +2,22 @@
 
 With a face's corners v0, v1, v2 in camera axes, det = v0 . (v1 x v2) and a ray d = (x, y, 1), the functions
 w_i(d) = d . (v_{i+1} x v_{i+2}) / det are linear in the pixel; the ray meets the face in front of the camera exactly
-where all three are non-negative, at 1/z = w0 + w1 + w2, with barycentric coordinates z w_i (homogeneous rasterisation,
-Olano and Greer, Graphics Hardware 1997). Nothing is clipped, and along a scan line the covered samples are one interval.
+where all three are non-negative, at 1/z = w0 + w1 + w2, with barycentric coordinates z w_i (homogeneous
+rasterisation, Olano and Greer, Graphics Hardware 1997). Nothing is clipped, and along a scan line the covered
+samples are one interval.
 
 Axes: f faces, n samples.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from gaussian_enhancer.scene.procedural.vector import dot
 from gaussian_enhancer.types import Camera
 
 NEAR = 0.02
@@ -53,7 +56,7 @@ def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> Projected:
     K, pose = camera.K.to(corners.device).double(), camera.world_to_camera.to(corners.device).double()
     points = corners.double() @ pose[:3, :3].T + pose[:3, 3]
     crossed = torch.cross(points[:, [1, 2, 0]], points[:, [2, 0, 1]], dim=2)
-    det = (points[:, 0] * crossed[:, 0]).sum(1)
+    det = dot(points[:, 0], crossed[:, 0])
     edges = (crossed @ torch.linalg.inv(K)) / det[:, None, None]
     z = points[..., 2]
     in_front = (z > NEAR).all(1)
@@ -80,6 +83,15 @@ def sample_positions(
 
 def _shift(row: Tensor, grid: SampleGrid) -> Tensor:
     return (row.remainder(grid.rows) + 0.5) / grid.rows
+
+
+def barycentric(
+    edges: Float[Tensor, "n 3 3"], x: Float[Tensor, " n"], y: Float[Tensor, " n"]
+) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
+    """Barycentric coordinates and z where samples meet their faces, from the faces' `Projected.edges`."""
+    weights = edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2]
+    z = 1 / (weights[:, 0] + weights[:, 1] + weights[:, 2])
+    return (weights * z[:, None]).float(), z.float()
 
 
 Keep = Callable[[Int[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]], Bool[Tensor, " n"]]
@@ -161,7 +173,7 @@ def _portions(sizes: Tensor, limit: int) -> Iterator[slice]:
         return
     marks = torch.arange(limit, total + limit, limit, device=sizes.device)
     cuts = [0, *torch.searchsorted(ends, marks, right=False).add(1).clamp_max(len(sizes)).unique().tolist()]
-    for begin, end in zip(cuts[:-1], cuts[1:], strict=True):
+    for begin, end in pairwise(cuts):
         yield slice(begin, end)
 
 
@@ -180,6 +192,6 @@ def _spans(edges: Tensor, face: Tensor, row: Tensor, grid: SampleGrid, columns: 
         high = torch.where((slope[:, i] == 0) & (rest[:, i] < 0), torch.full_like(high, -1), high)
     low = low.clamp(0, columns)
     high = high.clamp(-1, columns - 1)
-    per_column = slope.sum(1) / grid.columns
-    value = per_column * (low + shift) + rest.sum(1)
+    per_column = (slope[:, 0] + slope[:, 1] + slope[:, 2]) / grid.columns
+    value = per_column * (low + shift) + (rest[:, 0] + rest[:, 1] + rest[:, 2])
     return low.long(), high.long(), value.float(), per_column.float()

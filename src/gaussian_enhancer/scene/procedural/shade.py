@@ -1,7 +1,7 @@
 """Colour, depth and coverage of a world through a camera.
 
 Light is the sum of suns and lamps (Lambert and Blinn-Phong, shadow-mapped), ambient light from a volume, and the
-surroundings mirrored with Schlick's Fresnel term; haze, then a filmic curve (Hable's shape is not needed: 1 - exp(-x))
+surroundings mirrored with Schlick's Fresnel term; haze, then a filmic curve 1 - exp(-x)
 and the sRGB exponent. Samples are averaged after the curve, as a box-downsampled larger picture would be.
 
 Axes: m samples, h height, w width.
@@ -12,7 +12,15 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn import functional
 
-from gaussian_enhancer.scene.procedural.raster import Projected, SampleGrid, nearest_faces, project, sample_positions
+from gaussian_enhancer.scene.procedural.raster import (
+    Projected,
+    SampleGrid,
+    barycentric,
+    nearest_faces,
+    project,
+    sample_positions,
+)
+from gaussian_enhancer.scene.procedural.vector import dot, unit, weighted
 from gaussian_enhancer.scene.procedural.world import World
 from gaussian_enhancer.types import Camera
 
@@ -49,10 +57,9 @@ def depth(world: World, camera: Camera) -> Float[Tensor, "1 h w"]:
     for first in range(0, camera.height, rows):
         last = min(first + rows, camera.height)
         face, x, y = _visible(world, projected, camera, SampleGrid(), first, last)
-        edges = projected.edges[face.clamp_min(0)].sum(1)
-        z = 1 / (edges[:, 0] * x + edges[:, 1] * y + edges[:, 2])
+        _, z = barycentric(projected.edges[face.clamp_min(0)], x, y)
         pieces.append(torch.where(face >= 0, z, torch.zeros_like(z)))
-    return torch.cat(pieces).float().view(1, camera.height, camera.width)
+    return torch.cat(pieces).view(1, camera.height, camera.width)
 
 
 def coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Float[Tensor, "1 h w"]:
@@ -88,20 +95,13 @@ def _visible(
     world: World, projected: Projected, camera: Camera, grid: SampleGrid, first: int, last: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     def keep(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        weights, _ = _barycentric(projected, face, x, y)
-        u, v = (weights[..., None] * world.mesh.uvs[face]).sum(1).unbind(1)
+        weights, _ = barycentric(projected.edges[face], x, y)
+        u, v = weighted(weights, world.mesh.uvs[face]).unbind(1)
         return world.solid(face, u, v)
 
     face = nearest_faces(projected, grid, camera.width, first, last, world.mesh.cutout, keep)
     x, y = sample_positions(grid, camera.width, first, last, face.device)
     return face, x, y
-
-
-def _barycentric(projected: Projected, face: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    edges = projected.edges[face]
-    weights = edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2]
-    z = 1 / weights.sum(1)
-    return (weights * z[:, None]).float(), z.float()
 
 
 def _radiance(
@@ -115,11 +115,11 @@ def _radiance(
     result = torch.empty_like(rays)
     missed = (face < 0).nonzero()[:, 0]
     if len(missed):
-        away = functional.normalize(rays[missed], dim=1)
+        away = unit(rays[missed])
         result[missed] = world.sky.radiance(away, world.atlas, pixel)
     hit = (face >= 0).nonzero()[:, 0]
     if len(hit):
-        weights, z = _barycentric(projected, face[hit], x[hit], y[hit])
+        weights, z = barycentric(projected.edges[face[hit]], x[hit], y[hit])
         origin = (-pose[:3, :3].T @ pose[:3, 3]).float()
         result[hit] = _surface(world, face[hit], weights, z, rays[hit], origin, pixel)
     return result
@@ -130,36 +130,36 @@ def _surface(
 ) -> Tensor:
     mesh = world.mesh
     points = origin + z[:, None] * rays
-    away = functional.normalize(rays, dim=1)
+    away = unit(rays)
     material = mesh.material[face]
     tangents = mesh.tangents[face]
-    flat = functional.normalize(torch.linalg.cross(tangents[:, 0], tangents[:, 1]), dim=1)
-    facing = -(flat * away).sum(1)
+    flat = unit(torch.linalg.cross(tangents[:, 0], tangents[:, 1]))
+    facing = -dot(flat, away)
     flat = flat * torch.where(facing < 0, -1.0, 1.0)[:, None]
-    smooth = functional.normalize((weights[..., None] * mesh.normals[face]).sum(1), dim=1)
-    smooth = smooth * torch.where((smooth * flat).sum(1) < 0, -1.0, 1.0)[:, None]
-    metres = (weights[..., None] * mesh.uvs[face]).sum(1)
+    smooth = unit(weighted(weights, mesh.normals[face]))
+    smooth = smooth * torch.where(dot(smooth, flat) < 0, -1.0, 1.0)[:, None]
+    metres = weighted(weights, mesh.uvs[face])
     # Between the footprint's short and long side: the samples of a pixel settle the rest.
     footprint = pixel * z * facing.abs().clamp_min(0.08) ** -0.6
     channels, albedo, emission = _material(world, material, metres, footprint)
     reflectance, roughness, relief, _, _, _, translucency = world.materials.looks[material].unbind(1)
     slopes = (channels[:, 4:6] - 0.5) * 80.0 * (relief[:, None] * world.materials.repeats[material])
     normals = smooth - slopes[:, :1] * tangents[:, 0] - slopes[:, 1:] * tangents[:, 1]
-    normals = functional.normalize(normals, dim=1)
+    normals = unit(normals)
     gloss = channels[:, 6]
     diffuse = world.ambient_strength * world.ambient.irradiance(points, normals)
     shine = torch.zeros_like(diffuse)
     power = 2 / (roughness**2 * roughness**2 + 1e-4)
     for light in world.lights:
         towards, colour, lit = light.arriving(points, flat)
-        cosine = (normals * towards).sum(1)
+        cosine = dot(normals, towards)
         through = translucency * (-cosine).clamp_min(0) + (1 - translucency) * cosine.clamp_min(0)
         through = torch.where(translucency > 0, through + 0.25 * translucency, through)
         diffuse = diffuse + colour * (lit * through)[:, None]
-        half = functional.normalize(towards - away, dim=1)
-        lobe = (normals * half).sum(1).clamp_min(0) ** power * (power + 2) / 8
+        half = unit(towards - away)
+        lobe = dot(normals, half).clamp_min(0) ** power * (power + 2) / 8
         shine = shine + colour * (lit * lobe * cosine.clamp_min(0))[:, None]
-    seen = (-(normals * away).sum(1)).clamp(0, 1)
+    seen = (-dot(normals, away)).clamp(0, 1)
     fresnel = reflectance + (1 - reflectance) * (1 - seen) ** 5 * (1 - roughness) ** 2
     fresnel = (fresnel * gloss)[:, None]
     tinted = torch.where(reflectance[:, None] > 0.25, albedo, torch.ones_like(albedo))

@@ -10,10 +10,11 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural.mesh import Part, joined
 
-Vector = tuple[float, float, float]
+Number = float | int
+Vector = tuple[Number, Number, Number]
 
 
-def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[float, float] = (0.0, 0.0)) -> Part:
+def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> Part:
     """A parallelogram from its upper left corner; texture u grows to the right and v downwards, from `uv0`."""
     o, r, d = (np.asarray(value, dtype=float) for value in (origin, right, down))
     normal = np.cross(d, r)
@@ -24,7 +25,7 @@ def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[float, float] =
     return Part(positions, np.tile(normal, (4, 1)), uvs, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def box(size: Vector, uv0: tuple[float, float] = (0.0, 0.0)) -> Part:
+def box(size: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> Part:
     """A box standing on the origin: centred in x and y, from 0 to its height in z."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     return joined(
@@ -161,7 +162,9 @@ def wire(start: Vector, end: Vector, sag: float, radius: float, sides: int = 4, 
 
 
 def terrain(
-    xs: Float[np.ndarray, " k"], ys: Float[np.ndarray, " k"], height: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    xs: Float[np.ndarray, " columns"],
+    ys: Float[np.ndarray, " rows"],
+    height: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> Part:
     """Ground over a grid of x and y, at the heights that a function gives."""
     x, y = np.meshgrid(xs, ys)
@@ -175,9 +178,7 @@ def curtain(width: float, height: float, folds: int, depth: float, columns: int 
     return sheet(np.stack([x, y, z], axis=-1), np.stack([x * 1.3, height - z], axis=-1))
 
 
-def cards(
-    rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5
-) -> Part:
+def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5) -> Part:
     """Randomly turned square cards, one a centre, for leaf textures with holes; `lift` 0 stands them upright."""
     n = len(centres)
     yaw, pitch = rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi / 2, np.pi / 2, n) * lift

@@ -41,7 +41,9 @@ def _model(p: Palette) -> None:
     parts = p.draft.builder.parts
     parts[start:] = [part.placed(scale=size, at=(0, -0.1, -0.02)) for part in parts[start:]]
     furniture.lattice(p, (0, 0.65, -0.02), 0.0, (2.0, 0.5), 0.1, 0.006)
-    furniture.flat_print(p, "sign", (-0.5, 0.63, 0.42), (1.0, 0, 0), (0, 0, -0.25), (0, 0.25 * int(rng.integers(4)), 1, 0.25))
+    furniture.flat_print(
+        p, "sign", (-0.5, 0.63, 0.42), (1.0, 0, 0), (0, 0, -0.25), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
+    )
     furniture.potted(p, (0.9, -0.5, -0.02), 0.5)
 
 
@@ -56,7 +58,11 @@ def _bricks(p: Palette) -> None:
             for i in range(w):
                 for j in range(d):
                     stud = np.array([[0.03, 0.0], [0.03, 0.018], [0.026, 0.022], [0.0, 0.022]])
-                    parts.append(shapes.lathe(stud, 12).placed((x + (i - w / 2 + 0.5) * unit, y + (j - d / 2 + 0.5) * unit, (level + 1) * 0.12)))
+                    parts.append(
+                        shapes.lathe(stud, 12).placed(
+                            (x + (i - w / 2 + 0.5) * unit, y + (j - d / 2 + 0.5) * unit, (level + 1) * 0.12)
+                        )
+                    )
             p.draft.add(joined(parts), p(f"paint {int(rng.integers(6))}"))
     for k in range(4):
         tyre, rim = furniture.wheel(0.17, 8, 0.045)
@@ -72,9 +78,16 @@ def _ficus(p: Palette) -> None:
     """A branching plant in an ornate pot."""
     rng = p.draft.rng
     pot = shapes.smooth_profile([(0.22, 0.0), (0.3, 0.12), (0.36, 0.3), (0.3, 0.42), (0.34, 0.46)], 30)
-    p.draft.add(shapes.lathe(np.concatenate([[[0, 0]], pot, [[0.29, 0.42], [0, 0.4]]]), 60, int(rng.integers(8, 20)), 0.06).placed((0, 0, -0.4)), p("glaze"))
+    p.draft.add(
+        shapes.lathe(
+            np.concatenate([[[0, 0]], pot, [[0.29, 0.42], [0, 0.4]]]), 60, int(rng.integers(8, 20)), 0.06
+        ).placed((0, 0, -0.4)),
+        p("glaze"),
+    )
     for k in range(3):
-        furniture.plant(p, (*(rng.normal(size=2) * 0.06), 0.0), rng.uniform(0.8, 1.25), 160, "sprig" if k % 2 else "sprig 2")
+        furniture.plant(
+            p, (*(rng.normal(size=2) * 0.06), 0.0), rng.uniform(0.8, 1.25), 160, "sprig" if k % 2 else "sprig 2"
+        )
     p.draft.add(shapes.lathe(np.array([[0, -0.4], [0.5, -0.4], [0.52, -0.43], [0, -0.44]]), 48), p("wood"))
 
 
@@ -91,7 +104,10 @@ def _still_life(p: Palette) -> None:
     p.draft.add(furniture.knot(rng, 0.15, 0.03).placed((0.5, -0.25, z + 0.1)), p("glaze 2"))
     for _ in range(5):
         r = rng.uniform(0.03, 0.06)
-        p.draft.add(shapes.ellipsoid((r, r, r)).placed((rng.uniform(-0.2, 0.6), rng.uniform(-0.2, 0.1), z + r)), p(str(rng.choice(["paint", "glaze 3", "marble"]))))
+        p.draft.add(
+            shapes.ellipsoid((r, r, r)).placed((rng.uniform(-0.2, 0.6), rng.uniform(-0.2, 0.1), z + r)),
+            p(str(rng.choice(["paint", "glaze 3", "marble"]))),
+        )
 
 
 def _machine(p: Palette) -> None:
@@ -99,20 +115,46 @@ def _machine(p: Palette) -> None:
     rng = p.draft.rng
     corners = [(a * 0.8, b * 0.5) for a in (-1, 1) for b in (-1, 1)]
     frame = [shapes.beam((*c, -0.4), (*c, 1.1), 0.06, 0.06) for c in corners]
-    frame += [shapes.beam((-0.8, b * 0.5, z), (0.8, b * 0.5, z), 0.05, 0.05) for b in (-1, 1) for z in (-0.38, 0.35, 1.08)]
+    frame += [
+        shapes.beam((-0.8, b * 0.5, z), (0.8, b * 0.5, z), 0.05, 0.05) for b in (-1, 1) for z in (-0.38, 0.35, 1.08)
+    ]
     frame += [shapes.beam((a * 0.8, -0.5, z), (a * 0.8, 0.5, z), 0.05, 0.05) for a in (-1, 1) for z in (-0.38, 1.08)]
     p.draft.add(joined(frame), p("paint"))
     for k in range(6):
         teeth, r = int(rng.integers(12, 30)), rng.uniform(0.14, 0.3)
-        gear = shapes.lathe(np.array([[0.04, 0.0], [r, 0.0], [r, 0.06], [r * 0.8, 0.06], [r * 0.75, 0.03], [0.06, 0.03], [0.06, 0.1], [0.0, 0.1]]), teeth * 8, teeth, 0.1)
-        p.draft.add(gear.placed((rng.uniform(-0.6, 0.6), -0.35 + 0.13 * k, rng.uniform(-0.1, 0.9)), tilt=np.pi / 2), p(str(rng.choice(["chrome", "iron", "chrome 2"]))))
+        gear = shapes.lathe(
+            np.array(
+                [
+                    [0.04, 0.0],
+                    [r, 0.0],
+                    [r, 0.06],
+                    [r * 0.8, 0.06],
+                    [r * 0.75, 0.03],
+                    [0.06, 0.03],
+                    [0.06, 0.1],
+                    [0.0, 0.1],
+                ]
+            ),
+            teeth * 8,
+            teeth,
+            0.1,
+        )
+        p.draft.add(
+            gear.placed((rng.uniform(-0.6, 0.6), -0.35 + 0.13 * k, rng.uniform(-0.1, 0.9)), tilt=np.pi / 2),
+            p(str(rng.choice(["chrome", "iron", "chrome 2"]))),
+        )
     tank = shapes.smooth_profile([(0.02, 0.0), (0.22, 0.06), (0.25, 0.2), (0.25, 0.6), (0.2, 0.78), (0.05, 0.85)], 30)
     p.draft.add(shapes.lathe(tank, 40).placed((0.4, 0.15, -0.35)), p("paint 2"))
     for _ in range(9):
         ends = rng.uniform((-0.75, -0.45, -0.3), (0.75, 0.45, 1.0), (2, 3))
-        p.draft.add(shapes.wire(tuple(ends[0]), tuple(ends[1]), rng.uniform(0.0, 0.2), rng.uniform(0.006, 0.025), 8, 24), p(str(rng.choice(["rubber", "glaze", "iron"]))))
+        p.draft.add(
+            shapes.wire(tuple(ends[0]), tuple(ends[1]), rng.uniform(0.0, 0.2), rng.uniform(0.006, 0.025), 8, 24),
+            p(str(rng.choice(["rubber", "glaze", "iron"]))),
+        )
     furniture.lattice(p, (0, 0.54, -0.35), 0.0, (1.5, 0.7), 0.09, 0.006)
-    furniture.flat_print(p, "sign", (-0.7, -0.53, 0.32), (1.2, 0, 0), (0, 0, -0.3), (0, 0.25 * int(rng.integers(4)), 1, 0.25))
+    furniture.flat_print(
+        p, "sign", (-0.7, -0.53, 0.32), (1.2, 0, 0), (0, 0, -0.3), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
+    )
     furniture.flat_print(p, "page", (0.1, -0.53, 0.98), (0.4, 0, 0), (0, 0, -0.5))
     p.draft.add(shapes.box((1.9, 1.3, 0.06)).placed((0, 0, -0.46)), p("concrete"))
 

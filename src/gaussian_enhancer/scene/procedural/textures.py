@@ -23,10 +23,12 @@ def _finish(
     return Texture(np.clip(colour, 0.01, 0.97), np.clip(height, 0, 1), *whole)
 
 
-def _grain(rng: Random, colour: Float[np.ndarray, "t t 3"], amount: float, beta: float = 0.6) -> Float[np.ndarray, "t t 3"]:
+def _grain(
+    rng: Random, colour: Float[np.ndarray, "t t 3"], amount: float, beta: float = 0.6
+) -> Float[np.ndarray, "t t 3"]:
     """Brightness and a little hue varying in all scales."""
     shade = 1 + amount * 2.5 * (fractal(rng, beta) - 0.5)
-    tint = 1 + amount * 0.8 * np.stack([fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5], 2)
+    tint = 1 + amount * 0.3 * np.stack([fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5], 2)
     return colour * shade[..., None] * tint
 
 
@@ -41,8 +43,8 @@ def plaster(rng: Random, colour: Colour) -> Texture:
     stains = step(0.55, 0.9, fractal(rng, 1.0, (1.0, 6.0)))
     patches = step(0.62, 0.66, fractal(rng, 1.5)) * 0.5
     pores = step(0.72, 0.9, fractal(rng, 0.2))
-    rgb = _grain(rng, blend(colour, np.array(colour) * 0.55 + 0.05, 0.5 * stains), 0.09)
-    rgb = blend(rgb, np.array(muted(rng, (0.02, 0.2), (0.5, 0.8))), patches * 0.5) * (1 - 0.3 * pores)[..., None]
+    rgb = _grain(rng, blend(colour, np.array(colour) * 0.7 + 0.05, 0.3 * stains), 0.04)
+    rgb = blend(rgb, np.array(muted(rng, (0.02, 0.2), (0.5, 0.8))), patches * 0.3) * (1 - 0.2 * pores)[..., None]
     return _finish(rgb, 0.5 + 0.25 * (fractal(rng, 0.7) - 0.5) - 0.2 * pores, 0.3)
 
 
@@ -148,7 +150,9 @@ def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
     rings = 0.5 + 0.5 * np.sin(90 * (0.4 * grain + 0.25 * knot + value) + 8 * u)
     tone = (0.55 + 0.4 * value + 0.35 * (grain - 0.5)) * (1 - 0.22 * rings) * (1 - 0.5 * knot)
     rgb = np.array(colour) * tone[..., None] * (1 + 0.15 * (value[..., None] - 0.5) * np.array([1.0, 0.0, -1.0])) * 1.35
-    gap = step(0.02, 0.005, np.minimum(u * count % 1, 1 - u * count % 1)) + step(0.006, 0.002, np.minimum(joint, 1 - joint))
+    gap = step(0.02, 0.005, np.minimum(u * count % 1, 1 - u * count % 1)) + step(
+        0.006, 0.002, np.minimum(joint, 1 - joint)
+    )
     rgb = _grain(rng, rgb, 0.08, 0.4) * (1 - 0.75 * np.clip(gap, 0, 1))[..., None]
     return _finish(rgb, 0.7 + 0.2 * (grain - 0.5) - 0.6 * np.clip(gap, 0, 1), 0.4 + 0.5 * fractal(rng, 1.0))
 
@@ -188,7 +192,9 @@ def metal(rng: Random, colour: Colour, rust: float = 0.3) -> Texture:
     share = step(0.78 - 0.4 * rust, 0.86 - 0.4 * rust, field)
     red = _grain(rng, np.broadcast_to(np.array([0.36, 0.2, 0.11]), (SIDE, SIDE, 3)), 0.35, 0.6)
     rgb = blend(np.array(colour) * (0.85 + 0.3 * brushed)[..., None], red, share)
-    return _finish(_grain(rng, rgb, 0.06), 0.5 + 0.1 * (brushed - 0.5) + 0.2 * share * fractal(rng, 0.4), 0.9 - 0.8 * share)
+    return _finish(
+        _grain(rng, rgb, 0.06), 0.5 + 0.1 * (brushed - 0.5) + 0.2 * share * fractal(rng, 0.4), 0.9 - 0.8 * share
+    )
 
 
 def bark(rng: Random, colour: Colour) -> Texture:
@@ -218,19 +224,19 @@ def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -
     rgb = np.broadcast_to(np.array(colour) * 0.7, (SIDE, SIDE, 3)).copy()
     opacity, height = np.zeros((SIDE, SIDE)), np.zeros((SIDE, SIDE))
     for _ in range(count):
-        length, angle = rng.uniform(0.08, 0.17), rng.uniform(0, 2 * np.pi)
-        cu, cv = rng.uniform(0.16, 0.84, 2)
-        x = (u - cu) * np.cos(angle) + (v - cv) * np.sin(angle)
-        y = -(u - cu) * np.sin(angle) + (v - cv) * np.cos(angle)
+        length, angle = rng.uniform(0.09, 0.16), rng.uniform(0, 2 * np.pi)
+        cu, cv = rng.uniform(0.17, 0.83, 2)
+        window = tuple(slice(int((c - length) * SIDE), int((c + length) * SIDE) + 1) for c in (cv, cu))
+        du, dv = u[window] - cu, v[window] - cv
+        x, y = du * np.cos(angle) + dv * np.sin(angle), dv * np.cos(angle) - du * np.sin(angle)
         t = np.clip(0.5 + x / (2 * length), 0, 1)
-        half = slender * length * np.sin(np.pi * t**0.8)
-        inside = (np.abs(y) < half) & (np.abs(x) < length)
+        inside = (np.abs(y) < slender * length * np.sin(np.pi * t**0.8)) & (np.abs(x) < length)
         vein = np.maximum(step(0.006, 0.001, np.abs(y)), 0.6 * step(0.75, 0.95, np.cos(150 * (x - np.abs(y)))))
         tint = np.array(colour) * rng.uniform(0.6, 1.4) * np.array([rng.uniform(0.8, 1.4), 1.0, rng.uniform(0.6, 1.0)])
         leaf = tint * (0.75 + 0.35 * t + 0.25 * vein)[..., None]
-        rgb = np.where(inside[..., None], leaf, rgb)
-        height = np.where(inside, 0.6 - 0.2 * vein, height)
-        opacity = np.where(inside, 1.0, opacity)
+        rgb[window] = np.where(inside[..., None], leaf, rgb[window])
+        height[window] = np.where(inside, 0.6 - 0.2 * vein, height[window])
+        opacity[window] = np.where(inside, 1.0, opacity[window])
     return _finish(_grain(rng, rgb, 0.1, 0.5), height, 0.5, opacity)
 
 

@@ -48,7 +48,9 @@ def _ground(p: Palette) -> None:
     p.draft.add(shapes.terrain(axis, axis, height), p(around), casts=False)
     disk = np.stack([radius * (1 - t), 0.012 + 0 * t], axis=1)
     p.draft.add(shapes.lathe(np.concatenate([[[radius, -0.02]], disk]), 64), p("brick 2"), casts=False)
-    square = shapes.terrain(np.linspace(-radius, radius, 20) * 0.97, np.linspace(-radius, radius, 20) * 0.97, lambda x, y: 0.018 + 0 * x)
+    square = shapes.terrain(
+        np.linspace(-radius, radius, 20) * 0.97, np.linspace(-radius, radius, 20) * 0.97, lambda x, y: 0.018 + 0 * x
+    )
     inside = np.linalg.norm(square.positions[square.faces].mean(1)[:, :2], axis=1) < radius * 0.93
     p.draft.add(type(square)(square.positions, square.normals, square.uvs, square.faces[inside]), p(near), casts=False)
     if around == "turf":
@@ -67,7 +69,10 @@ def _set_table(p: Palette, z: float, reach: float) -> None:
     for _ in range(5):
         x, y = rng.uniform(-0.55, 0.55, 2) * reach
         r = rng.uniform(0.03, 0.05)
-        p.draft.add(shapes.ellipsoid((r, r, r * 0.92)).placed((x, y, z + r)), p(str(rng.choice(["glaze 2", "paint", "chrome", "marble"]))))
+        p.draft.add(
+            shapes.ellipsoid((r, r, r * 0.92)).placed((x, y, z + r)),
+            p(str(rng.choice(["glaze 2", "paint", "chrome", "marble"]))),
+        )
 
 
 def _garden_table(p: Palette) -> None:
@@ -88,7 +93,11 @@ def _bicycle_bench(p: Palette) -> None:
     for part in slats:
         p.draft.add(part, p("wood"))
     for x in (-0.65, 0.65):
-        for start, end in (((x, 0.5, 0), (x, 0.5, 0.45)), ((x, 0.9, 0), (x, 1.04, 0.95)), ((x, 0.47, 0.43), (x, 0.95, 0.43))):
+        for start, end in (
+            ((x, 0.5, 0), (x, 0.5, 0.45)),
+            ((x, 0.9, 0), (x, 1.04, 0.95)),
+            ((x, 0.47, 0.43), (x, 0.95, 0.43)),
+        ):
             p.draft.add(shapes.rod(start, end, 0.025), p("iron"))
     furniture.bicycle(p, (rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.2), 0.02), rng.uniform(-0.2, 0.2))
     furniture.flat_print(p, "page", (0.2, 0.55, 0.485), (0.3, 0.04, 0), (-0.04, 0.3, 0))
@@ -100,7 +109,9 @@ def _monument(p: Palette) -> None:
     for k in range(3):
         side = 1.3 - 0.32 * k
         p.draft.add(shapes.box((side, side, 0.2)).placed((0, 0, 0.02 + 0.2 * k)), p("marble" if k == 2 else "concrete"))
-    furniture.flat_print(p, "sign", (-0.3, -0.336, 0.6), (0.6, 0, 0), (0, 0, -0.17), (0, 0.25 * int(rng.integers(4)), 1, 0.25))
+    furniture.flat_print(
+        p, "sign", (-0.3, -0.336, 0.6), (0.6, 0, 0), (0, 0, -0.17), (0.0, 0.25 * int(rng.integers(4)), 1.0, 0.25)
+    )
     if rng.random() < 0.5:
         p.draft.add(furniture.knot(rng, 0.36, 0.055).placed((0, 0, 1.02), tilt=rng.uniform(0, 1.2)), p("chrome"))
         p.draft.add(shapes.rod((0, 0, 0.6), (0, 0, 0.95), 0.05), p("marble"))
@@ -117,7 +128,10 @@ def _monument(p: Palette) -> None:
 def _workbench(p: Palette) -> None:
     rng = p.draft.rng
     for x, y, z in ((0, 0, 0), (0.62, 0.1, 0), (0.25, 0.05, 0.42)):
-        p.draft.add(shapes.box((0.55, 0.4, 0.4)).placed((x - 0.3, y, z + 0.02), yaw=rng.normal() * 0.1), p(f"wood {int(rng.integers(1, 3))}"))
+        p.draft.add(
+            shapes.box((0.55, 0.4, 0.4)).placed((x - 0.3, y, z + 0.02), yaw=rng.normal() * 0.1),
+            p(f"wood {int(rng.integers(1, 3))}"),
+        )
     furniture.flat_print(p, "poster", (-0.5, -0.24, 0.4), (0.36, 0, 0), (0, 0, -0.34))
     furniture.lattice(p, (-0.75, 0.2, 0.02), 1.2, (0.7, 1.0), 0.11, 0.006)
     furniture.potted(p, (-0.05, 0.03, 0.84), rng.uniform(0.5, 0.8))
@@ -125,7 +139,7 @@ def _workbench(p: Palette) -> None:
     tyre, rim = furniture.wheel(0.33, 24, 0.02)
     p.draft.add(tyre.placed((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("rubber"))
     p.draft.add(rim.placed((0.75, -0.3, 0.36), tilt=0.2, yaw=0.3), p("chrome"))
-    for k in range(4):
+    for _ in range(4):
         a = rng.uniform(0, 6.3)
         nature.stone(p, (1.1 * np.cos(a), 1.1 * np.sin(a), 0.05), rng.uniform(0.1, 0.22))
 
@@ -134,12 +148,12 @@ def _middle(p: Palette, radius: float) -> None:
     """Trees, stones, posts and fences behind the cameras' ring."""
     rng = p.draft.rng
     offset = rng.uniform(0, 6.3)
-    for k in range(9):
-        a, r = offset + k * 0.7 + rng.normal() * 0.12, radius + rng.uniform(2.0, 9.0)
+    for k in range(14):
+        a, r = offset + k * 0.45 + rng.normal() * 0.12, radius + rng.uniform(1.8, 8.0)
         at = (r * np.cos(a), r * np.sin(a), -0.02)
         kind = rng.integers(5)
         if kind <= 1:
-            nature.tree(p, at, rng.uniform(3.5, 7.5), 320, str(rng.choice(["", " 3"])))
+            nature.tree(p, at, rng.uniform(3.5, 7.5), 420, str(rng.choice(["", " 3"])))
         elif kind == 2:
             nature.bush(p, at, rng.uniform(0.5, 1.1), 200)
         elif kind == 3:
@@ -155,9 +169,11 @@ def _far(p: Palette) -> None:
     for k in range(int(rng.integers(3, 7))):
         a, r = rng.uniform(0, 6.3), rng.uniform(18, 60)
         size = (rng.uniform(7, 14), rng.uniform(6, 9), rng.uniform(3, 9))
-        nature.house(p, (r * np.cos(a), r * np.sin(a), -0.6), a + np.pi / 2, size, ["brick", "plaster", "plaster 2"][k % 3])
-    for _ in range(22):
-        a, r = rng.uniform(0, 6.3), rng.uniform(14, 70)
-        nature.tree(p, (r * np.cos(a), r * np.sin(a), -0.5), rng.uniform(5, 11), 110, str(rng.choice(["", " 3"])))
+        nature.house(
+            p, (r * np.cos(a), r * np.sin(a), -0.6), a + np.pi / 2, size, ["brick", "plaster", "plaster 2"][k % 3]
+        )
+    for _ in range(34):
+        a, r = rng.uniform(0, 6.3), rng.uniform(13, 55)
+        nature.tree(p, (r * np.cos(a), r * np.sin(a), -0.5), rng.uniform(5, 11), 150, str(rng.choice(["", " 3"])))
     nature.hills(p, 160.0, rng.uniform(6, 20), "foliage")
     nature.hills(p, 420.0, rng.uniform(30, 70), "foliage 2")

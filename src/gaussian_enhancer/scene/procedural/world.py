@@ -3,7 +3,7 @@
 Axes: m samples, f faces, k materials, h height, w width.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -15,6 +15,7 @@ from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.light import Ambient, Light, Sky, bake_ambient, bake_light, look_at
 from gaussian_enhancer.scene.procedural.mesh import Mesh
 from gaussian_enhancer.scene.procedural.textures import speckle
+from gaussian_enhancer.types import Camera
 
 _PROBE_SIDE = 96
 
@@ -46,9 +47,7 @@ class World:
     background: tuple[float, float, float] | None
     probe: Float[Tensor, "1 3 d h w"] | None = None
 
-    def solid(
-        self, face: Int[Tensor, " m"], u: Float[Tensor, " m"], v: Float[Tensor, " m"]
-    ) -> Bool[Tensor, " m"]:
+    def solid(self, face: Int[Tensor, " m"], u: Float[Tensor, " m"], v: Float[Tensor, " m"]) -> Bool[Tensor, " m"]:
         """Whether faces with holes are there at texture coordinates in metres."""
         material = self.mesh.material[face]
         uv = torch.stack([u, v], dim=1) * self.materials.repeats[material]
@@ -85,27 +84,19 @@ def bake_world(draft: Draft, device: torch.device) -> World:
     )  # fmt: skip
     lights = tuple(bake_light(spec, mesh, bare.solid) for spec in draft.lights)
     ambient = bake_ambient(mesh, bare.solid, sky, atlas, draft.ambient_box)
-    lit = World(
-        mesh, atlas, noise, table, sky, lights, ambient,
-        draft.ambient, draft.exposure, draft.haze, draft.background,
-    )  # fmt: skip
+    lit = replace(bare, lights=lights, ambient=ambient)
     cube = torch.stack([radiance_grid(lit, camera) for camera in _cube(torch.tensor(draft.probe))])
-    return World(
-        mesh, atlas, noise, table, sky, lights, ambient,
-        draft.ambient, draft.exposure, draft.haze, draft.background, _panorama(cube),
-    )  # fmt: skip
+    return replace(lit, probe=_panorama(cube))
 
 
 _FACES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
 
 
-def _cube(centre: Tensor) -> list:
-    return [
-        look_at(centre, centre + torch.tensor(way), _PROBE_SIDE / 2, _PROBE_SIDE, _PROBE_SIDE) for way in _FACES
-    ]
+def _cube(centre: Tensor) -> list[Camera]:
+    return [look_at(centre, centre + torch.tensor(way), _PROBE_SIDE / 2, _PROBE_SIDE, _PROBE_SIDE) for way in _FACES]
 
 
-def _panorama(cube: Float[Tensor, "6 3 h w"]) -> Float[Tensor, "1 3 d h w"]:
+def _panorama(cube: Float[Tensor, "6 3 side side"]) -> Float[Tensor, "1 3 d h w"]:
     """Six square pictures as a latitude-longitude one, in six steps of blur; one column repeats at each side."""
     height, width = 128, 256
     device = cube.device
