@@ -3,6 +3,7 @@
 import json
 import math
 import resource
+import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -81,16 +82,20 @@ def ring(i: int) -> list[list[float]]:
     return [[c, 0, s, 3 * s], [0, 1, 0, 0], [-s, 0, c, 3 * c], [0, 0, 0, 1]]
 
 
-@pytest.fixture
-def capture() -> Path:
+def write_capture(folder: Path) -> Path:
     """A capture of ten photos, two of them held out, that every job accepts."""
     frames = []
     for i in range(VIEWS):
-        save(f"capture/images/{i}.png", seed=i)
+        save(folder / f"images/{i}.png", seed=i)
         frames.append({"file_path": f"images/{i}.png", "transform_matrix": ring(i)})
     lens = {"fl_x": 30.0, "fl_y": 30.0, "cx": WIDTH / 2, "cy": HEIGHT / 2, "w": WIDTH, "h": HEIGHT}
-    Path("capture/transforms.json").write_text(json.dumps({**lens, "frames": frames}))
-    return Path("capture")
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+    return folder
+
+
+@pytest.fixture
+def capture() -> Path:
+    return write_capture(Path("capture"))
 
 
 # measure ----------------------------------------------------------------------------------------------------------
@@ -289,3 +294,231 @@ def test_fit_damaged_checkpoint(capture: Path, refused: Refused) -> None:
     Path("out").mkdir()
     Path("out/checkpoint.pt").write_bytes(b"PK\x03\x04 no checkpoint")
     assert "out/checkpoint.pt: cannot be read" in refused(*fit(capture, "output=out"), allowed=("config.yaml",))
+
+
+# enhance ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A capture, a fit of it and the weights of an untrained network; copied by each case that spoils it."""
+    from gaussian_enhancer.enhance.prepare import Preparation
+    from gaussian_enhancer.enhance.sif import SIF
+    from gaussian_enhancer.enhance.weights import save_weights
+    from gaussian_enhancer.scene.transforms import load_transforms
+    from gaussian_enhancer.splat.fit.fit import fit as fit_splat
+    from gaussian_enhancer.splat.fit.settings import FitSettings
+    from gaussian_enhancer.splat.methods import ThreeDGS
+
+    folder = tmp_path_factory.mktemp("made")
+    write_capture(folder / "capture")
+    settings = FitSettings(steps=2, init="random", snapshots=())
+    fit_splat(load_transforms(folder / "capture"), ThreeDGS(), folder / "fitted", settings, progress=False)
+    save_weights(folder / "w.safetensors", SIF(widths=(16, 16, 24), blocks=(1, 1, 1)), Preparation(), {"by": "test"})
+    return folder
+
+
+@pytest.fixture
+def workplace(made: Path) -> None:
+    shutil.copytree(made, Path(), dirs_exist_ok=True)
+
+
+def enhance(*words: str) -> tuple[str, ...]:
+    return ("enhance", "weights=w.safetensors", "runtime.progress=false", "runtime.threads=1", *words)
+
+
+FORMS = {
+    "run": enhance("run=fitted"),
+    "gaussians": enhance("gaussians=fitted/splat.ply", "scene=transforms", "scene.path=capture"),
+    "renders": enhance("renders=fitted/test/ours_2/renders", "photos=fitted/train/ours_2/gt"),
+}
+TARGET = "test/ours_2/renders/0.png"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_enhance_accepts_what_the_cases_below_spoil(workplace: None, form: str) -> None:
+    cli.main([*FORMS[form], "output=out"])
+    assert [p.name for p in sorted(Path("out").iterdir())] == ["0.png", "8.png"]
+
+
+@pytest.mark.parametrize(
+    ("form", "file"),
+    [
+        ("run", TARGET),
+        ("run", "test/ours_2/renders/8.png"),
+        ("run", "train/ours_2/gt/3.png"),
+        ("renders", "test/ours_2/renders/8.png"),
+    ],
+)
+def test_enhance_truncated_image(workplace: None, refused: Refused, form: str, file: str) -> None:
+    """Also the last of several: the first ones must not be written before it is found out."""
+    cut(Path("fitted", file))
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "output=out")
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form])
+
+
+@pytest.mark.parametrize("form", ["run", "renders"])
+def test_enhance_empty_image(workplace: None, refused: Refused, form: str) -> None:
+    Path("fitted", TARGET).write_bytes(b"")
+    assert f"fitted/{TARGET}: is empty (0 bytes)" in refused(*FORMS[form])
+
+
+@pytest.mark.parametrize("part", ["depth", "alpha"])
+def test_enhance_run_with_a_part_cut(workplace: None, refused: Refused, part: str) -> None:
+    file = next(Path("fitted/test/ours_2", part).iterdir())
+    cut(file)
+    assert f"{file}: cannot be" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_a_photo_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/test/ours_2/gt/0.png").unlink()
+    assert "fitted/test/ours_2/gt: has no photo for the render 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_depth_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/test/ours_2/depth/0.npy").unlink()
+    assert "has no depth for 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_a_camera_missing(workplace: None, refused: Refused) -> None:
+    file = Path("fitted/cameras.json")
+    file.write_text(json.dumps(json.loads(file.read_text())[1:]))
+    assert "fitted/cameras.json: lacks 1 cameras, first '0'" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_cameras_cut(workplace: None, refused: Refused) -> None:
+    cut("fitted/cameras.json")
+    assert "fitted/cameras.json: " in refused(*FORMS["run"])
+
+
+def test_enhance_run_without_references(workplace: None, refused: Refused) -> None:
+    shutil.rmtree("fitted/train")
+    assert "no photo" in refused(*FORMS["run"])
+
+
+def test_enhance_run_whose_sizes_differ(workplace: None, refused: Refused) -> None:
+    save("fitted/test/ours_2/gt/0.png", (WIDTH + 1, HEIGHT))
+    assert f"gt/0.png: is {WIDTH + 1}x{HEIGHT} but its render 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_of_another_step_or_place(workplace: None, refused: Refused) -> None:
+    assert "fitted: has no renders of step 5; choose one of 2" in refused(*FORMS["run"], "step=5")
+    assert "capture: holds no test/ours_<step>/renders" in refused(*enhance("run=capture"))
+    assert "nowhere: is no folder" in refused(*enhance("run=nowhere"))
+
+
+def test_enhance_splat_cut(workplace: None, refused: Refused) -> None:
+    cut("fitted/splat.ply", 0.7)
+    assert "fitted/splat.ply: is no readable .ply" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/splat.ply").unlink()
+    assert "fitted/splat.ply: does not exist" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_that_is_an_image(workplace: None, refused: Refused) -> None:
+    save("fitted/splat.png")
+    line = refused(*FORMS["gaussians"], "gaussians=fitted/splat.png")
+    assert "fitted/splat.png: is no splat that can be read" in line
+
+
+def test_enhance_splat_with_nan(workplace: None, refused: Refused) -> None:
+    from gaussian_enhancer.splat.io.ply import read_ply, write_ply
+
+    gaussians = read_ply("fitted/splat.ply")
+    gaussians.means[7, 1] = math.nan
+    write_ply("fitted/splat.ply", gaussians)
+    line = refused(*FORMS["gaussians"])
+    assert f"fitted/splat.ply: 1 of {len(gaussians)} Gaussians are not finite" in line
+    assert "invalid=drop" in line.replace('"', "")
+    cli.main([*FORMS["gaussians"], "invalid=drop", "output=out"])
+    assert len(list(Path("out").iterdir())) == 2
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_enhance_splat_whose_photos_are_cut_or_missing(workplace: None, refused: Refused, number: int) -> None:
+    photo = Path(f"capture/images/{number}.png")
+    cut(photo)
+    assert f"{photo}: cannot be decoded" in refused(*FORMS["gaussians"])
+    photo.unlink()
+    assert f"{number}.png" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) -> None:
+    edit(Path("capture"), lambda content: content.update(frames=content["frames"][:1]))
+    assert "photo" in refused(*FORMS["gaussians"])
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("method=4dgs",), "method: is '4dgs'; choose auto, 3dgs, 2dgs, mip_splatting"),
+        (("views=some",), "views: is 'some'"),
+        (("scene.split.test_every=0",), "has no test view"),
+        (("precision=int8",), "precision: is 'int8'"),
+        (("tile=1",), "tile"),
+        (("max_references=-1",), "references"),
+        (("weights=none.safetensors",), "weights none.safetensors: is neither a file nor a shipped name"),
+        (("weights=fitted/splat.ply",), "fitted/splat.ply: "),
+        (("run=fitted",), "was given run and gaussians"),
+        (("gaussians=null",), "was given nothing to enhance"),
+        (("output=w.safetensors",), "cannot be written"),
+        (("invalid=ignore",), "invalid: is 'ignore'"),
+    ],
+)
+def test_enhance_options(workplace: None, refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*FORMS["gaussians"], *words)
+
+
+def test_enhance_splat_without_its_capture(workplace: None, refused: Refused) -> None:
+    assert "gaussians: comes without its capture" in refused(*enhance("gaussians=fitted/splat.ply"))
+
+
+def test_enhance_weights_cut(workplace: None, refused: Refused) -> None:
+    cut("w.safetensors", 0.9)
+    assert "w.safetensors: " in refused(*FORMS["run"])
+
+
+def test_enhance_renders_without_references(workplace: None, refused: Refused) -> None:
+    line = refused(*enhance("renders=fitted/test/ours_2/renders"))
+    assert "comes without photos" in line
+    line = refused(*enhance("renders=fitted/test/ours_2/renders", "photos=fitted/test/ours_2/gt"))
+    assert "leaves no photo to refer to" in line
+
+
+def test_enhance_renders_in_empty_or_missing_folders(workplace: None, refused: Refused) -> None:
+    Path("empty").mkdir()
+    assert "empty: holds no image" in refused(*FORMS["renders"], "renders=empty")
+    assert "empty: holds no image" in refused(*FORMS["renders"], "photos=empty")
+    assert "nowhere: is no folder" in refused(*FORMS["renders"], "renders=nowhere")
+
+
+def test_enhance_renders_whose_parts_do_not_match(workplace: None, refused: Refused) -> None:
+    save("photos/0.png", (WIDTH, HEIGHT + 2))
+    save("photos/5.png")
+    line = refused(*FORMS["renders"], "photos=photos")
+    assert f"photos/0.png: is {WIDTH}x{HEIGHT + 2} but its render 0.png is {WIDTH}x{HEIGHT}" in line
+    assert "has no depth for 0.png" in refused(*FORMS["renders"], "depth=fitted/train/ours_2/depth")
+    assert "none.json" in refused(*FORMS["renders"], "cameras=none.json")
+    Path("few.json").write_text(json.dumps(json.loads(Path("fitted/cameras.json").read_text())[1:]))
+    assert "few.json: names no camera for 0.png" in refused(*FORMS["renders"], "cameras=few.json")
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("output", [(), ("output=out",)])
+def test_enhance_full_disk(
+    workplace: None, form: str, output: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Images that were written before the disk was full are whole; nothing says that the job is done."""
+    before = contents()
+    with full_disk(600), pytest.raises(SystemExit) as stop:
+        cli.main([*FORMS[form], *output])
+    lines = [line for line in capsys.readouterr().err.splitlines() if "gaussian-enhancer: " in line]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (File too large)" in lines[0]
+    for file in map(Path, contents().keys() - before.keys()):
+        assert file.name == "config.yaml" or file.suffix == ".png", file
+        assert not file.name.startswith(".")
+        if file.suffix == ".png":
+            Image.open(file).load()

@@ -20,12 +20,14 @@ from gaussian_enhancer.enhance.alignment import Reprojected
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.tiles import check_tiles
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.records import Record, write_records
+from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.photos import read_header
-from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -58,9 +60,14 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     pretrained = load_weights(cfg.weights)
     task = _task(cfg, device.type)
-    preparation = _fitting(_asked(pretrained, cfg), task.rendered, console)
+    preparation, note = _fitting(_asked(pretrained, cfg), task.rendered)
     enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile)
+    check_tiles(enhancer.tile, enhancer.halo)
     hidden = not (cfg.runtime.progress and console.is_terminal)
+    for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):
+        read()
+    if note:
+        console.print(note, highlight=False, soft_wrap=True)
     views = enhancer(task.rendered)
     shown = track(views, "enhancing", total=len(task.rendered.targets), console=console, disable=hidden)
     if cfg.output:
@@ -87,13 +94,15 @@ def _task(cfg: DictConfig, device: str) -> Task:
     if given == ["gaussians"]:
         if capture is None:
             raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-        return Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device))
+        return Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device, cfg.invalid))
     references = capture if capture is not None else cfg.references
     folders = cfg.photos, references, cfg.depth, cfg.cameras
     return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale))
 
 
-def render_capture(file: str, capture: Scene, method: str, views: str, device: str = "cpu") -> RenderedSet:
+def render_capture(
+    file: str, capture: Scene, method: str, views: str, device: str = "cpu", invalid: str = "refuse"
+) -> RenderedSet:
     """Views of a capture rendered from a splat as they are asked for.
 
     Args:
@@ -102,15 +111,16 @@ def render_capture(file: str, capture: Scene, method: str, views: str, device: s
         method: "3dgs", "2dgs", "mip_splatting", or "auto": what the splat's own values ask for.
         views: "test", "train" or "all".
         device: where to render.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
-        InputError: the method or the choice of views is unknown, or no view remains.
+        InputError: the splat cannot be read, the method or the choice of views is unknown, or no view remains.
     """
     from gaussian_enhancer.splat.io.open import read_splat
     from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
     from gaussian_enhancer.splat.render import render
 
-    gaussians = read_splat(file).to(device)
+    gaussians = read_splat(file, invalid=invalid).to(device)
     own = (
         TwoDGS()
         if gaussians.log_scales.shape[1] == 2
@@ -180,20 +190,39 @@ def _asked(pretrained: Pretrained, cfg: DictConfig) -> Preparation:
     return replace(pretrained.preparation, references=count, candidates=candidates)
 
 
-def _fitting(preparation: Preparation, rendered: RenderedSet, console: Console) -> Preparation:
-    """The preparation as far as the input allows; what is left out is said."""
+def _fitting(preparation: Preparation, rendered: RenderedSet) -> tuple[Preparation, str]:
+    """The preparation as far as the input allows, and what it leaves out in words.
+
+    Raises:
+        InputError: there is no photo to refer to where references are asked for.
+    """
+    if preparation.references and not rendered.references:
+        remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
+        raise InputError(rendered.name, "has no photo to refer to", remedy)
     if not isinstance(preparation.warp, Reprojected) or preparation.references == 0:
-        return preparation
+        return preparation, ""
     bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
     bare += [view.name for view in rendered.references if view.camera is None]
     if not bare:
-        return preparation
-    console.print(
-        f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected: enhancing from the renders alone",
-        highlight=False,
-        soft_wrap=True,
-    )
-    return replace(preparation, references=0)
+        return preparation, ""
+    lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
+    return replace(preparation, references=0), f"{lack}: enhancing from the renders alone"
+
+
+def _files(rendered: RenderedSet, preparation: Preparation, keep_photos: bool) -> list[Callable[[], Tensor]]:
+    """All that will be read from files: read once before the first image is written, so that a damaged one is found.
+
+    Args:
+        rendered: targets and references.
+        preparation: whether references are looked at.
+        keep_photos: whether the targets' own photos are looked at.
+    """
+    reads: list[Callable[[], Tensor] | None] = []
+    for view in rendered.targets:
+        reads += [view.read, view.read_depth, view.read_alpha, view.read_photo if keep_photos else None]
+    for view in rendered.references if preparation.references else ():
+        reads += [view.read_photo, view.read_depth]
+    return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
 
 
 def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
