@@ -42,21 +42,41 @@ def run(cfg: DictConfig) -> float | None:
     Raises:
         InputError: images, photos or sizes do not fit; a file cannot be read or written.
     """
+    records, folder = write_measurement(cfg)
+    pairs = _pairs(records)
+    _tell(records, _tables(records, pairs)["summary"], folder)
+    return _score(records, pairs)
+
+
+def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
+    """Measure what the configuration names and write records and tables.
+
+    Args:
+        cfg: see ``conf/measure.yaml``.
+
+    Returns:
+        The records and the folder that holds them.
+
+    Raises:
+        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+    """
     files = _files(cfg)
     device = start(cfg.runtime)
     distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
     records = _measured(files, distances, cfg)
-    pairs = paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
+    tables = _tables(records, _pairs(records))
     folder = open_run(cfg, "measure", files[0].label.run)
-    tables = _tables(records, pairs)
     write_records(folder.folder / "records.jsonl", records)
     for name, table in tables.items():
         for ending, text in ((".md", table.markdown()), (".csv", table.csv())):
             with whole_file(folder.folder / f"{name}{ending}") as temporary:
                 temporary.write_text(text, encoding="utf-8")
     folder.finish()
-    _tell(records, tables["summary"], folder.folder)
-    return _score(records, pairs)
+    return records, folder.folder
+
+
+def _pairs(records: Sequence[Record]) -> tuple[Pair, ...]:
+    return paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
 
 
 def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:

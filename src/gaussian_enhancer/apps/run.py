@@ -61,6 +61,19 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
     return Run(folder, digest)
 
 
+def find_run(cfg: DictConfig, job: str) -> Run | None:
+    """The folder of a run that was opened before with this configuration; None where there is none.
+
+    Args:
+        cfg: the job's whole configuration.
+        job: the job's name.
+    """
+    digest = digest_of({"job": job, **effective(cfg)})
+    given = Path(cfg.output) if cfg.get("output") else None
+    folders = [given] if given else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
+    return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
+
+
 def effective(cfg: DictConfig) -> dict[str, Any]:
     """The resolved configuration without the keys that do not change a result."""
     values = OmegaConf.to_container(cfg, resolve=True)

@@ -1,0 +1,60 @@
+"""A report's numbers as a table for the terminal."""
+
+import statistics
+from collections.abc import Sequence
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from gaussian_enhancer.report.compared import ComparedView
+from gaussian_enhancer.report.quantities import Quantity
+from gaussian_enhancer.report.summary import gain_of, measured, summarise, worst_view
+
+STYLES = {"better": "green", "worse": "red", "same": "dim"}
+
+
+def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
+    """Raw against enhanced, a row a view and a column a metric, with the mean in the last row; 80 columns suffice.
+
+    Args:
+        views: what is compared.
+        title: the line above the table.
+    """
+    quantities = [quantity for quantity in measured(views) if any(gain_of(v, quantity.key) is not None for v in views)]
+    summaries = [summarise(views, quantity) for quantity in quantities]
+    worst = worst_view(summaries)
+    table = Table(title=title or None, show_footer=True, title_justify="left")
+    table.box, table.show_lines = box.SIMPLE_HEAD, True
+    table.add_column("view", footer="mean", no_wrap=True)
+    for quantity, summary in zip(quantities, summaries, strict=True):
+        found = summary.comparison
+        footer = _cell(quantity, found.baseline, found.variant, found.gain)
+        table.add_column(f"{quantity.label} {quantity.unit}".strip(), footer=footer, justify="right")
+    times = [view.milliseconds for view in views if view.milliseconds is not None]
+    if times:
+        table.add_column("ms", footer=f"{statistics.fmean(times):.0f}", justify="right")
+    for index, view in enumerate(views):
+        cells: list[str | Text] = [f"{view.name}\nworst" if index == worst else view.name]
+        cells += [_view_cell(view, quantity) for quantity in quantities]
+        if times:
+            cells.append("–" if view.milliseconds is None else f"{view.milliseconds:.0f}")
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
+    return table
+
+
+def reasons(views: Sequence[ComparedView]) -> str:
+    """Why metrics are missing, a line each; empty where all were measured."""
+    return "\n".join(sorted({f"{key}: {reason}" for view in views for key, reason in view.reasons.items()}))
+
+
+def _view_cell(view: ComparedView, quantity: Quantity) -> Text:
+    gain = gain_of(view, quantity.key)
+    if gain is None:
+        return Text("–", style="dim")
+    return _cell(quantity, view.metrics_raw[quantity.key], view.metrics_enhanced[quantity.key], gain)
+
+
+def _cell(quantity: Quantity, raw: float, enhanced: float, gain: float) -> Text:
+    numbers = f"{quantity.written(raw)}→{quantity.written(enhanced)}\n"
+    return Text(numbers).append(quantity.gain_written(gain), style=STYLES[quantity.verdict(gain)])
