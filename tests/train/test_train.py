@@ -1,0 +1,142 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.enhance.enhancer import Enhancer
+from gaussian_enhancer.enhance.weights import load_weights
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.train.data import BalancedDraw, RunsData, find_runs
+from gaussian_enhancer.train.module import Optimiser, psnr
+
+CONF = str(Path(__file__).resolve().parents[2] / "conf")
+
+
+def configured(*overrides: str):
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("train", list(overrides))
+
+
+def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[str]:
+    return [
+        f"data.train=[{train}]",
+        f"data.validation=[{validation}]",
+        f"runs={runs}",
+        "trainer=smoke",
+        "logger=csv",
+        "fusion=sif_small",
+        "fusion.widths=[8,8,8]",
+        "data.augmentation.crop=32",
+        "data.batch_size=2",
+        "data.steps_per_epoch=2",
+        "runtime.progress=false",
+        "runtime.threads=1",
+        *others,
+    ]
+
+
+@pytest.mark.parametrize("alignment", ["none", "deformable", "reprojected", "reprojected_deformable"])
+def test_every_alignment_trains_and_its_weights_enhance(alignment, plane_run, other_plane_run, tmp_path):
+    from gaussian_enhancer.apps.train import run
+
+    options = settings(plane_run, other_plane_run, tmp_path, f"alignment={alignment}")
+    gain = run(configured(*options))
+    assert gain is not None
+    (weights,) = tmp_path.glob("train/*/weights.safetensors")
+    loaded = load_weights(weights)
+    assert loaded.card["steps"] == 2
+    one = next(Enhancer(loaded.network, loaded.preparation)(read_run(other_plane_run)))
+    assert bool(torch.isfinite(one.image).all())
+    assert run(configured(*options)) == pytest.approx(gain)
+
+
+@pytest.mark.parametrize("objective", ["balanced", "charbonnier", "frequency"])
+def test_every_objective_builds(objective):
+    cfg = configured(f"objective={objective}", "data.train=[]", "data.validation=[]")
+    image = torch.rand(1, 3, 16, 16)
+    total, _ = build(cfg.objective)(image, image.flip(-1), image)
+    assert float(total) > 0
+
+
+@pytest.mark.parametrize("fusion", ["sif", "sif_small", "sif_undepth", "sif_mean"])
+def test_every_fusion_builds(fusion):
+    cfg = configured(f"fusion={fusion}", "data.train=[]", "data.validation=[]")
+    assert build(cfg.fusion).widths
+
+
+@pytest.mark.slow
+def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
+    options = settings(
+        plane_run, other_plane_run, tmp_path, "trainer.max_steps=40", "save_every=5", "data.steps_per_epoch=20"
+    )
+    command = [sys.executable, "-c", "from gaussian_enhancer.apps.cli import main; main()", "train", *options]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not list(tmp_path.glob("train/*/last.ckpt")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    (checkpoint,) = tmp_path.glob("train/*/last.ckpt")
+    steps = torch.load(checkpoint, weights_only=True)["global_step"]
+    assert 5 <= steps < 40
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stderr
+    (card,) = tmp_path.glob("train/*/card.json")
+    assert json.loads(card.read_text())["steps"] == 40
+    rows = next(iter(tmp_path.glob("train/*/log/metrics.csv"))).read_text().splitlines()
+    assert len(rows) > 1
+
+
+def test_draws_are_balanced_over_sources():
+    draws = [number for number, _ in BalancedDraw([1, 100], 2000, seed=0)]
+    assert 900 < draws.count(0) < 1100
+    assert max(draws) > 80
+    sampler = BalancedDraw([3, 4], 20, seed=1)
+    assert list(sampler) != list(sampler)
+    assert list(BalancedDraw([3, 4], 20, seed=1)) == list(BalancedDraw([3, 4], 20, seed=1))
+
+
+def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):
+    with pytest.raises(InputError, match="no run"):
+        find_runs(str(tmp_path / "absent-*"))
+    preparation = build(configured("data.train=[]", "data.validation=[]").preparation)
+    data = RunsData([str(plane_run)], [str(plane_run)], preparation, tmp_path, progress=False)
+    with pytest.raises(InputError, match="both trained and validated"):
+        data.setup()
+
+
+def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, other_plane_run, tmp_path):
+    preparation = build(configured("data.train=[]", "data.validation=[]", "preparation.references=0").preparation)
+    counts = []
+    for snapshots in (True, False):
+        data = RunsData(
+            [str(plane_run)], [str(other_plane_run)], preparation, tmp_path, snapshots=snapshots, progress=False
+        )
+        data.setup()
+        counts.append(sum(map(len, data.sources)))
+    assert counts == [4, 2]
+
+
+def test_rate_rises_then_falls_to_zero():
+    optimiser = Optimiser(warmup=10)
+    factors = [optimiser.factor(step, 100) for step in range(101)]
+    assert factors[0] == pytest.approx(0.1)
+    assert max(factors) > 0.95
+    assert factors[-1] == pytest.approx(0, abs=1e-9)
+
+
+def test_psnr_is_known():
+    assert float(psnr(torch.zeros(1, 3, 4, 4), torch.full((1, 3, 4, 4), 0.1))) == pytest.approx(20, abs=1e-4)
+    assert OmegaConf.is_config(configured("data.train=[]", "data.validation=[]"))
