@@ -11,7 +11,7 @@ from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import Run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.quality import psnr, ssim
+from gaussian_enhancer.measure.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
@@ -66,10 +66,10 @@ def _measure(job: Run, scene: Scene, method: Method, settings: FitSettings, seco
             if view.read is None or view.read_photo is None:
                 continue
             image, photo = view.read(), view.read_photo()
-            metrics: dict[str, float | None] = {"psnr": psnr(image, photo), "ssim": ssim(image, photo)}
+            found = measure_pair(image, photo)
             size = (image.shape[2], image.shape[1])
-            splat = f"{method.name}/{step}"
-            records.append(Record("quality", job.folder.name, scene.name, splat, view.name, "raw", metrics, size=size))
+            what = (job.folder.name, scene.name, f"{method.name}/{step}", view.name, "raw")
+            records.append(Record("quality", *what, found.metrics, found.reasons, size, PROTOCOL))
     cost: dict[str, float | None] = {"milliseconds": 1e3 * seconds, "gaussians": float(count)}
     records.append(Record("cost", job.folder.name, scene.name, method.name, "", "raw", cost))
     write_records(job.folder / "records.jsonl", records)
