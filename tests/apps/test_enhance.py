@@ -1,0 +1,117 @@
+from pathlib import Path
+
+import pytest
+import torch
+
+from gaussian_enhancer.apps.enhance import run
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.sif import SIF
+from gaussian_enhancer.enhance.weights import save_weights
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.records import read_records
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.types import Gaussians
+from synthetic_runs import plane_camera
+
+CONF = str(Path(__file__).resolve().parents[2] / "conf")
+
+
+def configured(*overrides: str):
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("enhance", [*overrides, "runtime.progress=false", "runtime.threads=1"])
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    """An untrained network, which returns the render."""
+    path = tmp_path_factory.mktemp("weights") / "identity.safetensors"
+    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), Preparation(), {})
+    return path
+
+
+def same(folder: Path, renders: Path) -> bool:
+    names = sorted(path.name for path in renders.iterdir())
+    assert names == sorted(path.name for path in folder.iterdir())
+    return all(torch.equal(read_photo(folder / name), read_photo(renders / name)) for name in names)
+
+
+def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, tmp_path):
+    milliseconds = run(configured(f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}"))
+    assert milliseconds is not None
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert (folder / "done").is_file()
+    side = folder / "test/ours_100"
+    assert same(side / "enhanced", plane_run / "test/ours_100/renders")
+    assert same(side / "renders", plane_run / "test/ours_100/renders")
+    assert same(side / "gt", plane_run / "test/ours_100/gt")
+    records = read_records(folder / "records.jsonl")
+    assert {record.view for record in records} == {"view_000.png", "view_004.png"}
+    assert all(record.kind == "cost" and record.variant == "enhanced" for record in records)
+
+
+def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):
+    run(configured(f"run={plane_run}", "step=50", f"weights={weights}", f"output={tmp_path / 'out'}"))
+    assert same(tmp_path / "out", plane_run / "test/ours_50/renders")
+
+
+def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, weights, tmp_path, capsys):
+    side, photos = plane_run / "test/ours_100", plane_run / "train/ours_100/gt"
+    folders = [f"renders={side / 'renders'}", f"photos={photos}", f"weights={weights}"]
+    run(configured(*folders, f"output={tmp_path / 'bare'}"))
+    assert "cannot be reprojected" in capsys.readouterr().err.replace("\n", " ")
+    run(
+        configured(
+            *folders, f"depth={side / 'depth'}", f"cameras={plane_run / 'cameras.json'}", f"output={tmp_path / 'b'}"
+        )
+    )
+    assert "cannot be reprojected" not in capsys.readouterr().err.replace("\n", " ")
+    assert same(tmp_path / "bare", side / "renders")
+    assert same(tmp_path / "b", side / "renders")
+
+
+def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):
+    generator = torch.Generator().manual_seed(0)
+    means = torch.rand(200, 3, generator=generator) * torch.tensor([3.0, 3.0, 0.1]) + torch.tensor([-1.5, -1.5, 3.0])
+    gaussians = Gaussians(
+        means,
+        torch.full((200, 3), -2.0),
+        torch.tensor([1.0, 0, 0, 0]).repeat(200, 1),
+        torch.full((200,), 3.0),
+        torch.rand(200, 1, 3, generator=generator),
+    )
+    write_ply(tmp_path / "splat.ply", gaussians)
+    photos = tuple(
+        Photo(view.name, plane_camera(index, 48, 64), view.read_photo)  # type: ignore[arg-type]
+        for index, view in enumerate(read_run(plane_run).references)
+    )
+    capture = Scene("capture", photos, tuple(range(1, len(photos))), (0,))
+    monkeypatch.setattr("gaussian_enhancer.apps.enhance.build", lambda node: capture)
+    options = ["scene=capture", "scene.path=unused", f"weights={weights}", f"runs={tmp_path}"]
+    run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
+    assert read_photo(folder / "test/ours_0/renders" / photos[0].name).std() > 0.05
+    with pytest.raises(InputError, match="method"):
+        run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options, "method=nerf"))
+
+
+def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
+    photos = plane_run / "train/ours_100/gt"
+    for options, words in (
+        ([], "nothing to enhance"),
+        ([f"run={plane_run}", f"renders={photos}"], "run and renders"),
+        (["gaussians=a.ply"], "without its capture"),
+        ([f"renders={plane_run / 'test/ours_100/renders'}"], "without photos"),
+        ([f"run={plane_run}", "step=7"], "no renders of step 7"),
+        ([f"run={plane_run}", "max_references=9"], "0 to 8"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run(configured(*options, f"weights={weights}", f"runs={tmp_path}"))
+    with pytest.raises(InputError, match="neither a file nor a shipped name"):
+        run(configured(f"run={plane_run}", "weights=absent", f"runs={tmp_path}"))
+    assert not list(tmp_path.iterdir())
