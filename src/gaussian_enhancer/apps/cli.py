@@ -21,6 +21,7 @@ JOBS = {
     "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
     "train": "train an enhancement network on fitted runs",
     "measure": "compare images with photos; write records",
+    "study": "scenes x methods, each fitted, enhanced and measured, on one page of tables",
     "report": "make a page to look at from a measured run",
 }
 
