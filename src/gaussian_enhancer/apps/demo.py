@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
 from gaussian_enhancer.apps import enhance, fit
@@ -52,7 +52,8 @@ def run(cfg: DictConfig) -> float | None:
 def _fit(cfg: DictConfig, console: Console) -> Path:
     """Fit the splat, or find it fitted."""
     job = _job("fit", cfg, scene=cfg.scene, splat=cfg.splat)
-    job.settings = OmegaConf.merge(job.settings, cfg.settings)
+    with open_dict(job):  # settings that fit.yaml leaves at their defaults may be given, too
+        job.settings.update(cfg.settings)
     before = find_run(job, "fit")
     again = "  (done before)" if before is not None and before.done else ""
     console.rule(f"1 of 3  fit a splat to a sparse capture{again}", align="left")
