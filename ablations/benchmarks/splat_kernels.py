@@ -1,0 +1,173 @@
+"""How long one iteration of a splat's fit takes on the CPU, part by part.
+
+    python ablations/benchmarks/splat_kernels.py --sizes 216x384 270x480 --counts 10000 20000 --json splat_kernels.json
+
+Every cell (image size, number of Gaussians, method) runs in turn, round after round, so that what else the machine does
+falls on all of them alike. Printed per part: median and, as what an idle machine would give, the least wall time.
+"processor" is the time spent on all cores together, which says what the wall time hides when others use the machine.
+``--cold`` measures the first compilation in an empty cache instead.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
+import numba
+import torch
+
+from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
+from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, photometric_loss, prepare
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Gaussians, identity_camera
+
+METHODS: dict[str, Method] = {method.name: method for method in (ThreeDGS(), MipSplatting(), TwoDGS())}
+PARTS = ("forward", "loss", "backward", "optimizer", "iteration")
+
+
+def cloud(count: int, axes: int, seed: int = 0) -> Gaussians:
+    """Gaussians as a fit has them: anisotropic, of mixed opacity, smaller where there are more, SH degree 1."""
+    draw = torch.Generator().manual_seed(seed)
+    means = torch.randn(count, 3, generator=draw) * torch.tensor([0.8, 0.8, 1.0]) + torch.tensor([0.0, 0.0, 3.0])
+    scale = torch.tensor(0.03 * (10_000 / count) ** 0.5)
+    return Gaussians(
+        means,
+        torch.randn(count, axes, generator=draw) * 0.7 + scale.log(),
+        torch.randn(count, 4, generator=draw),
+        torch.randn(count, generator=draw) * 2,
+        torch.randn(count, 4, 3, generator=draw) * 0.3,
+    )
+
+
+@dataclass
+class Cell:
+    """One size, count and method, with the state of its little fit and the times measured so far in ms."""
+
+    height: int
+    width: int
+    count: int
+    method: Method
+    optimiser: SplatOptimiser = field(init=False)
+    photo: PreparedPhoto = field(init=False)
+    wall: dict[str, list[float]] = field(default_factory=lambda: {part: [] for part in PARTS})
+    processor: dict[str, list[float]] = field(default_factory=lambda: {part: [] for part in PARTS})
+
+    def __post_init__(self) -> None:
+        axes = 2 if isinstance(self.method, TwoDGS) else 3
+        # Rates of next to nothing: the scene must not change while it is measured.
+        rates = LearningRates(*[1e-12] * 7)
+        self.optimiser = SplatOptimiser(cloud(self.count, axes), rates, extent=1.0, steps=1)
+        photo = torch.rand(3, self.height, self.width, generator=torch.Generator().manual_seed(1))
+        self.photo = prepare(photo)
+
+    def iterate(self) -> None:
+        """One iteration, each part timed."""
+        camera = identity_camera(self.height, self.width, float(self.width))
+        begin = time.perf_counter(), time.process_time()
+        image = self._timed("forward", lambda: render(self.optimiser.gaussians(), camera, self.method))
+        # The loss computes its own gradient in its forward, so that "backward" is the renderer's.
+        loss = self._timed("loss", lambda: photometric_loss(image.colour, self.photo))
+        self._timed("backward", loss.backward)
+        self._timed("optimizer", lambda: self.optimiser.step(0))
+        self._note("iteration", begin)
+
+    def _timed(self, part: str, action: Callable[[], Any]) -> Any:
+        begin = time.perf_counter(), time.process_time()
+        result = action()
+        self._note(part, begin)
+        return result
+
+    def _note(self, part: str, begin: tuple[float, float]) -> None:
+        self.wall[part].append(1e3 * (time.perf_counter() - begin[0]))
+        self.processor[part].append(1e3 * (time.process_time() - begin[1]))
+
+    def summary(self) -> dict[str, Any]:
+        """Medians and minima in ms, the first (compiling) iteration left out."""
+        columns: dict[str, Any] = {
+            "height": self.height, "width": self.width, "count": self.count, "method": self.method.name,
+        }  # fmt: skip
+        for part in PARTS:
+            wall, processor = self.wall[part][1:], self.processor[part][1:]
+            columns[part] = {
+                "median_ms": statistics.median(wall), "min_ms": min(wall),
+                "processor_ms": statistics.median(processor), "n": len(wall),
+            }  # fmt: skip
+        return columns
+
+
+def printed(rows: list[dict[str, Any]]) -> None:
+    """The table on the terminal."""
+    print(f"{'image':>9} {'count':>7} {'method':>13} | " + " | ".join(f"{part:>15}" for part in PARTS) + " | processor")
+    print(" " * 31 + " | " + " | ".join(f"{'median':>8}{'least':>7}" for _ in PARTS) + " |    median")
+    for row in rows:
+        cells = " | ".join(f"{row[part]['median_ms']:8.2f}{row[part]['min_ms']:7.2f}" for part in PARTS)
+        label = f"{row['height']}x{row['width']}"
+        total = row["iteration"]["processor_ms"]
+        print(f"{label:>9} {row['count']:>7} {row['method']:>13} | {cells} | {total:9.2f}")
+
+
+def cold_compile(method: str) -> dict[str, Any]:
+    """Seconds of the first iteration in an empty cache, and in a second process that finds the cache filled."""
+    code = (
+        "import sys, time; sys.path.insert(0, sys.argv[1]); from splat_kernels import *; "
+        "cell = Cell(32, 32, 50, METHODS[sys.argv[2]]); begin = time.perf_counter(), time.process_time(); "
+        "cell.iterate(); print(time.perf_counter() - begin[0], time.process_time() - begin[1])"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        command = [sys.executable, "-c", code, str(Path(__file__).parent), method]
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        runs = [subprocess.run(command, env=environment, check=True, capture_output=True, text=True) for _ in range(2)]
+    (cold, cold_processor), (warm, _) = (tuple(map(float, run.stdout.split())) for run in runs)
+    print(f"{method}: cold {cold:.1f} s (processor {cold_processor:.1f} s), from the cache {warm:.2f} s")
+    return {"method": method, "cold_s": cold, "cold_processor_s": cold_processor, "cached_s": warm}
+
+
+def main() -> None:
+    """Parse, measure, print, record."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--sizes", nargs="+", default=["168x298", "216x384", "270x480"], help="HEIGHTxWIDTH")
+    parser.add_argument("--counts", nargs="+", type=int, default=[10_000, 20_000])
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["3dgs"])
+    parser.add_argument("--rounds", type=int, default=30)
+    parser.add_argument("--cold", action="store_true", help="measure the compilation instead")
+    parser.add_argument("--json", type=Path, help="where to write the record")
+    options = parser.parse_args()
+    machine = {
+        "processor": platform.processor() or platform.machine(),
+        "threads": numba.get_num_threads(),
+        "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"), "torch_threads": torch.get_num_threads(),
+        "torch": torch.__version__, "numba": numba.__version__, "load": os.getloadavg()[0],
+    }  # fmt: skip
+    if options.cold:
+        rows = [cold_compile(method) for method in options.methods]
+    else:
+        sizes = [tuple(map(int, size.split("x"))) for size in options.sizes]
+        cells = [
+            Cell(height, width, count, METHODS[method])
+            for height, width in sizes
+            for count in options.counts
+            for method in options.methods
+        ]
+        for _ in range(options.rounds + 1):
+            for cell in cells:
+                cell.iterate()
+        rows = [cell.summary() for cell in cells]
+        printed(rows)
+        print(f"{machine['threads']} threads, load {machine['load']:.1f} at the start")
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine, "rows": rows}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
