@@ -120,7 +120,7 @@ def test_object_has_exact_coverage_over_white() -> None:
     assert (depth[alpha == 1] > 0).float().mean() > 0.998
     assert (depth[alpha == 0] == 0).float().mean() > 0.998
     fine = functional.avg_pool2d(resized(photo, 4).read_alpha()[None], 4)[0]
-    assert (fine - alpha).abs().mean() < 0.005
+    assert (fine - alpha).abs().mean() < 0.015
     assert 0.1 < alpha.mean() < 0.8
 
 

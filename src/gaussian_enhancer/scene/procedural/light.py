@@ -76,7 +76,7 @@ class Light:
         if self.spec.local:
             reference = (position - points.new_tensor(self.spec.target)).norm()
             colour = colour * (reference / distance.clamp_min(0.15)) ** 2
-        texel = float(distance.mean()) / float(self.camera.K[0, 0])
+        texel = distance / float(self.camera.K[0, 0])
         return towards, colour, self._lit(points + (1.5 * texel) * normals)
 
     def _lit(self, points: Tensor) -> Tensor:

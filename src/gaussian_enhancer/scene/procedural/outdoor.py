@@ -1,8 +1,7 @@
 """`outdoor`: a street with facades, parked vehicles, poles, wires and fences, as in Tanks & Temples."""
 
-from itertools import pairwise
-
 import numpy as np
+from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
@@ -236,11 +235,13 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
     _trimmings(p, at, yaw, length, half, hood, top)
 
 
-def _cap(ring: np.ndarray) -> Part:
-    centre = ring.mean(0)
-    return joined(
-        [shapes.triangle(tuple(centre), tuple(a), tuple(b)) for a, b in pairwise(ring) if np.linalg.norm(a - b) > 1e-6]
-    )
+def _cap(ring: Float[np.ndarray, "k 3"]) -> Part:
+    """The flat side of a loft, as a fan about its middle."""
+    positions = np.concatenate([ring.mean(0)[None], ring])
+    normals = np.tile([0.0, np.sign(ring[0, 1]), 0.0], (len(positions), 1))
+    index = np.arange(1, len(ring))
+    faces = np.stack([np.zeros_like(index), index, index + 1], axis=1)
+    return Part(positions, normals, positions[:, [0, 2]] * [1.0, -1.0], faces)
 
 
 def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, hood: float, top: float) -> None:

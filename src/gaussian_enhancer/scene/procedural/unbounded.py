@@ -18,7 +18,7 @@ def draft_unbounded(seed: int) -> Draft:
         rng=rng,
         sky=SkySpec(nothing, nothing, nothing, 0),
         path=orbit(seed, (0.0, 0.0, 0.65), radius, (1.0, 1.9)),
-        field_of_view=62.0,
+        field_of_view=56.0,
         ambient_box=((-5.0, -5.0, -0.2), (5.0, 5.0, 3.6)),
         probe=(0.0, 0.0, 1.6),
     )
