@@ -135,7 +135,8 @@ def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str
         raise InputError("missing", f"is {missing!r}", 'give "error" or "drop"')
     if names and missing == "error":
         first = ", ".join(sorted(names)[:4]) + (", ..." if len(names) > 4 else "")
-        raise InputError(source, f"has {len(names)} {what}: {first}", "complete the capture or pass missing=drop")
+        remedy = "complete the capture or pass missing=drop (on the command line scene.missing=drop)"
+        raise InputError(source, f"has {len(names)} {what}: {first}", remedy)
 
 
 def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:

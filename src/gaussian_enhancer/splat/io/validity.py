@@ -46,7 +46,7 @@ def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -
     bad = (~good).nonzero().flatten()
     found = f"{len(bad)} of {len(gaussians)} Gaussians are not finite or lack a rotation (first: {int(bad[0])})"
     if invalid == "refuse":
-        raise InputError(path, found, 'repair the file or pass invalid="drop" to leave them out')
+        raise InputError(path, found, "repair the file or pass invalid=drop to leave them out")
     if len(bad) == len(gaussians):
         raise InputError(path, found, "export the splat again")
     warnings.warn(f"{path}: {found}; they were dropped", stacklevel=2)
