@@ -44,7 +44,8 @@ class TrustFusion(nn.Module):
         batch, count, channels, height, width = references.shape
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        pairs = torch.cat([references, target[:, None].expand_as(references)], dim=2).flatten(0, 1)
+        # Joined as images, which stay channels-last; joined five-dimensional they would be copied around.
+        pairs = torch.cat([references.flatten(0, 1), target.repeat_interleave(count, dim=0)], dim=1)
         seen = self.block(F.relu(self.compare(pairs)))
         logits = 6 * torch.tanh(self.trust(seen).float() / 6)
         scores = visibility.float() * torch.exp(logits).reshape(batch, count, self.heads, height, width)

@@ -48,8 +48,8 @@ class SIF(nn.Module):
 
     def __init__(
         self,
-        widths: Sequence[int] = (48, 64, 96),
-        blocks: Sequence[int] = (2, 2, 2),
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
         encoder_blocks: int = 1,
         refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
         fusion: Choice = Trust(),  # noqa: B008
