@@ -95,14 +95,15 @@ def test_damaged_checkpoint_is_refused(scene, tmp_path):
 
 
 def test_full_disk_is_an_input_error_and_leaves_nothing_half_written(scene, tmp_path, monkeypatch):
-    def refuse(file, values):
-        Path(file).write_bytes(b"half")
+    def refuse(path, content):
+        path.write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "save", refuse)
+    monkeypatch.setattr(Path, "write_bytes", refuse)
     with pytest.raises(InputError, match="No space left"):
         fit(scene, ThreeDGS(), tmp_path, **QUICK, snapshots=())
     assert not list(tmp_path.rglob("*.npy"))
+    assert not list(tmp_path.rglob(".*"))
     assert not (tmp_path / "splat.ply").exists()
 
 

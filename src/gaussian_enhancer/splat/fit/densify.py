@@ -87,7 +87,7 @@ class Pull:
         gradient = screen.absolute_gradient if absolute else screen.gradient
         if gradient is None or screen.visible is None or screen.radius is None:
             raise ValueError("screen statistics are filled by a render and its backward; neither has run")
-        rows = torch.arange(len(gradient), device=gradient.device) if drawn is None else drawn
+        rows = slice(None) if drawn is None else drawn
         self.total[rows] += gradient * screen.visible * (side / 2)
         self.times[rows] += screen.visible
         self.radius[rows] = torch.maximum(self.radius[rows], screen.radius.to(self.radius) / side)

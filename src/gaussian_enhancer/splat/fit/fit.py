@@ -6,6 +6,7 @@ the uninterrupted one would have drawn.
 
 import dataclasses
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -70,14 +71,15 @@ def fit(
     """
     settings = dataclasses.replace(settings or FitSettings(), **choices)
     work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
-    work.begin()
+    with FitProgress(0, "plane sweep", progress) as bar:
+        work.begin(bar.swept)
     last = settings.steps if stop_after is None else min(stop_after, settings.steps)
     snapshots = settings.snapshot_steps()
     saved = time.monotonic()
     with FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar, work.watch.inside_render():
         while work.step < last:
-            loss, image_error = work.advance()
-            bar.update(work.step, loss, image_error, len(work.optimiser))
+            loss, difference = work.advance()
+            bar.update(work.step, loss, difference, len(work.optimiser))
             if work.step in snapshots:
                 export_views(folder, scene, work.splat(), method, work.step)
             if work.step in snapshots or time.monotonic() - saved > checkpoint_seconds:
@@ -112,7 +114,7 @@ class _Work:
         self.optimiser: SplatOptimiser
         self.pull: Pull
 
-    def begin(self) -> None:
+    def begin(self, progress: Callable[[int, int], None]) -> None:
         """Start anew, or where the folder's checkpoint stopped."""
         held = load_checkpoint(self.folder, self._identity())
         if held is not None:
@@ -127,16 +129,17 @@ class _Work:
             self.photos,
             self.method,
             self.settings.init,
-            count=self.settings.start_gaussians,
+            count=min(self.settings.start_gaussians, self.settings.max_gaussians),
             sh_degree=self.settings.sh_degree,
             generator=self._generator(0),
             sweep=self.settings.sweep,
+            progress=progress,
         )
         self._adopt({f.name: getattr(first, f.name) for f in dataclasses.fields(first)})
         self._smooth()
 
     def advance(self) -> tuple[Tensor, Tensor]:
-        """One step; returns the loss and the mean squared error of the image."""
+        """One step; returns the loss and the difference of render and photo."""
         settings, watch = self.settings, self.watch
         number = self._photo_number()
         camera = self.photos.cameras[number]
@@ -150,7 +153,6 @@ class _Work:
         with watch.phase("loss"):
             loss = photometric_loss(colour, target, settings.ssim_weight)
             total = loss + self._penalty()
-            error = (colour.detach() - target.photo).square().mean()
         with watch.phase("backward"):
             total.backward()
         with watch.phase("densify"):
@@ -162,7 +164,7 @@ class _Work:
         watch.steps += 1
         with watch.phase("densify"):
             self._change_number()
-        return loss.detach(), error
+        return loss.detach(), colour.detach() - target.photo
 
     def splat(self) -> Gaussians:
         """The present Gaussians, detached, all coefficients and the 3D filter included."""
@@ -210,6 +212,8 @@ class _Work:
     def _penalty(self) -> Float[Tensor, ""]:
         weights = self.settings.regularisation
         penalty = torch.zeros((), device=self.device)
+        if weights.opacity <= 0 and weights.scale <= 0:
+            return penalty
         gaussians = self.optimiser.gaussians(0)
         if weights.opacity > 0:
             penalty = penalty + weights.opacity * gaussians.opacity_logits.sigmoid().mean()

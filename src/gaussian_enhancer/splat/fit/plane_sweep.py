@@ -29,20 +29,22 @@ class SweepSettings:
     Args:
         planes: inverse depths that are tried.
         neighbours: views that each view is compared with.
-        reduction: photos are made smaller by this factor first.
+        reduction: photos are made smaller by this whole factor first; 0 chooses about 40,000 pixels.
         radius: half the side of the comparison window, in reduced pixels.
         smoothness: price of a depth step of one plane, in units of colour difference; 0 smooths nothing.
         agreement: largest relative difference of inverse depth that confirms a neighbour's, besides one plane.
         confirmations: number of neighbours that must confirm a depth.
+        views: largest number of photos that are swept; more are thinned out evenly.
     """
 
-    planes: int = 64
+    planes: int = 96
     neighbours: int = 3
-    reduction: int = 2
+    reduction: int = 0
     radius: int = 2
-    smoothness: float = 0.015
+    smoothness: float = 0.03
     agreement: float = 0.02
     confirmations: int = 1
+    views: int = 60
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,12 @@ class SweptPoints:
     Args:
         points: positions and colours.
         footprints: side of the pixel that saw the point, in scene units at its depth.
+        confirmations: number of neighbouring views that hold the same depth.
     """
 
     points: Points
     footprints: Float[Tensor, " p"]
+    confirmations: Float[Tensor, " p"]
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,8 @@ def sweep_points(
     cameras: Sequence[Camera],
     settings: SweepSettings = SweepSettings(),
     *,
-    distance: float | None = None,
-    progress: Callable[[int], None] | None = None,
+    known: Points | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> SweptPoints:
     """Points on the surfaces that several photos agree on, each kept from the first view that saw it.
 
@@ -81,21 +85,25 @@ def sweep_points(
         photos: training photos in [0, 1].
         cameras: their cameras.
         settings: how finely and how strictly.
-        distance: typical depth of the scene; None estimates it from the cameras.
-        progress: called with the number of finished views.
+        known: points that tell how deep the scene is; without them a coarse sweep finds out.
+        progress: called with the number of finished views and of all.
 
     Raises:
         InputError: fewer than two photos.
     """
-    distance = focus_distance(cameras) if distance is None else distance
+    every = -(-len(photos) // settings.views)
+    photos, cameras = photos[::every], cameras[::every]
+    depths_known = _known_depths(known, cameras)
+    distance = focus_distance(cameras) if depths_known is None else float(depths_known.median())
     views = _views(photos, cameras, distance, settings)
-    near, far = _depth_range(views, distance, settings)
+    found = _coarse_depths(views, distance, settings) if depths_known is None else depths_known
+    near, far = _depth_range(found, distance)
     inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
     for number, view in enumerate(views):
         depths.append(inverse_depth(view.image, view.camera, *_others(views, view), inverse, settings))
         if progress is not None:
-            progress(number + 1)
+            progress(number + 1, len(views))
     step = float(inverse[1] - inverse[0])
     return _merge(views, depths, step, settings)
 
@@ -144,7 +152,8 @@ def _views(
     cost = matching_cost(centres, torch.stack([c.forward for c in cameras]), distance)
     views = []
     for i, (photo, camera) in enumerate(zip(photos, cameras, strict=True)):
-        height, width = (max(8, side // settings.reduction) for side in (camera.height, camera.width))
+        factor = settings.reduction or max(1, round((camera.height * camera.width / 40_000) ** 0.5))
+        height, width = (max(8, side // factor) for side in (camera.height, camera.width))
         image = functional.interpolate(photo[None], (height, width), mode="area")[0]
         # A view at the same place tells nothing about depth: its cost is infinite.
         ranked = [int(j) for j in cost[i].argsort() if cost[i, j].isfinite()]
@@ -177,19 +186,40 @@ def _homographies(camera: Camera, others: Sequence[Camera], inverse: Tensor) -> 
     return torch.stack(maps, 1).float().numpy()
 
 
-def _depth_range(views: list[_View], distance: float, settings: SweepSettings) -> tuple[float, float]:
-    """Nearest and farthest depth worth searching: where a coarse sweep over a wide range was confirmed."""
+def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | None:
+    """Depths of known points in all cameras that see them; None where they are too few to tell."""
+    if known is None or len(known.positions) < 100:
+        return None
+    depths = torch.cat([_seen_depths(known.positions, camera) for camera in cameras])
+    return depths if len(depths) >= 100 else None
+
+
+def _seen_depths(positions: Tensor, camera: Camera) -> Tensor:
+    local = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = local @ camera.K.T
+    x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
+    seen = (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    return local[seen, 2]
+
+
+def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:
+    """Depths that a sweep of small images over a wide range confirms twice; empty where it confirms too few."""
     wide = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
     coarse = [_reduced(view) for view in views]
     depths = [inverse_depth(v.image, v.camera, *_others(coarse, v), wide, settings) for v in coarse]
     strict = dataclasses.replace(settings, confirmations=2)
-    points = _merge(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
-    if len(points) < 100:
-        return 1 / float(wide[-1]), 1 / float(wide[0])
-    middle = torch.cat([(points @ v.camera.rotation.T + v.camera.world_to_camera[:3, 3])[:, 2] for v in views])
-    inverse = 1 / middle[middle > 0]
-    near, far = inverse.quantile(0.99), inverse.quantile(0.01)
-    return 1 / min(1.3 * float(near), float(wide[-1])), 1 / max(0.7 * float(far), float(wide[0]))
+    positions = _merge(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
+    found = torch.cat([_seen_depths(positions, view.camera) for view in coarse])
+    return found if len(positions) >= 100 else found[:0]
+
+
+def _depth_range(depths: Tensor, distance: float) -> tuple[float, float]:
+    """Nearest and farthest depth worth searching: what was found with a margin, or a wide guess."""
+    if len(depths) == 0:
+        return distance / 4, distance * 50
+    inverse = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
+    near, far = float(inverse.quantile(0.99)), float(inverse.quantile(0.01))
+    return 1 / (1.3 * near), 1 / (0.6 * far)
 
 
 def _reduced(view: _View) -> _View:
@@ -199,7 +229,7 @@ def _reduced(view: _View) -> _View:
 
 def _merge(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
     """Keep what enough neighbours confirm and what no earlier view has given already."""
-    positions, colours, footprints = [], [], []
+    positions, colours, footprints, confirmations = [], [], [], []
     for i, view in enumerate(views):
         world = _unproject(view.camera, depths[i])
         confirmed = torch.zeros(len(world))
@@ -213,7 +243,9 @@ def _merge(views: list[_View], depths: list[Tensor], step: float, settings: Swee
         positions.append(world[keep])
         colours.append(torch.from_numpy(view.image).reshape(-1, 3)[keep])
         footprints.append(1 / (depths[i].flatten()[keep] * view.camera.K[0, 0]))
-    return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(footprints))
+        confirmations.append(confirmed[keep])
+    points = Points(torch.cat(positions), torch.cat(colours))
+    return SweptPoints(points, torch.cat(footprints), torch.cat(confirmations))
 
 
 def _agrees(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:

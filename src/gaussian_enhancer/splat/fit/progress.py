@@ -1,9 +1,13 @@
-"""The progress bar of a fit: step, loss, PSNR and number of Gaussians."""
+"""The progress bar of a fit: step, loss, PSNR and number of Gaussians.
+
+Axes: h height, w width.
+"""
 
 import math
 from types import TracebackType
 from typing import Any
 
+from jaxtyping import Float
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor
@@ -31,7 +35,7 @@ class FitProgress:
             console=Console(stderr=True),
             disable=not shown,
         )
-        self._task = self._bar.add_task(title, total=steps, state="")
+        self._task = self._bar.add_task(title, total=steps or None, state="")
         self._loss: float | None = None
         self._error: float | None = None
 
@@ -44,22 +48,26 @@ class FitProgress:
     ) -> None:
         self._bar.stop()
 
-    def update(self, step: int, loss: Tensor, squared_error: Tensor, count: int) -> None:
+    def update(self, step: int, loss: Tensor, difference: Float[Tensor, "3 h w"], count: int) -> None:
         """Show the state after a step; loss and PSNR are running means.
 
         Args:
             step: steps done.
             loss: of this step.
-            squared_error: mean squared error of this step's image.
+            difference: render minus photo of this step.
             count: number of Gaussians.
         """
         if self._bar.disable or (step % EVERY and step > 1):
             return
         self._loss = _mixed(self._loss, float(loss))
-        self._error = _mixed(self._error, float(squared_error))
+        self._error = _mixed(self._error, float(difference.square().mean()))
         psnr = -10 * math.log10(max(self._error, 1e-10))
         state = f"loss {self._loss:.4f}  {psnr:.2f} dB  {count} Gaussians"
         self._bar.update(self._task, completed=step, state=state)
+
+    def swept(self, views: int, total: int) -> None:
+        """Show how many views the plane sweep has done."""
+        self._bar.update(self._task, completed=views, total=total)
 
 
 def _mixed(mean: float | None, value: float) -> float:

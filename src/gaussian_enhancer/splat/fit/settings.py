@@ -32,8 +32,8 @@ class FitSettings:
 
     Args:
         steps: number of steps, one photo each.
-        init: what to start from: "plane_sweep", "points" or "random".
-        start_gaussians: largest number of Gaussians to start with.
+        init: what to start from: "auto" (the scene's points and a plane sweep), "plane_sweep", "points" or "random".
+        start_gaussians: largest number of Gaussians to start with; never more than ``max_gaussians``.
         max_gaussians: largest number of Gaussians at any time.
         sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised from 0 in equal parts of the first third.
         snapshots: shares of the fit after which views are rendered and kept.
@@ -47,7 +47,7 @@ class FitSettings:
     """
 
     steps: int = 3000
-    init: str = "plane_sweep"
+    init: str = "auto"
     start_gaussians: int = 10_000
     max_gaussians: int = 20_000
     sh_degree: int = 1
@@ -67,9 +67,9 @@ class FitSettings:
             raise InputError("init", f"is {self.init!r}", f"choose {', '.join(STARTS)}")
         if not 0 <= self.sh_degree <= 3:
             raise InputError("sh_degree", f"is {self.sh_degree}", "give 0, 1, 2 or 3")
-        if not 0 < self.start_gaussians <= self.max_gaussians:
-            received = f"is {self.start_gaussians} with max_gaussians={self.max_gaussians}"
-            raise InputError("start_gaussians", received, "order them, above 0")
+        for name in ("start_gaussians", "max_gaussians"):
+            if getattr(self, name) < 1:
+                raise InputError(name, f"is {getattr(self, name)}", "give at least 1")
         if not all(0 < share < 1 for share in self.snapshots):
             raise InputError("snapshots", f"are {self.snapshots}", "give shares between 0 and 1")
 
