@@ -10,59 +10,12 @@ from gaussian_enhancer.scene.procedural.atlas import Texture
 from gaussian_enhancer.scene.procedural.noise import Colour, fractal, muted
 
 PRINT_SIDE = 1024
-_WORDS = tuple(
-    [
-        "the",
-        "of",
-        "light",
-        "and",
-        "field",
-        "in",
-        "points",
-        "view",
-        "scale",
-        "from",
-        "with",
-        "ray",
-        "open",
-        "surface",
-        "colour",
-        "time",
-        "depth",
-        "over",
-        "edge",
-        "house",
-        "near",
-        "far",
-        "sum",
-        "street",
-        "market",
-        "coffee",
-        "north",
-        "station",
-        "paper",
-        "garden",
-        "river",
-        "stone",
-        "letter",
-        "window",
-        "bread",
-        "music",
-        "hotel",
-        "number",
-        "volume",
-        "sharp",
-        "quiet",
-        "signal",
-        "harbour",
-        "copper",
-        "orange",
-        "theory",
-        "motion",
-        "summer",
-        "archive",
-    ]
+_TEXT = (
+    "the of light and field in points view scale from with ray open surface colour time depth over edge house "
+    "near far sum street market coffee north station paper garden river stone letter window bread music hotel "
+    "number volume sharp quiet signal harbour copper orange theory motion summer archive"
 )
+_WORDS = _TEXT.split()
 
 
 def _rgb(colour: Colour) -> tuple[int, int, int]:

@@ -18,6 +18,7 @@ from gaussian_enhancer.scene.procedural.indoor import draft_indoor
 from gaussian_enhancer.scene.procedural.light import look_at
 from gaussian_enhancer.scene.procedural.outdoor import draft_outdoor
 from gaussian_enhancer.scene.procedural.raster import SampleGrid
+from gaussian_enhancer.scene.procedural.recent import Recent
 from gaussian_enhancer.scene.procedural.single import draft_object
 from gaussian_enhancer.scene.procedural.unbounded import draft_unbounded
 from gaussian_enhancer.scene.procedural.world import World, bake_world
@@ -32,6 +33,8 @@ _FAMILIES = {
     "object": draft_object,
 }
 FAMILIES = tuple(_FAMILIES)
+
+_PHOTOS = Recent(capacity=2**28)
 
 
 @lru_cache(maxsize=2)
@@ -56,6 +59,12 @@ class ProceduralView:
     @torch.no_grad()
     def photo(self) -> Float[Tensor, "3 h w"]:
         """The anti-aliased picture, on the CPU."""
+        camera = self.camera
+        pose = tuple(camera.world_to_camera.flatten().tolist())
+        key = (self.family, self.seed, self.device, camera.height, camera.width, *camera.K.flatten().tolist(), *pose)
+        return _PHOTOS.get(key, self._photo)
+
+    def _photo(self) -> Float[Tensor, "3 h w"]:
         return shade.photo(_baked(self.family, self.seed, self.device)[0], self.camera)[0].cpu()
 
     @torch.no_grad()
