@@ -1,0 +1,34 @@
+"""Rendered pictures are kept up to a size, and what is handed out can be changed without harm."""
+
+import torch
+
+from gaussian_enhancer.scene.procedural.recent import Recent
+
+
+def test_makes_once_and_hands_out_copies():
+    recent, made = Recent(capacity=1000), []
+
+    def make():
+        made.append(1)
+        return torch.ones(3)
+
+    recent.get("a", make).zero_()
+    assert torch.equal(recent.get("a", make), torch.ones(3))
+    assert len(made) == 1
+
+
+def test_forgets_the_least_recently_used():
+    recent = Recent(capacity=2 * 40)
+    for key in ("a", "b"):
+        recent.get(key, lambda: torch.zeros(10))
+    recent.get("a", lambda: torch.ones(10))
+    recent.get("c", lambda: torch.zeros(10))
+    assert list(recent.held) == ["a", "c"]
+    assert recent.size == 80
+
+
+def test_never_keeps_what_is_too_large():
+    recent = Recent(capacity=39)
+    recent.get("a", lambda: torch.zeros(10))
+    assert not recent.held
+    assert recent.size == 0
