@@ -15,7 +15,14 @@ from gaussian_enhancer.enhance.weights import save_weights
 from gaussian_enhancer.measure.records import read_records
 
 CONF = Path(__file__).parents[2] / "conf"
-SMALL = ("scene.views=9", "scene.height=48", "scene.width=64", "settings.steps=3", "settings.max_gaussians=400")
+SMALL = (
+    "scene.views=9",
+    "scene.height=48",
+    "scene.width=64",
+    "settings.steps=3",
+    "scene.split.train_every=1",
+    "settings.max_gaussians=400",
+)
 
 
 @pytest.fixture
@@ -28,9 +35,12 @@ def weights(tmp_path: Path) -> Path:
 def run_demo(tmp_path: Path, weights: Path) -> float | None:
     runs = (f"runs={tmp_path / 'runs'}", f"weights={weights}", "runtime.threads=1", "runtime.progress=false")
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return demo.run(compose("demo", overrides=[*SMALL, "+settings.start_gaussians=400", *runs]))
+        return demo.run(
+            compose("demo", overrides=[*SMALL, "+settings.start_gaussians=400", "+settings.init=points", *runs])
+        )
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_was_measured_and_the_fit_is_found_again(tmp_path: Path, weights: Path, capsys) -> None:
     gain = run_demo(tmp_path, weights)
     assert gain == 0.0, "a network that was never trained returns the render"

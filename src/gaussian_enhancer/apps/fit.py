@@ -16,6 +16,7 @@ from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.fit.fit import fit
+from gaussian_enhancer.splat.fit.progress import waiting
 from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
 from gaussian_enhancer.splat.methods import Method
@@ -31,7 +32,8 @@ def run(cfg: DictConfig) -> float | None:
         Mean held-out PSNR in dB, for sweeps; None where nothing is held out.
     """
     device = start(cfg.runtime)
-    scene: Scene = build(cfg.scene)
+    with waiting("scene", cfg.runtime.progress):
+        scene: Scene = build(cfg.scene)
     method: Method = build(cfg.splat)
     settings: FitSettings = build(cfg.settings)
     job = open_run(cfg, "fit", f"{scene.name}-{method.name}")

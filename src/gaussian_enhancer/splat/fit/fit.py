@@ -22,7 +22,7 @@ from gaussian_enhancer.splat.fit.densify import Pull, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.progress import FitProgress
+from gaussian_enhancer.splat.fit.progress import FitProgress, waiting
 from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.similarity import photometric_loss
 from gaussian_enhancer.splat.fit.start import starting_gaussians
@@ -70,7 +70,8 @@ def fit(
         InputError: photos, settings, checkpoint or disk do not allow the fit.
     """
     settings = dataclasses.replace(settings or FitSettings(), **choices)
-    work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
+    with waiting(f"photos of {scene.name}", progress):
+        work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
     with FitProgress(0, "plane sweep", progress) as bar:
         work.begin(bar.swept)
     last = settings.steps if stop_after is None else min(stop_after, settings.steps)

@@ -4,16 +4,32 @@ Axes: h height, w width.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
 from jaxtyping import Float
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from torch import Tensor
 
 EVERY = 10
 """Steps between two looks at the loss: each one waits for the device."""
+
+
+@contextmanager
+def waiting(title: str, shown: bool) -> Iterator[None]:
+    """A moving bar on standard error while something of unknown length is prepared; it leaves no line behind.
+
+    Args:
+        title: what is prepared.
+        shown: whether to show it.
+    """
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown) as bar:
+        bar.add_task(title, total=None)
+        yield
 
 
 class FitProgress:
