@@ -17,8 +17,9 @@ ALPHA_MIN = 1.0 / 255.0
 """A Gaussian's share below this is skipped."""
 ALPHA_MAX = 0.99
 """Every share is capped here, so that transmittance never reaches zero."""
-TRANSMITTANCE_MIN = 1e-4
-"""A pixel stops before the Gaussian that would bring its transmittance below this."""
+TRANSMITTANCE_MIN = 1e-4 * (1 - 1e-4)
+"""A pixel stops before the Gaussian that would bring its transmittance below this: 1e-4, with room for rounding, as two
+capped shares leave (1 - 0.99)^2, which is 1e-4 exactly and must not stop a pixel in float32 alone."""
 COVERED = 1e-3
 """Below this accumulated alpha a pixel has no depth."""
 TILE = 16

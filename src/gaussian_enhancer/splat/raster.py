@@ -52,7 +52,7 @@ class Splats(NamedTuple):
     """What is blended: `splat.ewa.Projection`'s footprints, whitening and depths, and colours."""
 
     footprints: Float64[np.ndarray, "n 6"]
-    whitening: Float32[np.ndarray, "n 4"]
+    whitening: Float64[np.ndarray, "n 5"]
     depths: Float32[np.ndarray, " n"]
     colours: Float32[np.ndarray, "n 3"]
 
@@ -115,17 +115,19 @@ def _coordinates(planes, at):  # type: ignore[no-untyped-def]
 def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
     """Whitened coordinates of the tile's first pixel centre; in float64, as the centre may be far away."""
     dx, dy = left + 0.5 - splats.footprints[g, 0], top + 0.5 - splats.footprints[g, 1]
-    a, b, c = splats.whitening[g, 0], splats.whitening[g, 1], splats.whitening[g, 2]
-    return np.float32(a * dx + b * dy), np.float32(c * dy), a, b, c, splats.whitening[g, 3]
+    white = splats.whitening
+    a, b, c, d, peak = white[g, 0], white[g, 1], white[g, 2], white[g, 3], white[g, 4]
+    u, v = np.float32(a * dx + b * dy), np.float32(c * dx + d * dy)
+    return u, v, np.float32(a), np.float32(b), np.float32(c), np.float32(d), np.float32(peak)
 
 
 @inner
-def _blend_rows(planes, first, end, u0, v0, a, b, c, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
+def _blend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
     """Add one Gaussian to some rows. Planes: T (negative once stopped), r, g, b, sum of depths, median, x, y."""
     for p in range(first, end):
-        y = planes[p + _P7]
-        u = u0 + a * planes[p + _P6] + b * y
-        v = v0 + c * y
+        x, y = planes[p + _P6], planes[p + _P7]
+        u = u0 + a * x + b * y
+        v = v0 + c * x + d * y
         t = peak - u * u - v * v
         alpha = min(exp2_nonpositive(t), _ALPHA_MAX)
         T = planes[p]
@@ -190,23 +192,23 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
                     break
                 e = lists.starts[tile] + k
                 g = lists.gaussians[e]
-                u0, v0, a, b, c, peak = _local(splats, g, left, top)
+                u0, v0, a, b, c, d, peak = _local(splats, g, left, top)
                 first, end = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 red, green, blue = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
-                _blend_rows(planes, first, end, u0, v0, a, b, c, peak, red, green, blue, splats.depths[g])
+                _blend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, splats.depths[g])
             used[tile] = count
             _write(planes, left, top, background, colour, depth, alpha, median)
     return colour, depth, alpha, median, used
 
 
 @inner
-def _unblend_rows(planes, first, end, u0, v0, a, b, c, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
+def _unblend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
     """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha), x, y."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = _ZERO
     for p in range(first, end):
-        y = planes[p + _P8]
-        u = u0 + a * planes[p + _P7] + b * y
-        v = v0 + c * y
+        x, y = planes[p + _P7], planes[p + _P8]
+        u = u0 + a * x + b * y
+        v = v0 + c * x + d * y
         t = peak - u * u - v * v
         raw = exp2_nonpositive(t)
         alpha = min(raw, _ALPHA_MAX)
@@ -234,8 +236,8 @@ def _unblend_rows(planes, first, end, u0, v0, a, b, c, peak, red, green, blue, z
         s7 += hu * u
         s8 += hu * v
         s9 += hv * v
-        s10 += abs(hu)
-        s11 += abs(b * hu + c * hv)
+        s10 += abs(a * hu + c * hv)
+        s11 += abs(b * hu + d * hv)
     return s0, s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11
 
 
@@ -276,10 +278,10 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, lanes):  # type:
             gathered[begin + image.used[tile] : end] = _ZERO
             for e in range(begin, begin + image.used[tile]):
                 g = lists.gaussians[e]
-                u0, v0, a, b, c, peak = _local(splats, g, left, top)
+                u0, v0, a, b, c, d, peak = _local(splats, g, left, top)
                 first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
                 red, green, blue = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
-                sums = _unblend_rows(planes, first, last, u0, v0, a, b, c, peak, red, green, blue, splats.depths[g])
+                sums = _unblend_rows(planes, first, last, u0, v0, a, b, c, d, peak, red, green, blue, splats.depths[g])
                 for k in range(GATHERED):
                     gathered[e, k] = sums[k]
     return gathered

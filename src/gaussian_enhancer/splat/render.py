@@ -177,7 +177,7 @@ class _Ellipsoids(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        from gaussian_enhancer.splat import ewa, raster, tiles
+        from gaussian_enhancer.splat import ewa, ewa_backward, raster, tiles
         from gaussian_enhancer.splat import sh as harmonics
 
         kept: _Kept = ctx.kept
@@ -186,12 +186,12 @@ class _Ellipsoids(torch.autograd.Function):
         image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)
         entries = raster.blend_backward(kept.splats, kept.lists, image, *map(array, gradients[:3]))
         gathered = tiles.sum_over_tiles(entries, kept.lists)
-        back = ewa.project_backward(shape, kept.view, kept.dilation, kept.mip, kept.visible, gathered)
+        back = ewa_backward.project_backward(shape, kept.view, kept.dilation, kept.mip, kept.visible, gathered)
         by_sh = harmonics.shade_backward(
             means, sh, kept.view.centre, kept.visible, kept.splats.colours, gathered, back.means
         )
         if kept.screen is not None:
-            signed, absolute = ewa.screen_gradients(kept.splats.whitening, gathered)
+            signed, absolute = ewa_backward.screen_gradients(kept.splats.whitening, gathered)
             kept.screen.gradient = torch.from_numpy(np.linalg.norm(signed, axis=1))
             kept.screen.absolute_gradient = torch.from_numpy(np.linalg.norm(absolute, axis=1))
         return *map(torch.from_numpy, (*back, by_sh)), None, None

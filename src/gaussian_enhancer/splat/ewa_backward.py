@@ -1,0 +1,163 @@
+"""From gradients on the image back to the parameters of ellipsoids (3DGS and Mip-Splatting), on the CPU.
+
+Axes: n Gaussians. With W the whitening (cov2d^-1 = W^T W), w = W (pixel - centre) and h = dL/dalpha alpha, the
+rasteriser gathers sum h, sum h w and H = sum h w w^T, from which
+
+    dL/dcentre = W^T sum h w,    dL/dcov2d = W^T H W / 2
+
+Column k of M = J W R diag(s) is m_k = s_k p_k. Written with y_k = W p_k no large numbers cancel, however thin a needle:
+
+    dL/dlog s_k = s_k^2 y_k^T H y_k,    dL/dangle about own axis 3 = (s_1^2 - s_2^2) y_1^T H y_2    (and cyclic)
+
+and a turn about own axes is carried to the quaternion by dq = q (0, dangle) / 2. Mip-Splatting's 2D factor adds its
+part through the columns. Everything is in float64.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, cross, dot, ellipse_of, mix, whitening_of
+
+_NATURAL = 2.0 * math.log(2.0)  # the rasteriser's u^2 + v^2 is in powers of two
+
+
+def project_backward(
+    shape: Shape,
+    view: View,
+    dilation: float,
+    mip: bool,
+    wanted: Bool[np.ndarray, " n"],
+    image: Float32[np.ndarray, "n 12"],
+) -> ShapeGradient:
+    """Pull gradients back from the image to the parameters.
+
+    Args:
+        shape: as in `project`.
+        view: as in `project`.
+        dilation: as in `project`.
+        mip: as in `project`.
+        wanted: Gaussians that are in some tile; the others' gradients are 0.
+        image: what `splat.raster.blend_backward` gathered, summed over tiles.
+    """
+    with kernel_lock:
+        return ShapeGradient(*_project_backward(shape, view, dilation, mip, wanted, image))
+
+
+def screen_gradients(
+    whitening: Float64[np.ndarray, "n 5"], image: Float32[np.ndarray, "n 12"]
+) -> tuple[Float32[np.ndarray, "n 2"], Float32[np.ndarray, "n 2"]]:
+    """Gradient with respect to the 2D mean in pixels, and the same with every pixel's share taken absolute (AbsGS)."""
+    a, b, c, d = whitening[:, :4].T
+    hu, hv = image[:, 5], image[:, 6]
+    signed = np.stack([a * hu + c * hv, b * hu + d * hv], axis=1) * (2.0 * math.log(2.0))
+    absolute = image[:, 10:12] * (2.0 * math.log(2.0))
+    return signed.astype(np.float32), absolute.astype(np.float32)
+
+
+@inner
+def _filter_rows(weight, m1, m2, normal, covariance, dilation):  # type: ignore[no-untyped-def]
+    """Gradient of log sqrt(raw / det), Mip-Splatting's 2D factor, with respect to M's rows, times ``weight``."""
+    xx, yy, _, raw, det = covariance
+    common = weight * dilation * (xx + yy - dilation) / (raw * det)
+    direct = -weight * dilation / det
+    return mix(common, cross(m2, normal), direct, m1), mix(common, cross(normal, m1), direct, m2)
+
+
+@inner
+def _turned(unit, x, y, z):  # type: ignore[no-untyped-def]
+    """Gradient with respect to a unit quaternion, from that of turns about the own axes."""
+    w, i, j, k = unit
+    return (
+        2.0 * (-i * x - j * y - k * z),
+        2.0 * (w * x + j * z - k * y),
+        2.0 * (w * y + k * x - i * z),
+        2.0 * (w * z + i * y - j * x),
+    )
+
+
+@inner
+def _turns(wide, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
+    """Gradients of turns about the three own axes; f are gradients of M's rows that are not in H."""
+    s0, s1, s2 = wide
+    x = (s1 * s1 - s2 * s2) * (y1[1] * z1[2] + y2[1] * z2[2])
+    y = (s2 * s2 - s0 * s0) * (y1[2] * z1[0] + y2[2] * z2[0])
+    z = (s0 * s0 - s1 * s1) * (y1[0] * z1[1] + y2[0] * z2[1])
+    x += s1 * (f1[1] * p1[2] + f2[1] * p2[2]) - s2 * (f1[2] * p1[1] + f2[2] * p2[1])
+    y += s2 * (f1[2] * p1[0] + f2[2] * p2[0]) - s0 * (f1[0] * p1[2] + f2[0] * p2[2])
+    z += s0 * (f1[0] * p1[1] + f2[0] * p2[1]) - s1 * (f1[1] * p1[0] + f2[1] * p2[0])
+    return x, y, z
+
+
+@inner
+def _centre_backward(point, tangents, gt1, gt2, g_pixel, g_depth, view):  # type: ignore[no-untyped-def]
+    """Gradient of the camera-space centre: through the 2D mean, the Jacobian's entries and the depth itself."""
+    x, y, z = point
+    u, v, free_x, free_y = tangents
+    W = view.rotation
+    j00 = gt1[0] * W[0, 0] + gt1[1] * W[0, 1] + gt1[2] * W[0, 2]
+    j02 = gt1[0] * W[2, 0] + gt1[1] * W[2, 1] + gt1[2] * W[2, 2]
+    j11 = gt2[0] * W[1, 0] + gt2[1] * W[1, 1] + gt2[2] * W[1, 2]
+    j12 = gt2[0] * W[2, 0] + gt2[1] * W[2, 1] + gt2[2] * W[2, 2]
+    ax, ay = view.fx / z, view.fy / z
+    gx, gy = ax * g_pixel[0], ay * g_pixel[1]
+    gz = g_depth - (gx * x + gy * y) / z - (ax * j00 + ay * j11) / z + (ax * u * j02 + ay * v * j12) / z
+    if free_x:
+        gx -= ax / z * j02
+        gz += ax / z * u * j02
+    if free_y:
+        gy -= ay / z * j12
+        gz += ay / z * v * j12
+    return gx, gy, gz
+
+
+@kernel
+def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignore[no-untyped-def]
+    n = len(shape.means)
+    means = np.zeros((n, 3), np.float32)
+    log_scales = np.zeros((n, 3), np.float32)
+    quaternions = np.zeros((n, 4), np.float32)
+    logits = np.zeros(n, np.float32)
+    for g in prange(n):
+        if wanted[g]:
+            point, tangents, _, (unit, length, R), (s, wide, p1, p2), (m1, m2, normal), covariance, _ = ellipse_of(
+                shape, g, view, dilation, mip
+            )
+            a, b, c, d, _ = whitening_of(covariance[0], covariance[1], covariance[2], covariance[4])
+            h = np.float64(image[g, 4])
+            logits[g] = h / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
+            uu, uv, vv = _NATURAL * image[g, 7], _NATURAL * image[g, 8], _NATURAL * image[g, 9]
+            y1, y2 = mix(a, p1, b, p2), mix(c, p1, d, p2)
+            z1, z2 = mix(uu, y1, uv, y2), mix(uv, y1, vv, y2)
+            f1 = f2 = (0.0, 0.0, 0.0)
+            if mip:
+                f1, f2 = _filter_rows(h, m1, m2, normal, covariance, dilation)
+            r1, r2 = mix(a, z1, c, z2), mix(b, z1, d, z2)
+            n1 = (
+                wide[0] * (wide[0] * r1[0] + f1[0]), wide[1] * (wide[1] * r1[1] + f1[1]),
+                wide[2] * (wide[2] * r1[2] + f1[2]),
+            )  # fmt: skip
+            n2 = (
+                wide[0] * (wide[0] * r2[0] + f2[0]), wide[1] * (wide[1] * r2[1] + f2[1]),
+                wide[2] * (wide[2] * r2[2] + f2[2]),
+            )  # fmt: skip
+            for k in range(3):
+                keep = (s[k] / wide[k]) ** 2
+                by_width = wide[k] * (wide[k] * (y1[k] * z1[k] + y2[k] * z2[k]) + f1[k] * p1[k] + f2[k] * p2[k])
+                log_scales[g, k] = keep * by_width + h * (1.0 - keep)
+            x, y, z = _turns(wide, y1, y2, z1, z2, p1, p2, f1, f2)
+            turned = _turned(unit, x, y, z)
+            for k in range(4):
+                quaternions[g, k] = turned[k] / length
+            hu, hv = math.sqrt(_NATURAL) * image[g, 5], math.sqrt(_NATURAL) * image[g, 6]
+            pixel = a * hu + c * hv, b * hu + d * hv
+            gt1, gt2 = (dot(R[0], n1), dot(R[1], n1), dot(R[2], n1)), (dot(R[0], n2), dot(R[1], n2), dot(R[2], n2))
+            x, y, z = _centre_backward(point, tangents, gt1, gt2, pixel, np.float64(image[g, 3]), view)
+            W = view.rotation
+            means[g, 0] = W[0, 0] * x + W[1, 0] * y + W[2, 0] * z
+            means[g, 1] = W[0, 1] * x + W[1, 1] * y + W[2, 1] * z
+            means[g, 2] = W[0, 2] * x + W[1, 2] * y + W[2, 2] * z
+    return means, log_scales, quaternions, logits
