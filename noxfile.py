@@ -63,6 +63,30 @@ def wheel(session: nox.Session) -> None:
         session.run(command, "demo", *session.posargs, external=True)
 
 
+@nox.session(default=False)
+def pairs(session: nox.Session) -> None:
+    """Fit what the shipped weights learn from (needs the captures; hours on two cores); goes on where it was killed."""
+    install(session)
+    captures = ("captures_half", "captures_quarter", "captures_validation")
+    procedural = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting", "procedural_dense")
+    for name in (*captures, *procedural):
+        session.run("gaussian-enhancer", "fit", f"+sweep=[pairs_{name},two_jobs]", *session.posargs)
+
+
+@nox.session(default=False)
+def weights(session: nox.Session) -> None:
+    """Train the shipped weights on the fits of `pairs`; the same command goes on where it was killed."""
+    install(session)
+    session.run("gaussian-enhancer", "train", "+recipe=sif", *session.posargs)
+
+
+@nox.session(default=False)
+def captures(session: nox.Session) -> None:
+    """Make docs/results/captures.md: two real captures, three methods (needs the captures)."""
+    install(session)
+    session.run("gaussian-enhancer", "study", *session.posargs)
+
+
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""
