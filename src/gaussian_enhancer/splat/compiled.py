@@ -3,6 +3,9 @@
 Kernels are Numba functions on C-contiguous NumPy arrays. ``cache=True`` writes the machine code beside the source,
 or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place).
 ``fastmath`` leaves out ``nnan`` and ``ninf``, so that a comparison with NaN keeps its meaning.
+
+Threads: Numba's own count (``NUMBA_NUM_THREADS``, `numba.set_num_threads`). Its OpenMP layer does not survive a fork:
+a process that has run a kernel must start others that will by spawn.
 """
 
 import inspect
