@@ -29,6 +29,19 @@ def test_result_is_an_image(plane_run, precision):
     assert 0 <= float(one.image.min()) <= float(one.image.max()) <= 1
 
 
+def test_strength_scales_the_change(plane_run):
+    rendered, network = read_run(plane_run), trained()
+    none, half, full = (
+        next(Enhancer(network, Preparation(), strength=s, precision="float32")(rendered)).image for s in (0.0, 0.5, 1.0)
+    )
+    assert rendered.targets[0].read is not None
+    assert torch.equal(none, rendered.targets[0].read())
+    inner = (full > 0) & (full < 1)
+    torch.testing.assert_close(half[inner], ((none + full) / 2)[inner], rtol=0, atol=1e-5)
+    with pytest.raises(InputError, match="strength"):
+        Enhancer(network, Preparation(), strength=1.5)
+
+
 def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):
     rendered = read_run(plane_run)
     bare = [dataclasses.replace(view, camera=None, read_depth=None, read_alpha=None) for view in rendered.targets]

@@ -61,7 +61,7 @@ def run(cfg: DictConfig) -> float | None:
     pretrained = load_weights(cfg.weights)
     task = _task(cfg, device.type)
     preparation, note = _fitting(_asked(pretrained, cfg), task.rendered)
-    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile)
+    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=cfg.strength)
     check_tiles(enhancer.tile, enhancer.halo)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):

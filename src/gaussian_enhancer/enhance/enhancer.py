@@ -49,6 +49,10 @@ class Enhancer:
             that compute in it, float32 elsewhere.
         tile: side of the tiles that larger images are cut into, a multiple of 16.
         halo: pixels around a tile that are computed and thrown away, a multiple of 16.
+        strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
+
+    Raises:
+        InputError: precision or strength is out of range.
     """
 
     def __init__(
@@ -59,12 +63,15 @@ class Enhancer:
         precision: str = "auto",
         tile: int = 1024,
         halo: int = 96,
+        strength: float = 1.0,
     ) -> None:
+        if not 0 <= strength <= 1:
+            raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
         self.device = torch.device("cpu") if device is None else device
         self.network = network.eval().to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.preparation = preparation
         self.dtype = choose_precision(precision, self.device)
-        self.tile, self.halo = tile, halo
+        self.tile, self.halo, self.strength = tile, halo, strength
 
     def __call__(self, rendered: RenderedSet) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
@@ -92,7 +99,10 @@ class Enhancer:
             views = Views(views.render, views.references, views.visibility, None, views.alpha)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
             enhanced = enhance_tiled(self.network, views, self.tile, self.halo)
-        return enhanced.float().clamp(0, 1).cpu()
+        enhanced = enhanced.float()
+        if self.strength < 1:
+            enhanced = views.render + self.strength * (enhanced - views.render)
+        return enhanced.clamp(0, 1).cpu()
 
 
 def choose_precision(precision: str, device: torch.device) -> torch.dtype:

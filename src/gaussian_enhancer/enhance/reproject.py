@@ -13,7 +13,6 @@ from torch import Tensor
 
 from gaussian_enhancer.types import Camera
 
-
 FAINTEST = 1 / 255
 
 
