@@ -54,6 +54,18 @@ def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, t
     assert all(record.kind == "cost" and record.variant == "enhanced" for record in records)
 
 
+def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
+    torch.manual_seed(0)
+    network = SIF((8, 8, 8), (1, 1, 1))
+    torch.nn.init.constant_(network.decode.head.bias, 0.2)
+    save_weights(tmp_path / "a.safetensors", network, Preparation(), {"strength": 0})
+    options = [f"run={plane_run}", f"weights={tmp_path / 'a.safetensors'}"]
+    run(configured(*options, f"output={tmp_path / 'card'}"))
+    assert same(tmp_path / "card", plane_run / "test/ours_100/renders")
+    run(configured(*options, "strength=1", f"output={tmp_path / 'full'}"))
+    assert not same(tmp_path / "full", plane_run / "test/ours_100/renders")
+
+
 def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):
     run(configured(f"run={plane_run}", "step=50", f"weights={weights}", f"output={tmp_path / 'out'}"))
     assert same(tmp_path / "out", plane_run / "test/ours_50/renders")

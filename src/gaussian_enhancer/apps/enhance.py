@@ -61,7 +61,9 @@ def run(cfg: DictConfig) -> float | None:
     pretrained = load_weights(cfg.weights)
     task = _task(cfg, device.type)
     preparation, note = _fitting(_asked(pretrained, cfg), task.rendered)
-    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=cfg.strength)
+    enhancer = Enhancer(
+        pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=_strength(pretrained, cfg)
+    )
     check_tiles(enhancer.tile, enhancer.halo)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):
@@ -188,6 +190,16 @@ def _asked(pretrained: Pretrained, cfg: DictConfig) -> Preparation:
     count = cfg.max_references
     candidates = max(count, pretrained.preparation.candidates)
     return replace(pretrained.preparation, references=count, candidates=candidates)
+
+
+def _strength(pretrained: Pretrained, cfg: DictConfig) -> float:
+    """The share that the user asks for, or the one that the weights' card found best on its validation runs."""
+    if cfg.strength is not None:
+        return float(cfg.strength)
+    value = pretrained.card.get("strength", 1.0)
+    if not isinstance(value, int | float):
+        raise InputError(f"weights {cfg.weights}", f"state strength {value!r}", "give strength= as a number")
+    return float(value)
 
 
 def _fitting(preparation: Preparation, rendered: RenderedSet) -> tuple[Preparation, str]:
