@@ -9,12 +9,22 @@ from gaussian_enhancer.objective.terms import (
     FrequencyDifference,
     GradientDifference,
     Harm,
+    Relative,
+    SquaredError,
     charbonnier,
     dissimilarity,
     frequency_difference,
 )
 
-TERMS = [Charbonnier(), Dissimilarity(), FrequencyDifference(), GradientDifference(), Harm()]
+TERMS = [
+    Charbonnier(),
+    Dissimilarity(),
+    FrequencyDifference(),
+    GradientDifference(),
+    Harm(),
+    SquaredError(),
+    Relative(Charbonnier(), 0.01),
+]
 
 
 @pytest.fixture
@@ -66,6 +76,15 @@ def test_harm_is_counted_only_where_it_became_worse():
     cost = Harm()(enhanced, photo, render)
     assert cost[..., :12].max() == 0
     torch.testing.assert_close(cost[..., 20:], torch.full_like(cost[..., 20:], 0.3))
+
+
+def test_relative_weighs_good_and_bad_renders_alike():
+    photo = torch.zeros(2, 3, 8, 8)
+    render = torch.cat([torch.full((1, 3, 8, 8), 0.5), torch.full((1, 3, 8, 8), 0.01)])
+    cost = Relative(SquaredError(), 1e-12)(0.5 * render, photo, render)
+    torch.testing.assert_close(cost, torch.full_like(cost, 0.25), rtol=1e-4, atol=0)
+    unchanged = Relative(SquaredError(), 1e-12)(render, photo, render)
+    torch.testing.assert_close(unchanged.mean(), torch.tensor(1.0), rtol=1e-4, atol=0)
 
 
 def test_total_is_the_weighted_sum(images):

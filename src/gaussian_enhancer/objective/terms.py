@@ -5,6 +5,7 @@ from, in that order, and returns a cost per pixel, so that a caller may mask or 
 """
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 import torch.nn.functional as F
@@ -23,6 +24,16 @@ def charbonnier(
         softness: difference below which the cost is quadratic, > 0.
     """
     return ((enhanced - photo).square() + softness**2).sqrt() - softness
+
+
+def squared_error(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+    """Squared difference; its mean is what PSNR is the logarithm of.
+
+    Args:
+        enhanced: colours in [0, 1].
+        photo: colours in [0, 1].
+    """
+    return (enhanced - photo).square()
 
 
 def dissimilarity(
@@ -104,6 +115,15 @@ class Charbonnier:
 
 
 @dataclass(frozen=True)
+class SquaredError:
+    """Term: `squared_error`."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        return squared_error(enhanced, photo)
+
+
+@dataclass(frozen=True)
 class Dissimilarity:
     """Term: `dissimilarity`, 1 - SSIM."""
 
@@ -142,3 +162,35 @@ class Harm:
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
         """Cost per pixel."""
         return harm(enhanced, photo, render, self.window)
+
+
+@runtime_checkable
+class PixelTerm(Protocol):
+    """What each pixel costs."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel."""
+        ...
+
+
+@dataclass(frozen=True)
+class Relative:
+    """Another term in units of what the render costs: term(enhanced) / (mean term(render) + floor), image by image.
+
+    An absolute cost is ruled by the worst renders, where there is most to gain, and hardly notices when a good render
+    is made worse. Relative to the render, one per cent of a good render's error weighs as much as one of a bad one's,
+    as in a gain measured in dB.
+
+    Args:
+        term: what is measured.
+        floor: render's cost below which nothing more is asked for, > 0.
+    """
+
+    term: PixelTerm
+    floor: float
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Cost per pixel; 1 on average where nothing was changed and the floor is far."""
+        with torch.no_grad():
+            before = self.term(render, photo, render).mean(dim=(1, 2, 3), keepdim=True)
+        return self.term(enhanced, photo, render) / (before + self.floor)
