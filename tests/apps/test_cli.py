@@ -106,6 +106,16 @@ def test_run_folder_depends_on_content_only(tmp_path):
     assert open_run(cfg, "toy", "a").done
 
 
+def test_a_folder_of_another_finished_run_is_refused(tmp_path):
+    cfg = OmegaConf.create({"runs": "", "output": str(tmp_path / "mine"), "runtime": {}, "size": 1})
+    first = open_run(cfg, "toy", "a")
+    other = OmegaConf.merge(cfg, {"size": 2})
+    assert open_run(other, "toy", "a").folder == first.folder  # not finished: nothing is lost
+    open_run(cfg, "toy", "a").finish()
+    with pytest.raises(InputError, match="another finished run"):
+        open_run(other, "toy", "a")
+
+
 def test_digest_ignores_key_order():
     assert digest_of({"a": 1, "b": [1.5, None]}) == digest_of({"b": [1.5, None], "a": 1})
 

@@ -14,6 +14,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
@@ -34,8 +35,8 @@ class Run:
 
     @property
     def done(self) -> bool:
-        """Whether the run was completed."""
-        return (self.folder / "done").is_file()
+        """Whether this very run was completed."""
+        return finished_digest(self.folder) == self.digest
 
     def finish(self) -> None:
         """Mark the run as completed; the last thing that a job does."""
@@ -51,12 +52,17 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
         label: a readable part of the folder's name, for instance scene and splat.
 
     Raises:
-        InputError: a value marked ``???`` was not given, or the folder cannot be written.
+        InputError: a value marked ``???`` was not given, the folder cannot be written, or it holds another run.
     """
     require(cfg)
     values = effective(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
+    finished = finished_digest(folder)
+    if finished not in (None, digest):
+        raise InputError(
+            folder, f"holds another finished run ({finished})", "give another output, or delete the folder"
+        )
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     return Run(folder, digest)
 
@@ -72,6 +78,21 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
     given = Path(cfg.output) if cfg.get("output") else None
     folders = [given] if given else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
     return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
+
+
+def finished_digest(folder: Path) -> str | None:
+    """The digest of the run that was completed in a folder; None where none was.
+
+    Raises:
+        InputError: the marker of completion cannot be read.
+    """
+    marker = folder / "done"
+    if not marker.is_file():
+        return None
+    try:
+        return str(json.loads(marker.read_text(encoding="utf-8"))["digest"])
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(marker, f"is no marker of a completed run ({error})", "delete it to run again") from error
 
 
 def effective(cfg: DictConfig) -> dict[str, Any]:

@@ -137,11 +137,14 @@ def find_runs(pattern: str) -> list[Path]:
     """The run folders with held-out renders that a pattern names, sorted.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or one of them is a fit that was not finished.
     """
     runs = sorted(Path(found) for found in glob.glob(pattern, recursive=True) if run_steps(Path(found)))
     if not runs:
         raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
+    for run in runs:
+        if (run / "config.yaml").is_file() and not (run / "done").is_file():
+            raise InputError(run, "is a fit that was not finished", "start the same fit again, or delete the folder")
     return runs
 
 
