@@ -86,6 +86,8 @@ def test_small_are_cloned_large_are_split_and_transparent_go():
     found = optimiser.gaussians()
     assert len(found) == 5  # 4 - transparent + clone + (two halves - parent)
     assert torch.equal(found.means[2], gaussians.means[0])
+    together = 1 - (1 - found.opacity_logits.sigmoid()) ** 2  # what covers as one Gaussian did before
+    torch.testing.assert_close(together[[0, 2, 3, 4]], torch.full((4,), 0.5))
     halves = found.log_scales[3:].exp()
     torch.testing.assert_close(halves, torch.full_like(halves, 0.5 / 1.6))
     assert not torch.equal(found.means[3], found.means[4])

@@ -2,9 +2,12 @@
 
 Axes: n Gaussians, s scale axes.
 Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2; the pull may be measured by absolute shares as
-in Ye et al., AbsGS, ACM MM 2024. What differs: the number is bounded, the strongest pulls come first.
+in Ye et al., AbsGS, ACM MM 2024. What differs: the number is bounded, the strongest pulls come first, and two Gaussians
+that replace one share its opacity, 1 - sqrt(1 - o) each (Rota Bulo et al., Revising Densification, ECCV 2024,
+equation 9), so that the picture does not jump.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -130,12 +133,19 @@ def densify(
     wanted = kept & (pull.mean() > settings.pull)
     chosen = _strongest(pull.mean(), wanted, max(0, room))
     large = old.log_scales.exp().amax(1) > settings.small * extent
+    old = dataclasses.replace(old, opacity_logits=torch.where(chosen, _shared(old), old.opacity_logits))
     clones, splits = old[chosen & ~large], old[chosen & large]
     halves = [_half(splits, generator) for _ in range(2)]
+    optimiser.replace("opacity_logits", old.opacity_logits)
     # A split Gaussian makes room for its halves, so clone and split both add one.
     optimiser.keep(kept & ~(chosen & large))
     for joining in (clones, *halves):
         optimiser.append(joining)
+
+
+def _shared(old: Gaussians) -> Float[Tensor, " n"]:
+    """Logits of the opacity that two Gaussians on top of each other need to equal one."""
+    return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
 def _useless(old: Gaussians, pull: Pull, settings: Densification, extent: float) -> Bool[Tensor, " n"]:

@@ -17,6 +17,9 @@ from gaussian_enhancer.splat.fit.targets import TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, TwoDGS
 from gaussian_enhancer.types import Camera, Gaussians
 
+OPACITY_ON_SURFACES = 0.3
+"""Opacity to start with on surfaces that were found; 3DGS's 0.1 is kept for guesses."""
+
 STARTS = ("auto", "plane_sweep", "points", "random")
 """What a fit can start from."""
 
@@ -74,7 +77,9 @@ def starting_gaussians(
     disks = isinstance(method, TwoDGS)
     facing = _towards_cameras(points.positions, photos.cameras) if disks else None
     widths = neighbour_distances(points.positions)
-    return from_points(points, axes=2 if disks else 3, sh_degree=sh_degree, deviations=widths, facing=facing)
+    opacity = 0.1 if init == "random" else OPACITY_ON_SURFACES
+    axes = 2 if disks else 3
+    return from_points(points, axes=axes, sh_degree=sh_degree, opacity=opacity, deviations=widths, facing=facing)
 
 
 def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) -> Points:
