@@ -21,7 +21,7 @@ class Regularisation:
             rises to make up for them (Park et al., DropGaussian, CVPR 2025).
     """
 
-    opacity: float = 0.0
+    opacity: float = 0.01
     scale: float = 0.0
     dropout: float = 0.0
 
