@@ -67,7 +67,7 @@ def wheel(session: nox.Session) -> None:
 def pairs(session: nox.Session) -> None:
     """Fit what the shipped weights learn from (needs the captures; hours on two cores); goes on where it was killed."""
     install(session)
-    captures = ("captures_half", "captures_quarter", "captures_validation")
+    captures = ("captures_half", "captures_quarter", "captures_third", "captures_validation")
     procedural = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting", "procedural_dense")
     for name in (*captures, *procedural):
         session.run("gaussian-enhancer", "fit", f"+sweep=[pairs_{name},two_jobs]", *session.posargs)

@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.gsplat_backend import render_gsplat
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
 from gaussian_enhancer.splat.oracle import render_oracle, rotations
-from gaussian_enhancer.splat.render import ScreenStatistics
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 
 METHODS: list[Method] = [ThreeDGS(), MipSplatting(), TwoDGS()]

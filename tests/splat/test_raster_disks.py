@@ -9,8 +9,8 @@ from torch import Tensor
 
 from gaussian_enhancer.splat.methods import TwoDGS
 from gaussian_enhancer.splat.oracle import render_oracle
-from gaussian_enhancer.splat.render import ScreenStatistics
 from gaussian_enhancer.splat.render_disks import render_disks
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render, identity_camera
 
 LEARNT = ("means", "log_scales", "quaternions", "opacity_logits", "sh")

@@ -10,7 +10,8 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
 from gaussian_enhancer.splat.oracle import render_oracle
-from gaussian_enhancer.splat.render import ScreenStatistics, render
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render, identity_camera
 
 LEARNT = ("means", "log_scales", "quaternions", "opacity_logits", "sh")

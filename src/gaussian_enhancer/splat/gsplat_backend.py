@@ -18,7 +18,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.filters import smoothed
 from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
-from gaussian_enhancer.splat.render import ScreenStatistics
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 _COVERED = 1e-3

@@ -3,40 +3,20 @@
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w width.
 """
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.screen import ScreenStatistics, array
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 if TYPE_CHECKING:
     from gaussian_enhancer.splat import ewa, raster, tiles
-
-
-@dataclass
-class ScreenStatistics:
-    """How large and how strongly pulled each Gaussian is on the image; what densification decides by.
-
-    Handed to `render`, which fills the first two members; its backward fills the others. Each render overwrites.
-
-    Attributes:
-        radius: three standard deviations of the footprint's longer axis in pixels, 0 where not visible.
-        visible: whether any tile lists the Gaussian.
-        gradient: length of the loss's gradient by the 2D mean in pixels (3DGS's criterion, there in half images).
-        absolute_gradient: the same with each pixel's share taken absolute before summing (AbsGS, Ye et al. 2024).
-    """
-
-    radius: Float[Tensor, " n"] | None = None
-    visible: Bool[Tensor, " n"] | None = None
-    gradient: Float[Tensor, " n"] | None = None
-    absolute_gradient: Float[Tensor, " n"] | None = None
 
 
 def render(
@@ -115,11 +95,6 @@ def _render_ellipsoids(
         (camera, method, background, near, screen),
     )
     return Render(*planes)
-
-
-def array(tensor: Tensor) -> np.ndarray:
-    """A contiguous NumPy view of a CPU tensor, copied only if it is not contiguous."""
-    return tensor.detach().contiguous().numpy()
 
 
 class _Kept(NamedTuple):

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.splat import disks, ewa, raster_disks, tiles
 from gaussian_enhancer.splat import sh as harmonics
-from gaussian_enhancer.splat.render import ScreenStatistics, array
+from gaussian_enhancer.splat.screen import ScreenStatistics, array
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 

@@ -6,7 +6,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
-from gaussian_enhancer.splat.render import ScreenStatistics
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_base", "sh_rest")

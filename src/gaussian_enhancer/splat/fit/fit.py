@@ -29,7 +29,8 @@ from gaussian_enhancer.splat.fit.start import starting_gaussians
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
 from gaussian_enhancer.splat.fit.targets import Colour, TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, MipSplatting
-from gaussian_enhancer.splat.render import ScreenStatistics, render
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
 
 SMOOTHING_EVERY = 100
