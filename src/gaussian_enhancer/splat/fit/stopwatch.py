@@ -9,11 +9,11 @@ from unittest.mock import patch
 import torch
 
 INSIDE_RENDER = {
-    "project": (("ewa", "project"), ("sh", "shade")),
-    "bin": (("tiles", "bin_tiles"),),
-    "raster": (("raster", "blend"),),
-    "raster backward": (("raster", "blend_backward"), ("tiles", "sum_over_tiles")),
-    "project backward": (("ewa", "project_backward"), ("sh", "shade_backward")),
+    "project": ("ewa.project", "disks.project_disks", "sh.shade"),
+    "bin": ("tiles.bin_tiles",),
+    "raster": ("raster.blend", "raster_disks.blend_disks"),
+    "raster backward": ("raster.blend_backward", "raster_disks.blend_disks_backward", "tiles.sum_over_tiles"),
+    "project backward": ("ewa_backward.project_backward", "disks.project_disks_backward", "sh.shade_backward"),
 }
 """Parts of the CPU renderer by the functions that do them."""
 
@@ -46,8 +46,8 @@ class Stopwatch:
         with ExitStack() as stack:
             if self.on:
                 for name, parts in INSIDE_RENDER.items():
-                    for module, function in parts:
-                        target = f"gaussian_enhancer.splat.{module}.{function}"
+                    for part in parts:
+                        target = f"gaussian_enhancer.splat.{part}"
                         stack.enter_context(patch(target, self._timed(name, target)))
             yield
 
