@@ -21,7 +21,7 @@ from gaussian_enhancer.measure.pair import measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
-STRENGTHS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+STRENGTHS = (0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 TOLERATED = {"psnr_aligned": -0.05, "ssim": -0.002, "lpips_alex": 0.005}
 """Losses of a single frame beyond which it counts as made worse."""
 
