@@ -139,6 +139,10 @@ def render_capture(
     if not sides[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
 
+    def lossless(photo: Photo) -> str:
+        """The photo's name as a render is stored; a target and the photo of the same view share it."""
+        return str(Path(photo.name).with_suffix(".png"))
+
     def drawn(photo: Photo, parts: tuple[str, ...]) -> _Drawing:
         if photo.camera is None:
             raise InputError(photo.name, "has no camera to render from", "give a capture with cameras")
@@ -147,10 +151,10 @@ def render_capture(
 
     def target(photo: Photo) -> RenderedView:
         draw = drawn(photo, ("colour", "depth", "alpha"))
-        return RenderedView(photo.name, draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
+        return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
 
     def reference(photo: Photo) -> RenderedView:
-        return RenderedView(photo.name, None, photo.camera, drawn(photo, ("depth",)).depth, None, photo.read)
+        return RenderedView(lossless(photo), None, photo.camera, drawn(photo, ("depth",)).depth, None, photo.read)
 
     targets, references = map(target, sides[views]), map(reference, capture.train_photos)
     return RenderedSet(capture.name, tuple(targets), tuple(references), capture.background)
