@@ -97,7 +97,9 @@ class EnhancerModule(LightningModule):
 
 def psnr(enhanced: Tensor, photo: Tensor) -> Tensor:
     """Peak signal-to-noise ratio in dB of images in [0, 1], 100 at most."""
-    return -10 * torch.log10((enhanced - photo).square().mean().clamp_min(1e-10))
+    from torchmetrics.functional.image import peak_signal_noise_ratio
+
+    return peak_signal_noise_ratio(enhanced, photo, data_range=1.0).clamp_max(100)
 
 
 def ssim(enhanced: Tensor, photo: Tensor) -> Tensor:
