@@ -84,11 +84,10 @@ def find_reconstruction(root: Path) -> Path | None:
 
 
 def rotation_from_axis_angle(vector: Float[Tensor, " 3"]) -> Float[Tensor, "3 3"]:
-    """Rotation by ``|vector|`` radians around ``vector`` (matrix exponential of its cross-product matrix)."""
-    x, y, z = vector
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape(3, 3)
-    return torch.linalg.matrix_exp(cross)
+    """Rotation by ``|vector|`` radians around ``vector``."""
+    from kornia.geometry.conversions import axis_angle_to_rotation_matrix
+
+    return axis_angle_to_rotation_matrix(vector[None])[0]
 
 
 def _reconstruction_file(root: Path) -> Path:
