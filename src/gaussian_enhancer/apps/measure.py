@@ -7,10 +7,9 @@ from omegaconf import DictConfig, ListConfig
 from rich.console import Console
 from rich.progress import track
 
-from gaussian_enhancer.apps.run import open_run
+from gaussian_enhancer.apps.run import open_run, write_text
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.compare import (
     Comparison,
     Pair,
@@ -69,8 +68,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     write_records(folder.folder / "records.jsonl", records)
     for name, table in tables.items():
         for ending, text in ((".md", table.markdown()), (".csv", table.csv())):
-            with whole_file(folder.folder / f"{name}{ending}") as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_text(folder.folder / f"{name}{ending}", text)
     folder.finish()
     return records, folder.folder
 

@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration, measured
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.measure.compare import Pair, compare, gain_table, paired, view_table
 from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record, write_records
 
@@ -31,8 +31,7 @@ def run(cfg: DictConfig) -> float:
             records += _cell(cfg, scene, splat)
     pairs = paired(records)
     page = Path(cfg.page)
-    with whole_file(page) as temporary:
-        temporary.write_text(_page(cfg, records, pairs), encoding="utf-8")
+    write_text(page, _page(cfg, records, pairs))
     write_records(page.with_suffix(".jsonl"), records)
     console.print(f"{page}, {page.with_suffix('.jsonl')}", highlight=False, soft_wrap=True)
     return compare(pairs, "psnr_aligned").gain

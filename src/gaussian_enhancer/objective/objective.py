@@ -5,22 +5,13 @@ Axes: b batch, h height, w width.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-
-
-@runtime_checkable
-class Term(Protocol):
-    """Cost per pixel of an enhanced view against the photo, knowing the render it started from."""
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Return unreduced costs."""
-        ...
+from gaussian_enhancer.objective.terms import Term
 
 
 @dataclass(frozen=True)

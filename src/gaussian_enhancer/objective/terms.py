@@ -103,6 +103,15 @@ def harm(
     return F.relu(F.avg_pool2d(change, window, stride=1, padding=window // 2, count_include_pad=False))
 
 
+@runtime_checkable
+class Term(Protocol):
+    """Cost per pixel of an enhanced view against the photo, knowing the render it started from."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Return unreduced costs."""
+        ...
+
+
 @dataclass(frozen=True)
 class Charbonnier:
     """Term: `charbonnier`."""
@@ -155,22 +164,13 @@ class FrequencyDifference:
 
 @dataclass(frozen=True)
 class Harm:
-    """Term: `harm`, the only one that looks at the render."""
+    """Term: `harm`, which compares with the render."""
 
     window: int = 9
 
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
         """Cost per pixel."""
         return harm(enhanced, photo, render, self.window)
-
-
-@runtime_checkable
-class PixelTerm(Protocol):
-    """What each pixel costs."""
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Cost per pixel."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class Relative:
         floor: render's cost below which nothing more is asked for, > 0.
     """
 
-    term: PixelTerm
+    term: Term
     floor: float
 
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
