@@ -1,0 +1,46 @@
+"""Stage 1 of the simulator: the steps that a gate chose, applied to a batch.
+
+Axes: b batch, h height, w width.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from gaussian_enhancer.degrade.gate import Step
+from gaussian_enhancer.degrade.region import soft_region, within
+from gaussian_enhancer.degrade.view import Artefact, View
+
+ARTEFACTS: Mapping[str, Artefact] = {}
+"""The function of each type."""
+
+
+def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[torch.Generator]) -> View:
+    """Apply to each sample its own steps in its own order.
+
+    Samples that take the same type in the same place of their order are computed together.
+
+    Args:
+        view: photos.
+        steps: of each sample, as a gate drew them.
+        generators: one source of randomness for each sample.
+    """
+    for place in range(max((len(one) for one in steps), default=0)):
+        here = [one[place] if place < len(one) else None for one in steps]
+        for name in ARTEFACTS:
+            chosen = [i for i, step in enumerate(here) if step is not None and step.type == name]
+            if chosen:
+                taken = [step for step in here if step is not None and step.type == name]
+                view = _apply(view, chosen, taken, [generators[i] for i in chosen])
+    return view
+
+
+def _apply(view: View, chosen: list[int], steps: Sequence[Step], generators: Sequence[torch.Generator]) -> View:
+    index = torch.tensor(chosen, device=view.image.device)
+    before = view[index]
+    strength = torch.tensor([step.strength for step in steps]).to(view.image)
+    after = ARTEFACTS[steps[0].type](before, strength, generators)
+    height, width = view.image.shape[-2:]
+    regions = soft_region(height, width, generators, view.image)
+    whole = torch.tensor([not step.regional for step in steps], device=view.image.device)[:, None, None, None]
+    return view.put(index, within(before, after, torch.where(whole, torch.ones_like(regions), regions)))

@@ -1,0 +1,67 @@
+"""The two-stage degradation simulator: photos in, views that look like splat renders out.
+
+Axes: b batch, h height, w width.
+"""
+
+from typing import Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.degrade.draws import spawn
+from gaussian_enhancer.degrade.gate import Gate
+from gaussian_enhancer.degrade.manual import degrade
+from gaussian_enhancer.degrade.view import View
+
+
+@runtime_checkable
+class SecondStage(Protocol):
+    """What becomes of stage 1's output."""
+
+    def __call__(self, manual: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+        """Bring manually degraded views closer to real renders.
+
+        Args:
+            manual: stage 1's output M.
+            generator: source of randomness, on the CPU.
+            real: real renders R of the same views, for those second stages that learn their factors from them.
+
+        Raises:
+            InputError: the second stage needs real renders and there are none.
+        """
+        ...
+
+
+class NoSecondStage:
+    """Stage 1's output as it is."""
+
+    def __call__(self, manual: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+        """Return the views."""
+        return manual
+
+
+class Simulator:
+    """TSDS (paper, algorithm 1): M = stage 1 (G), L = stage 2 (M).
+
+    Args:
+        gate: which artefacts stage 1 applies.
+        generator: stage 2.
+    """
+
+    def __init__(self, gate: Gate, generator: SecondStage | None = None) -> None:
+        self.gate = gate
+        self.second = NoSecondStage() if generator is None else generator
+
+    def __call__(self, view: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+        """Simulate splat renders of photographed views; colours in [0, 1], rounded to 8 bits as renders on disk are.
+
+        Args:
+            view: photos, with depth and opacity where they are known.
+            generator: source of all randomness, on the CPU.
+            real: real renders of the same views, for the stage 2 that needs them.
+        """
+        generators = spawn(len(view), generator)
+        steps = [self.gate.draw(one) for one in generators]
+        refined = self.second(degrade(view, steps, generators), generator, real)
+        return View((refined.image.clamp(0, 1) * 255).round() / 255, refined.depth, refined.alpha)

@@ -1,0 +1,89 @@
+"""What the simulator degrades, and what every artefact is: a function from views to views.
+
+Axes: b batch, h height, w width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Movable
+
+
+@dataclass(frozen=True)
+class View(Movable):
+    """Images with the depth and opacity that a rasteriser would give beside them.
+
+    Args:
+        image: sRGB in [0, 1].
+        depth: z in scene units, 0 where nothing was hit; None where unknown.
+        alpha: opacity in [0, 1]; None where unknown.
+
+    Raises:
+        InputError: the image is not a batch of three floating-point channels, is empty or not finite, or depth or
+            opacity are of another size.
+    """
+
+    image: Float[Tensor, "b 3 h w"]
+    depth: Float[Tensor, "b 1 h w"] | None = None
+    alpha: Float[Tensor, "b 1 h w"] | None = None
+
+    def __post_init__(self) -> None:
+        shape = tuple(self.image.shape)
+        if len(shape) != 4 or shape[1] != 3 or 0 in shape:
+            raise InputError("image", f"has the shape {shape}", "give (batch, 3, height, width), nothing empty")
+        if not self.image.is_floating_point():
+            raise InputError("image", f"is {self.image.dtype}", "give floating-point colours in [0, 1]")
+        for name, plane in (("depth", self.depth), ("alpha", self.alpha)):
+            if plane is not None and tuple(plane.shape) != (shape[0], 1, *shape[2:]):
+                received = f"has the shape {tuple(plane.shape)} beside an image of {shape}"
+                raise InputError(name, received, "give (batch, 1, height, width) of the image's size")
+
+    def __len__(self) -> int:
+        return self.image.shape[0]
+
+    def __getitem__(self, index: Int64[Tensor, " n"]) -> "View":
+        """The samples of the batch that an index names."""
+        depth, alpha = (None if plane is None else plane[index] for plane in (self.depth, self.alpha))
+        return View(self.image[index], depth, alpha)
+
+    def put(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
+        """A copy of the batch in which other samples take the places that an index names."""
+
+        def placed(plane: Tensor | None, other: Tensor | None) -> Tensor | None:
+            return None if plane is None or other is None else plane.index_copy(0, index, other.to(plane.dtype))
+
+        return View(
+            self.image.index_copy(0, index, samples.image.to(self.image.dtype)),
+            placed(self.depth, samples.depth),
+            placed(self.alpha, samples.alpha),
+        )
+
+
+@runtime_checkable
+class Artefact(Protocol):
+    """One kind of artefact, as a pure function.
+
+    With strength 0 a sample is returned exactly; the same generators and a larger strength give a larger change.
+    Everything random about a sample comes from its own generator, so that a batch is its samples one by one.
+    """
+
+    def __call__(self, view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
+        """Degrade views.
+
+        Args:
+            view: what is degraded.
+            strength: of each sample, from 0 (nothing) to 1 (the worst that is seen in splat renders).
+            generators: one source of randomness for each sample, on the CPU.
+        """
+        ...
+
+
+def each(strength: Float[Tensor, " b"]) -> Float[Tensor, "b 1 1 1"]:
+    """Strengths shaped to multiply images."""
+    return strength[:, None, None, None]
