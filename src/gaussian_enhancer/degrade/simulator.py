@@ -3,6 +3,7 @@
 Axes: b batch, h height, w width.
 """
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -19,12 +20,14 @@ from gaussian_enhancer.degrade.view import View
 class SecondStage(Protocol):
     """What becomes of stage 1's output."""
 
-    def __call__(self, manual: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+    def __call__(
+        self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
+    ) -> View:
         """Bring manually degraded views closer to real renders.
 
         Args:
             manual: stage 1's output M.
-            generator: source of randomness, on the CPU.
+            generators: one source of randomness for each sample, on the CPU.
             real: real renders R of the same views, for those second stages that learn their factors from them.
 
         Raises:
@@ -36,7 +39,9 @@ class SecondStage(Protocol):
 class NoSecondStage:
     """Stage 1's output as it is."""
 
-    def __call__(self, manual: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+    def __call__(
+        self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
+    ) -> View:
         """Return the views."""
         return manual
 
@@ -53,15 +58,20 @@ class Simulator:
         self.gate = gate
         self.second = NoSecondStage() if generator is None else generator
 
-    def __call__(self, view: View, generator: torch.Generator, real: Float[Tensor, "b 3 h w"] | None = None) -> View:
+    def __call__(
+        self,
+        view: View,
+        generators: torch.Generator | Sequence[torch.Generator],
+        real: Float[Tensor, "b 3 h w"] | None = None,
+    ) -> View:
         """Simulate splat renders of photographed views; colours in [0, 1], rounded to 8 bits as renders on disk are.
 
         Args:
             view: photos, with depth and opacity where they are known.
-            generator: source of all randomness, on the CPU.
+            generators: one source of randomness for each sample, or one to seed them all from; on the CPU.
             real: real renders of the same views, for the stage 2 that needs them.
         """
-        generators = spawn(len(view), generator)
-        steps = [self.gate.draw(one) for one in generators]
-        refined = self.second(degrade(view, steps, generators), generator, real)
+        each = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
+        steps = [self.gate.draw(one) for one in each]
+        refined = self.second(degrade(view, steps, each), each, real)
         return View((refined.image.clamp(0, 1) * 255).round() / 255, refined.depth, refined.alpha)
