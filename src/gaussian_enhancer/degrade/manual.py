@@ -27,7 +27,7 @@ def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[to
     """
     for place in range(max((len(one) for one in steps), default=0)):
         here = [one[place] if place < len(one) else None for one in steps]
-        for name in ARTEFACTS:
+        for name in dict.fromkeys(step.type for step in here if step is not None):
             chosen = [i for i, step in enumerate(here) if step is not None and step.type == name]
             if chosen:
                 taken = [step for step in here if step is not None and step.type == name]
