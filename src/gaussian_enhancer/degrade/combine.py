@@ -3,14 +3,15 @@
 Axes: b batch, c channels, h height, w width, m = ceil(h / 8), n = ceil(w / 8), i and j rows and columns of features.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.degrade.factors import Factors, whole_cells
+from gaussian_enhancer.degrade.factors import Factors, convolution, linear, whole_cells
 
 
 class Modulation(nn.Module):
@@ -24,8 +25,8 @@ class Modulation(nn.Module):
 
     def __init__(self, vector: int, grid: int, channels: int) -> None:
         super().__init__()
-        self.everywhere = nn.Linear(vector, 2 * channels)
-        self.local = nn.Conv2d(grid, 2 * channels, 1, bias=False)
+        self.everywhere = linear(vector, 2 * channels)
+        self.local = convolution(grid, 2 * channels, 1)
 
     def forward(self, features: Float[Tensor, "b c i j"], factors: Factors) -> Float[Tensor, "b c i j"]:
         """Modulate features of any resolution."""
@@ -76,8 +77,8 @@ class FactorCombiner(nn.Module):
             return nn.ModuleList([ModulatedBlock(width, vector, grid) for _ in range(blocks)])
 
         self.down = nn.ModuleList([stack(width) for width in widths])
-        self.halve = nn.ModuleList([nn.Conv2d(a, b, 2, stride=2) for a, b in zip(widths[:-1], widths[1:], strict=True)])
-        self.double = nn.ModuleList([nn.Conv2d(b, a, 1) for a, b in zip(widths[:-1], widths[1:], strict=True)])
+        self.shrink = nn.ModuleList([nn.Conv2d(a, b, 2, stride=2) for a, b in itertools.pairwise(widths)])
+        self.grow = nn.ModuleList([nn.Conv2d(b, a, 1) for a, b in itertools.pairwise(widths)])
         self.up = nn.ModuleList([stack(width) for width in widths[:-1]])
         self.head = nn.Conv2d(widths[0], 12, 3, padding=1)
         nn.init.zeros_(self.head.weight)
@@ -97,15 +98,19 @@ class FactorCombiner(nn.Module):
         x = self.stem(F.pixel_unshuffle(whole_cells(torch.cat([manual, noise], dim=1)), 2))
         skips = []
         for level, blocks in enumerate(self.down):
-            for block in blocks:  # type: ignore[union-attr]
-                x = block(x, factors)
-            if level < len(self.halve):
+            x = _through(blocks.children(), x, factors)
+            if level < len(self.shrink):
                 skips.append(x)
-                x = self.halve[level](x)
-        for level in reversed(range(len(self.double))):
-            x = F.interpolate(self.double[level](x), scale_factor=2, mode="bilinear", align_corners=False)
+                x = self.shrink[level](x)
+        for level in reversed(range(len(self.grow))):
+            x = F.interpolate(self.grow[level](x), scale_factor=2, mode="bilinear", align_corners=False)
             x = x + skips[level]
-            for block in self.up[level]:  # type: ignore[union-attr]
-                x = block(x, factors)
+            x = _through(self.up[level].children(), x, factors)
         change = F.pixel_shuffle(self.head(F.relu(x)), 2)
         return manual + change[..., :height, :width].to(manual.dtype)
+
+
+def _through(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
+    for block in blocks:
+        x = block(x, factors)
+    return x

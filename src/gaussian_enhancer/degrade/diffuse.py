@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.degrade.extract import Refine, Trunk
-from gaussian_enhancer.degrade.factors import Factors, white
+from gaussian_enhancer.degrade.factors import Factors, convolution, linear, white
 from gaussian_enhancer.errors import InputError
 
 
@@ -29,7 +29,7 @@ class CosineSchedule:
     end: float = 0.995
 
     def signal(self, time: Tensor) -> Tensor:
-        """a at times in [0, 1]."""
+        """The signal a at times in [0, 1]."""
         return torch.cos(0.5 * math.pi * self.end * time)
 
 
@@ -50,7 +50,7 @@ class LinearSchedule:
     steps: int = 4
 
     def signal(self, time: Tensor) -> Tensor:
-        """a at times in [0, 1]."""
+        """The signal a at times in [0, 1]."""
         roots = torch.linspace(self.first**0.5, self.last**0.5, self.steps, device=time.device, dtype=time.dtype)
         logs = torch.cat([roots.new_zeros(1), torch.log1p(-roots.square()).cumsum(0)])
         place = (time * self.steps).clamp(0, self.steps)
@@ -139,11 +139,11 @@ class Denoiser(nn.Module):
         super().__init__()
         self.condition = Trunk(3, width, blocks)
         self.time = nn.Sequential(nn.Linear(16, width), nn.ReLU(), nn.Linear(width, width))
-        self.vector_in = nn.Linear(vector, width)
-        self.grid_in = nn.Conv2d(grid, width, 3, padding=1)
+        self.vector_in = linear(vector, width)
+        self.grid_in = convolution(grid, width, 3)
         self.joined = nn.ModuleList([Refine(width) for _ in range(2 * blocks)])
-        self.grid_out = nn.Conv2d(width, grid, 3, padding=1)
-        self.vector_out = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.ReLU(), nn.Linear(2 * width, vector))
+        self.grid_out = convolution(width, grid, 3)
+        self.vector_out = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.ReLU(), linear(2 * width, vector))
 
     def features(self, manual: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b k i j"]:
         """What M says; the same for all steps."""

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.degrade.factors import Factors, whole_cells
+from gaussian_enhancer.degrade.factors import Factors, convolution, linear, whole_cells
 
 
 class Refine(nn.Module):
@@ -66,8 +66,8 @@ class FactorExtractor(nn.Module):
     def __init__(self, vector: int = 32, grid: int = 4, width: int = 64, blocks: int = 2) -> None:
         super().__init__()
         self.trunk = Trunk(6, width, blocks)
-        self.vector = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Linear(width, vector))
-        self.grid = nn.Conv2d(width, grid, 1)
+        self.vector = nn.Sequential(nn.Linear(width, width), nn.ReLU(), linear(width, vector))
+        self.grid = convolution(width, grid, 1)
 
     def forward(self, manual: Float[Tensor, "b 3 h w"], real: Float[Tensor, "b 3 h w"]) -> Factors:
         """Extract the factors.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from gaussian_enhancer.degrade.draws import normal
 from gaussian_enhancer.types import Movable
@@ -35,7 +35,7 @@ class Factors(Movable):
     grid: Float[Tensor, "b c i j"]
 
     def combined(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
-        """mine * self + others * other; factors may differ from sample to sample, shape (b,)."""
+        """The sum mine * self + others * other; factors may differ from sample to sample, shape (b,)."""
 
         def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
             return factor.view(-1, *[1] * (part.dim() - 1)) if isinstance(factor, Tensor) else factor
@@ -69,3 +69,29 @@ def white(like: Factors, generators: Sequence[torch.Generator]) -> Factors:
     """
     vector = normal(like.vector.shape[1:], generators, like.vector)
     return Factors(vector, normal(like.grid.shape[1:], generators, like.grid))
+
+
+class Silent(nn.Module):
+    """Zeros, in place of a layer that reads from, or writes to, a part of z that has no entries.
+
+    Args:
+        channels: of the result.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.channels = channels
+
+    def forward(self, x: Float[Tensor, "b _ ..."]) -> Float[Tensor, "b c ..."]:
+        """Zeros with the size of x."""
+        return x.new_zeros(x.shape[0], self.channels, *x.shape[2:])
+
+
+def linear(inputs: int, outputs: int) -> nn.Module:
+    """A linear layer; silent where either side has no entries."""
+    return nn.Linear(inputs, outputs) if inputs and outputs else Silent(outputs)
+
+
+def convolution(inputs: int, outputs: int, side: int) -> nn.Module:
+    """A convolution that keeps the size; silent where either side has no channels."""
+    return nn.Conv2d(inputs, outputs, side, padding=side // 2) if inputs and outputs else Silent(outputs)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import nn
 
+from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
 from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped, Warp
 from gaussian_enhancer.enhance.deform import Deformable, Unrefined
 from gaussian_enhancer.enhance.fuse import Mean, Trust
@@ -22,10 +22,8 @@ from gaussian_enhancer.enhance.modulate import DepthModulated, Unmodulated
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
 
 FORMAT = "gaussian-enhancer 1"
-SHIPPED = Path(__file__).resolve().parents[1] / "weights"
 KINDS: dict[str, type[Any]] = {
     kind.__name__: kind
     for kind in (Deformable, Unrefined, Trust, Mean, DepthModulated, Unmodulated, Reprojected, Unwarped)
@@ -61,17 +59,13 @@ def save_weights(path: Path, network: SIF, preparation: Preparation, card: Mappi
     Raises:
         InputError: the disk is full or the folder cannot be written.
     """
-    from safetensors.torch import save
-
-    tensors = {name: value.detach().cpu().half().contiguous() for name, value in network.state_dict().items()}
     metadata = {
         "format": FORMAT,
         "design": json.dumps(design_of(network)),
         "preparation": json.dumps(preparation_of(preparation)),
         "card": json.dumps(dict(card)),
     }
-    with whole_file(path) as temporary:
-        temporary.write_bytes(save(tensors, metadata))
+    write_checkpoint(path, network, metadata)
 
 
 def load_weights(source: str | Path) -> Pretrained:
@@ -83,35 +77,16 @@ def load_weights(source: str | Path) -> Pretrained:
     Raises:
         InputError: there is no such file or name, or it is truncated, of another format or of another design.
     """
-    path = find_weights(source)
-    tensors, metadata = _read(path)
+    path = find_checkpoint(source)
+    tensors, metadata = read_checkpoint(path, FORMAT)
     try:
         network = build_design(json.loads(metadata["design"]))
         preparation = build_preparation(json.loads(metadata["preparation"]))
         card = json.loads(metadata["card"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(path, f"describes no network that this version knows ({error})", _MEND) from error
-    expected = {name: value.shape for name, value in network.state_dict().items()}
-    found = {name: value.shape for name, value in tensors.items()}
-    if expected != found:
-        odd = sorted(set(expected.items()) ^ set(found.items()))[0][0]
-        raise InputError(path, f"does not fit its own design at {odd}", _MEND)
-    if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
-        raise InputError(path, "holds values that are not finite", _MEND)
-    network.load_state_dict({name: value.float() for name, value in tensors.items()})
+        raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
+    fill(network, tensors, path)
     return Pretrained(network.eval(), preparation, card)
-
-
-def find_weights(source: str | Path) -> Path:
-    """The file that a path or a shipped name stands for."""
-    path = Path(source)
-    shipped = SHIPPED / f"{source}.safetensors"
-    if path.is_file():
-        return path
-    if path.name == str(source) and shipped.is_file():
-        return shipped
-    names = ", ".join(sorted(p.stem for p in SHIPPED.glob("*.safetensors"))) or "none"
-    raise InputError(f"weights {source}", "is neither a file nor a shipped name", f"name a file, or one of: {names}")
 
 
 def design_of(network: SIF) -> dict[str, Any]:
@@ -128,11 +103,11 @@ def build_design(design: Mapping[str, Any]) -> SIF:
     """
     if design["network"] != "SIF":
         raise ValueError(f"network {design['network']!r}")
-    widths, blocks = ([_whole(n, 1, 1024) for n in design[key]] for key in ("widths", "blocks"))
+    widths, blocks = ([whole_number(n, 1, 1024) for n in design[key]] for key in ("widths", "blocks"))
     if not 1 <= len(widths) <= 6 or len(widths) != len(blocks):
         raise ValueError(f"{len(widths)} widths and {len(blocks)} blocks")
     parts = {stage: _part(design[stage], kinds) for stage, kinds in STAGES.items()}
-    return SIF(widths, blocks, _whole(design["encoder_blocks"], 0, 64), **parts)
+    return SIF(widths, blocks, whole_number(design["encoder_blocks"], 0, 64), **parts)
 
 
 def preparation_of(preparation: Preparation) -> dict[str, Any]:
@@ -148,25 +123,7 @@ def build_preparation(values: Mapping[str, Any]) -> Preparation:
         ValueError: a value is out of range or of an unknown kind.
     """
     warp: Warp = _part(values["warp"], WARPS)
-    return Preparation(warp, _whole(values["references"], 0, 8), _whole(values["candidates"], 0, 1000))
-
-
-_MEND = "get the weights again, or train them with this version"
-
-
-def _read(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(str(path), framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
-        received = f"is no whole safetensors file ({path.stat().st_size} bytes: {error})"
-        raise InputError(path, received, _MEND) from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(path, f"has format {metadata.get('format')!r}", f"give weights of format {FORMAT!r}")
-    return tensors, metadata
+    return Preparation(warp, whole_number(values["references"], 0, 8), whole_number(values["candidates"], 0, 1000))
 
 
 def _plain(part: Any) -> dict[str, Any]:
@@ -185,12 +142,6 @@ def _part(values: Mapping[str, Any], kinds: tuple[type[Any], ...]) -> Any:
         if not (value is None or isinstance(value, bool | int | float)) or not math.isfinite(value or 0):
             raise ValueError(f"{name} is {value!r}")
     return kind(**values)
-
-
-def _whole(value: Any, low: int, high: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"{value!r} is no whole number from {low} to {high}")
-    return value
 
 
 def count_parameters(network: nn.Module) -> int:
