@@ -75,7 +75,7 @@ def known_types(where: str, names: Iterable[str]) -> None:
             raise InputError(f"{where}.{name}", "is no type of artefact", f"choose among {', '.join(TYPES)}")
 
 
-def switched_on(types: Mapping[str, bool]) -> tuple[str, ...]:
+def switched_on(types: Mapping[str, object]) -> tuple[str, ...]:
     """The types whose switch is on, in the order of `TYPES`; a type that is not named is on.
 
     Raises:
@@ -88,7 +88,7 @@ def switched_on(types: Mapping[str, bool]) -> tuple[str, ...]:
     return tuple(name for name in TYPES if types.get(name, True))
 
 
-def probability(where: str, value: float) -> None:
+def probability(where: str, value: object) -> None:
     """Refuse what is no probability.
 
     Raises:

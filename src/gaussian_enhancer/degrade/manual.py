@@ -29,9 +29,8 @@ def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[to
         here = [one[place] if place < len(one) else None for one in steps]
         for name in dict.fromkeys(step.type for step in here if step is not None):
             chosen = [i for i, step in enumerate(here) if step is not None and step.type == name]
-            if chosen:
-                taken = [step for step in here if step is not None and step.type == name]
-                view = _apply(view, chosen, taken, [generators[i] for i in chosen])
+            taken = [step for step in here if step is not None and step.type == name]
+            view = _apply(view, chosen, taken, [generators[i] for i in chosen])
     return view
 
 

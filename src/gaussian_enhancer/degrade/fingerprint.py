@@ -1,0 +1,221 @@
+"""A scene's fingerprint: how much of which kind of error its renders show, as six energies of render - photo.
+
+Each energy is a mean square of (a filtered part of) the residual, so that it does not depend on bit depth, grows with
+the square of the residual, and the energies of independent errors add up.
+
+Axes: c channels, h height, w width.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from kornia.filters import gaussian_blur2d
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.scene.json_file import number, read_json
+from gaussian_enhancer.scene.rendered import RenderedSet
+
+DETAIL = 1.5
+"""Detail is what a Gaussian of this many pixels removes."""
+COARSE = 1 / 16
+"""Low frequencies are what a Gaussian of this share of the larger side leaves; between the two are the mid-sizes."""
+ENERGIES = ("blur", "noise", "anisotropy", "banding", "low_frequency", "floater")
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """Six energies of the residual r = render - photo, each a mean over pixels, channels and views; colours in [0, 1].
+
+    Args:
+        blur: of the detail that follows the photo's own detail in a neighbourhood: what the render lost of it.
+        noise: of the detail that has nothing to do with the photo's.
+        anisotropy: of the gradients of that detail that agree on a direction within a few pixels: needles.
+        banding: of mid-sized gradients that agree on a direction over long distances: bands.
+        low_frequency: of what is left after strong smoothing: veils, colour shifts.
+        floater: of mid-sized, undirected errors that are concentrated on few places: blobs.
+        views: number of views it was measured on.
+
+    Raises:
+        InputError: an energy is negative or not finite, or there are no views.
+    """
+
+    blur: float
+    noise: float
+    anisotropy: float
+    banding: float
+    low_frequency: float
+    floater: float
+    views: int
+
+    def __post_init__(self) -> None:
+        for name in ENERGIES:
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < 0:
+                raise InputError(f"fingerprint's {name}", f"is {value}", "measure it again on finite images")
+        if self.views < 1:
+            raise InputError("fingerprint's views", f"are {self.views}", "measure it on at least one view")
+
+    def energies(self) -> Float[Tensor, "6"]:
+        """The energies in the order of `ENERGIES`, in double precision."""
+        return torch.tensor([getattr(self, name) for name in ENERGIES], dtype=torch.float64)
+
+    def table(self) -> str:
+        """Amplitudes (roots of the energies) in units of 1/255, one line each, for the terminal."""
+        amplitudes = (f"{name:<14}{255 * getattr(self, name) ** 0.5:8.3f}" for name in ENERGIES)
+        return "\n".join((f"{'amplitude':<14}{'1/255':>8}   ({self.views} views)", *amplitudes))
+
+    def to_json(self, path: str | Path) -> None:
+        """Write the fingerprint, whole or not at all.
+
+        Raises:
+            InputError: if the system refuses to write.
+        """
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(dataclasses.asdict(self), indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> "Fingerprint":
+        """Read what `to_json` wrote.
+
+        Raises:
+            InputError: the file is missing or malformed, lacks an energy, or holds one that is out of range.
+        """
+        record = read_json(Path(path))
+        views = number(record, "views", path)
+        if views != int(views):
+            raise InputError(path, f"has views = {views}", "give a whole number")
+        return cls(**{name: number(record, name, path) for name in ENERGIES}, views=int(views))
+
+
+def fingerprint(renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Float[Tensor, "3 _ _"]]) -> Fingerprint:
+    """Measure a fingerprint on pairs of a render and its photo; views count alike, whatever their size.
+
+    Args:
+        renders: sRGB in [0, 1].
+        photos: of the same views, each of its render's size.
+
+    Raises:
+        InputError: there are no pairs, one side has more than the other, sizes differ or a value is not finite.
+    """
+    if not renders or len(renders) != len(photos):
+        raise InputError("fingerprint", f"got {len(renders)} renders and {len(photos)} photos", "give pairs")
+    for place, (render, photo) in enumerate(zip(renders, photos, strict=True)):
+        if render.shape != photo.shape:
+            received = f"has the shape {tuple(render.shape)} beside a photo of {tuple(photo.shape)}"
+            raise InputError(f"render {place}", received, "bring both to the same size")
+    return averaged([energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
+
+
+def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
+    """The fingerprint of a splat on the views it was fitted to: the references of its set.
+
+    Args:
+        rendered: a fitted run's renders, training views among them.
+
+    Raises:
+        InputError: no training view has both a render and a photo.
+    """
+    pairs = [(view.read, view.read_photo) for view in rendered.references]
+    measured = [energies(read(), photo()) for read, photo in pairs if read is not None and photo is not None]
+    if not measured:
+        received = "has no training view with both a render and a photo"
+        raise InputError(rendered.name, received, "render the run's training views as well")
+    return averaged(measured)
+
+
+def averaged(measured: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
+    """The fingerprint of views whose energies are known."""
+    mean = torch.stack(list(measured)).mean(0).tolist()
+    return Fingerprint(**dict(zip(ENERGIES, mean, strict=True)), views=len(measured))
+
+
+def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "6"]:
+    """The six energies of one view, in the order of `ENERGIES`.
+
+    Args:
+        render: sRGB in [0, 1].
+        photo: of the same view.
+    """
+    truth = photo.float()[None]
+    residual = render.float()[None] - truth
+    fine = smooth(residual, DETAIL)
+    coarse = smooth(residual, max(2 * DETAIL, COARSE * max(residual.shape[-2:])))
+    detail, middle = residual - fine, fine - coarse
+    lost = projected(detail, truth - smooth(truth, DETAIL))
+    own = detail - lost
+    _, needles = gradients(own, 2 * DETAIL)
+    undirected, bands = gradients(middle, 8 * DETAIL)
+    found = (
+        lost.square().mean(),
+        own.square().mean(),
+        needles.mean(),
+        bands.mean(),
+        coarse.square().mean(),
+        concentrated(undirected),
+    )
+    return torch.stack(found).double().cpu()
+
+
+def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c h w"]:
+    """Gaussian smoothing, for images of any size.
+
+    Args:
+        image: anything.
+        sigma: standard deviation in pixels.
+    """
+    size = 2 * math.ceil(3 * sigma) + 1
+    return gaussian_blur2d(image, (size, size), (sigma, sigma), border_type="replicate")
+
+
+def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
+    """The part of an error that is a multiple of the photo's detail, neighbourhood by neighbourhood.
+
+    <r, p> / <p, p> p, with the inner products over channels and a Gaussian window of 6 times `DETAIL`: wide enough
+    for noise to leave little there by chance.
+
+    Args:
+        detail: the error's r.
+        own: the photo's p.
+    """
+    together = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL)
+    alone = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL)
+    # A flat photo has no detail to lose: below a thousandth of an 8-bit step, rounding would be projected on.
+    return torch.where(alone > 1e-10, together / alone.clamp_min(1e-10), torch.zeros_like(alone)) * own
+
+
+def gradients(
+    band: Float[Tensor, "1 3 h w"], window: float
+) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:
+    """Energy of gradients without and with a common direction: of the structure tensor, 2 l2 and l1 - l2.
+
+    With l1 >= l2 the tensor's eigenvalues. l1 - l2 is the trace times the coherence (l1 - l2) / (l1 + l2), but unlike
+    with the square of the coherence, undirected errors on top do not lower it.
+
+    Args:
+        band: part of an error.
+        window: standard deviation in pixels over which directions are compared.
+    """
+    padded = torch.nn.functional.pad(band, (1, 1, 1, 1), mode="replicate")
+    right = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
+    down = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
+    products = torch.cat([right.square(), down.square(), right * down], 0).mean(1, keepdim=True).transpose(0, 1)
+    xx, yy, xy = smooth(products, window).transpose(0, 1).unbind()
+    directed = torch.hypot(xx - yy, 2 * xy)[None]
+    return (xx + yy)[None] - directed, directed
+
+
+def concentrated(energy: Float[Tensor, "1 1 h w"]) -> Float[Tensor, ""]:
+    """How much the mean exceeds the median: nearly nothing where an energy is everywhere, nearly all where it is rare.
+
+    Args:
+        energy: at each pixel, averaged over a neighbourhood.
+    """
+    return (energy.mean() - energy.median()).clamp_min(0)
