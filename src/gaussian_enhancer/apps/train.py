@@ -1,5 +1,6 @@
 """The train job: fitted runs to weights."""
 
+import copy
 import json
 import logging
 import time
@@ -7,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.apps.build import build, require
 from gaussian_enhancer.apps.run import Run, open_run, write_text
@@ -22,6 +23,7 @@ def run(cfg: DictConfig) -> float | None:
     Returns:
         The mean gain in PSNR over the raw renders of the validation runs, in dB.
     """
+    cfg = with_effect(cfg)
     require(cfg)
     start(cfg.runtime)
     job = open_run(cfg, "train", cfg.label)
@@ -32,6 +34,7 @@ def run(cfg: DictConfig) -> float | None:
     from lightning import seed_everything
 
     from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
+    from gaussian_enhancer.train.waiting import Waiting
 
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*(exists and is not empty|many workers|is deprecated).*")
@@ -41,7 +44,8 @@ def run(cfg: DictConfig) -> float | None:
     module = EnhancerModule(
         build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps
     )
-    trainer = _trainer(cfg, job)
+    waiting = Waiting()
+    trainer = _trainer(cfg, job, waiting)
     last = job.folder / "last.ckpt"
     started = time.time()
     trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
@@ -57,6 +61,9 @@ def run(cfg: DictConfig) -> float | None:
         "parameters": count_parameters(module.average),
         "steps": trainer.global_step,
         "minutes": round((time.time() - started) / 60, 1),
+        "waiting": round(waiting.share, 4),
+        "first_batches_seconds": round(waiting.first, 1),
+        "simulated": float(cfg.data.get("simulated", 0)),
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "validation": gains,
@@ -65,11 +72,31 @@ def run(cfg: DictConfig) -> float | None:
     save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
+    print(f"steps waited for data {waiting.share:.1%} of the time, and {waiting.first:.1f} s for epochs' first batches")
     print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in gains.items()))
     return gains["gain/psnr"]
 
 
-def _trainer(cfg: DictConfig, job: Run) -> Any:
+def with_effect(cfg: DictConfig) -> DictConfig:
+    """The configuration without the simulator where nothing is simulated.
+
+    Then neither gate nor generator has an effect: they are not built, and do not make another run of the same.
+
+    Args:
+        cfg: the job's whole configuration.
+    """
+    if cfg.data.simulated != 0:
+        return cfg
+    plain = copy.deepcopy(cfg)
+    with open_dict(plain):
+        for key in ("gate", "generator"):
+            plain.pop(key)
+        for key in ("simulator", "simulated", "training_views"):
+            plain.data.pop(key)
+    return plain
+
+
+def _trainer(cfg: DictConfig, job: Run, *callbacks: Any) -> Any:
     from lightning.pytorch.callbacks import ModelCheckpoint
 
     # One file, replaced as a whole: a kill leaves the last or the one before it.
@@ -84,7 +111,7 @@ def _trainer(cfg: DictConfig, job: Run) -> Any:
         ) from error
     return build(
         cfg.trainer,
-        callbacks=[keep],
+        callbacks=[keep, *callbacks],
         logger=logger,
         enable_progress_bar=cfg.runtime.progress,
         default_root_dir=str(job.folder),

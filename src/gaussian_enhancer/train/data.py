@@ -1,20 +1,22 @@
-"""Fitted runs as training data."""
+"""Fitted runs as training data, and photos whose renders are simulated."""
 
 import glob
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
 from lightning import LightningDataModule
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader
 
+from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples
-from gaussian_enhancer.types import Batch
+from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, never
+from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
+from gaussian_enhancer.train.simulated import Simulation
 
 
 class RunsData(LightningDataModule):
@@ -34,6 +36,13 @@ class RunsData(LightningDataModule):
         workers: processes that load crops; threads that prepare samples, at least one.
         seed: of crops and their order.
         progress: show a bar while samples are prepared.
+        simulator: makes renders from photos; None where none are made.
+        simulated: share of the samples whose render is made by the simulator instead of the fit, from 0 to 1.
+        training_views: simulate on the runs' training views too. Their own renders are never used: they were fitted
+            to the photos. Without effect where nothing is simulated.
+
+    Raises:
+        InputError: the share is out of range, or there is nothing to simulate with.
     """
 
     def __init__(
@@ -50,6 +59,9 @@ class RunsData(LightningDataModule):
         workers: int = 0,
         seed: int = 0,
         progress: bool = True,
+        simulator: Simulator | None = None,
+        simulated: float = 0.0,
+        training_views: bool = False,
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}
@@ -58,6 +70,12 @@ class RunsData(LightningDataModule):
         self.batch_size, self.steps_per_epoch = batch_size, steps_per_epoch
         self.snapshots, self.validation_views = snapshots, validation_views
         self.workers, self.seed, self.progress = workers, seed, progress
+        self.simulation: Simulation | None = None
+        if simulated != 0:
+            if simulator is None:
+                raise InputError("simulated", f"is {simulated} without a simulator", "give a simulator, or the share 0")
+            self.simulation = Simulation(simulator, simulated)
+        self.training_views = training_views and self.simulation is not None
         self.sources: list[list[Sample]] = []
         self.held_out: list[Sample] = []
 
@@ -78,13 +96,11 @@ class RunsData(LightningDataModule):
         """Random crops; every epoch's differ, and are the same for the same seed."""
         crops = Crops([sample for source in self.sources for sample in source], self.augmentation)
         epoch = self.trainer.current_epoch if self.trainer is not None else 0
-        draw = BalancedDraw([len(s) for s in self.sources], self.batch_size * self.steps_per_epoch, self.seed + epoch)
-
-        def collate(items: list[tuple]) -> Batch:
-            planes, samples, seeds = zip(*items, strict=True)
-            batch = batch_of(planes, samples, self.preparation.references)
-            return self.augmentation.relight(batch, torch.Generator().manual_seed(seeds[0]))
-
+        pairs = [sum(sample.held_out for sample in source) for source in self.sources]
+        photos = [len(source) - count for source, count in zip(self.sources, pairs, strict=True)]
+        simulated = never if self.simulation is None else self.simulation.drawn
+        draw = BalancedDraw(pairs, self.batch_size * self.steps_per_epoch, self.seed + epoch, photos, simulated)
+        collate = Collate(self.preparation.references, self.augmentation, self.simulation)
         return DataLoader(
             crops, self.batch_size, sampler=draw, collate_fn=collate, num_workers=self.workers, drop_last=True
         )
@@ -117,7 +133,10 @@ class RunsData(LightningDataModule):
         )
         with bar:
             task = bar.add_task("warping references", total=None)
-            self.sources = [self._samples(group, bar, task) for group in runs["train"]]
+            self.sources = [
+                self._samples(group, bar, task) + (self._photos(group, bar, task) if self.training_views else [])
+                for group in runs["train"]
+            ]
             self.held_out = [sample for group in runs["validation"] for sample in self._samples(group, bar, task)]
 
     def _samples(self, runs: Sequence[Path], bar, task) -> list[Sample]:  # type: ignore[no-untyped-def]
@@ -125,12 +144,26 @@ class RunsData(LightningDataModule):
         for run in runs:
             steps = run_steps(run)
             for step in steps if self.snapshots else steps[-1:]:
-                rendered = read_run(run, step)
-                identity = f"{run.resolve()} {step} {(run / f'test/ours_{step}/renders').stat().st_mtime_ns}"
-                found += prepare_samples(
-                    rendered, self.preparation, self.cache, identity, max(1, self.workers), lambda: bar.advance(task)
-                )
+                found += self._prepared(read_run(run, step), _identity(run, step), True, lambda: bar.advance(task))
         return found
+
+    def _photos(self, runs: Sequence[Path], bar, task) -> list[Sample]:  # type: ignore[no-untyped-def]
+        """Training views with the depth of the last snapshot; the photos of all snapshots are the same."""
+        found: list[Sample] = []
+        for run in runs:
+            step = run_steps(run)[-1]
+            views = training_targets(read_run(run, step))
+            found += self._prepared(views, _identity(run, step), False, lambda: bar.advance(task))
+        return found
+
+    def _prepared(
+        self, views: RenderedSet, identity: str, held_out: bool, progress: Callable[[], None]
+    ) -> list[Sample]:
+        return prepare_samples(views, self.preparation, self.cache, identity, max(1, self.workers), progress, held_out)
+
+
+def _identity(run: Path, step: int) -> str:
+    return f"{run.resolve()} {step} {(run / f'test/ours_{step}/renders').stat().st_mtime_ns}"
 
 
 def find_runs(pattern: str) -> list[Path]:
@@ -146,52 +179,3 @@ def find_runs(pattern: str) -> list[Path]:
         if (run / "config.yaml").is_file() and not (run / "done").is_file():
             raise InputError(run, "is a fit that was not finished", "start the same fit again, or delete the folder")
     return runs
-
-
-class Crops(Dataset[tuple]):
-    """Crops by (sample, seed): the same pair always gives the same crop.
-
-    Args:
-        samples: what is cut from.
-        augmentation: how.
-    """
-
-    def __init__(self, samples: Sequence[Sample], augmentation: Augmentation) -> None:
-        self.samples, self.augmentation = samples, augmentation
-
-    def __len__(self) -> int:
-        return len(self.samples)
-
-    def __getitem__(self, index: tuple[int, int]) -> tuple:
-        """Planes of a crop, its sample and its seed."""
-        number, seed = index
-        generator = torch.Generator().manual_seed(seed)
-        sample = self.samples[number]
-        planes = self.augmentation.cut(sample.planes(), generator)
-        return self.augmentation.drop(planes, generator), sample, seed
-
-
-class BalancedDraw(Sampler[tuple[int, int]]):
-    """Draws a source, then one of its samples, then a seed for the crop.
-
-    Args:
-        sizes: samples of each source, which lie one after another.
-        count: draws of an epoch.
-        seed: of the first epoch; each pass takes the next.
-    """
-
-    def __init__(self, sizes: Sequence[int], count: int, seed: int) -> None:
-        self.sizes, self.count, self.seed, self.passes = list(sizes), count, seed, 0
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __iter__(self) -> Iterator[tuple[int, int]]:
-        generator = torch.Generator().manual_seed(1_000_003 * (self.seed + self.passes))
-        self.passes += 1
-        starts = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
-        for _ in range(self.count):
-            source, seed = torch.randint(2**31, (2,), generator=generator).tolist()
-            inside = int(torch.randint(2**31, (), generator=generator))
-            source %= len(self.sizes)
-            yield starts[source] + inside % self.sizes[source], seed

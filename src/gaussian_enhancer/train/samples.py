@@ -3,6 +3,7 @@
 A sample is one `.npy` of 8-bit planes (p h w), which is memory-mapped so that a crop reads only its own rows:
 render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3 and
 visibility 1. Warping commutes with cropping and flipping, so that augmentation is local.
+A training view, prepared for simulation alone, has its photo in place of its render: that was fitted to the photo.
 Axes: p planes, h height, w width, r references.
 """
 
@@ -28,7 +29,7 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Batch, Views
 
-LAYOUT = 3
+LAYOUT = 4
 FIXED = 9
 NEAREST = 4.0
 
@@ -45,6 +46,7 @@ class Sample:
         references: how many references it has.
         has_depth: whether depth is known.
         has_alpha: whether opacity is known.
+        held_out: whether the render was not fitted to the photo, so that the two are a pair to learn from.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Sample:
     references: int
     has_depth: bool
     has_alpha: bool
+    held_out: bool = True
 
     def planes(self) -> np.ndarray:
         """The planes, mapped from the file."""
@@ -67,6 +70,7 @@ def prepare_samples(
     identity: str,
     workers: int = 2,
     progress: Callable[[], None] = lambda: None,
+    held_out: bool = True,
 ) -> list[Sample]:
     """The samples of a set, prepared now or found in the cache.
 
@@ -77,11 +81,13 @@ def prepare_samples(
         identity: what tells the content of the set, for instance its folder, step and time of completion.
         workers: threads.
         progress: called after each view.
+        held_out: whether the targets are held-out views; False for the set that `training_targets` gives.
 
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
     """
     content = {"layout": LAYOUT, "identity": identity, "preparation": preparation_of(preparation)}
+    content["held_out"] = held_out
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
     folder = cache / f"{rendered.name}-{digest}"
     index = folder / "index.json"
@@ -92,7 +98,7 @@ def prepare_samples(
     def prepared(number: int) -> Sample:
         sample = _prepare(rendered, number, preparation, pool, folder)
         progress()
-        return sample
+        return dataclasses.replace(sample, held_out=held_out)
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -103,6 +109,18 @@ def prepare_samples(
     except OSError as error:
         raise unwritable(folder, error) from error
     return samples
+
+
+def training_targets(rendered: RenderedSet) -> RenderedSet:
+    """The training views of a set as targets to simulate: photos in place of their renders, the fit's depth.
+
+    The other training views are their references.
+
+    Args:
+        rendered: a fitted run's views.
+    """
+    targets = tuple(dataclasses.replace(view, read=view.read_photo) for view in rendered.references)
+    return dataclasses.replace(rendered, targets=targets)
 
 
 def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool: Pool, folder: Path) -> Sample:

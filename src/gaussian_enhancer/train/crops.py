@@ -1,0 +1,105 @@
+"""Crops by seed, batches of them, and the order in which they are drawn."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch.utils.data import Dataset, Sampler
+
+from gaussian_enhancer.train.augment import Augmentation
+from gaussian_enhancer.train.samples import Sample, batch_of
+from gaussian_enhancer.train.simulated import Simulation
+from gaussian_enhancer.types import Batch
+
+
+class Crops(Dataset[tuple]):
+    """Crops by (sample, seed): the same pair always gives the same crop.
+
+    Args:
+        samples: what is cut from.
+        augmentation: how.
+    """
+
+    def __init__(self, samples: Sequence[Sample], augmentation: Augmentation) -> None:
+        self.samples, self.augmentation = samples, augmentation
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: tuple[int, int]) -> tuple:
+        """Planes of a crop, its sample and its seed."""
+        number, seed = index
+        generator = torch.Generator().manual_seed(seed)
+        sample = self.samples[number]
+        planes = self.augmentation.cut(sample.planes(), generator)
+        return self.augmentation.drop(planes, generator), sample, seed
+
+
+@dataclass(frozen=True)
+class Collate:
+    """Crops to a batch: simulated where they are to be, then relit.
+
+    Args:
+        references: places for references.
+        augmentation: how samples are relit.
+        simulation: which crops' renders are simulated, and by what; None for none.
+    """
+
+    references: int
+    augmentation: Augmentation
+    simulation: Simulation | None = None
+
+    def __call__(self, items: list[tuple]) -> Batch:
+        """A batch.
+
+        Args:
+            items: planes, sample and seed of each crop, as `Crops` gives them.
+        """
+        planes, samples, seeds = zip(*items, strict=True)
+        batch = batch_of(planes, samples, self.references)
+        if self.simulation is not None:
+            batch = self.simulation(batch, samples, seeds)
+        return self.augmentation.relight(batch, torch.Generator().manual_seed(seeds[0]))
+
+
+def never(seed: int) -> bool:
+    """No crop is simulated."""
+    return False
+
+
+class BalancedDraw(Sampler[tuple[int, int]]):
+    """Draws a source, then one of its samples, then a seed for the crop.
+
+    Args:
+        sizes: samples of each source, which lie one after another.
+        count: draws of an epoch.
+        seed: of the first epoch; each pass takes the next.
+        further: samples of each source that follow its own and are drawn for simulated crops alone; none by default.
+        simulated: whether the crop of a seed is simulated.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        count: int,
+        seed: int,
+        further: Sequence[int] = (),
+        simulated: Callable[[int], bool] = never,
+    ) -> None:
+        self.sizes, self.count, self.seed, self.passes = list(sizes), count, seed, 0
+        self.further = list(further) or [0] * len(self.sizes)
+        self.simulated = simulated
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        generator = torch.Generator().manual_seed(1_000_003 * (self.seed + self.passes))
+        self.passes += 1
+        starts = [sum(self.sizes[:i]) + sum(self.further[:i]) for i in range(len(self.sizes))]
+        for _ in range(self.count):
+            source, seed = torch.randint(2**31, (2,), generator=generator).tolist()
+            inside = int(torch.randint(2**31, (), generator=generator))
+            source %= len(self.sizes)
+            size = self.sizes[source] + (self.further[source] if self.simulated(seed) else 0)
+            yield starts[source] + inside % size, seed
