@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from kornia.filters import gaussian_blur2d
 from torch import Tensor
@@ -25,7 +26,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 
 DETAIL = 1.5
 """Detail is what a Gaussian of this many pixels removes."""
-COARSE = 1 / 16
+COARSE = 1 / 6
 """Low frequencies are what a Gaussian of this share of the larger side leaves; between the two are the mid-sizes."""
 ENERGIES = ("blur", "noise", "anisotropy", "banding", "low_frequency", "floater")
 
@@ -37,8 +38,8 @@ class Fingerprint:
     Args:
         blur: of the detail that follows the photo's own detail in a neighbourhood: what the render lost of it.
         noise: of the detail that has nothing to do with the photo's.
-        anisotropy: of the gradients of that detail that agree on a direction within a few pixels: needles.
-        banding: of mid-sized gradients that agree on a direction over long distances: bands.
+        anisotropy: of that same detail, where its gradients agree on a direction within a few pixels: needles.
+        banding: of mid-sized errors, where their gradients agree on a direction over long distances: bands.
         low_frequency: of what is left after strong smoothing: veils, colour shifts.
         floater: of mid-sized, undirected errors that are concentrated on few places: blobs.
         views: number of views it was measured on.
@@ -146,33 +147,40 @@ def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> F
     """
     truth = photo.float()[None]
     residual = render.float()[None] - truth
+    reach = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
     fine = smooth(residual, DETAIL)
-    coarse = smooth(residual, max(2 * DETAIL, COARSE * max(residual.shape[-2:])))
-    detail, middle = residual - fine, fine - coarse
+    coarse = smooth(residual, reach)
+    detail = residual - fine
     lost = projected(detail, truth - smooth(truth, DETAIL))
     own = detail - lost
-    _, needles = gradients(own, 2 * DETAIL)
-    undirected, bands = gradients(middle, 8 * DETAIL)
+    needles, _ = directed(own, 2 * DETAIL)
+    bands, blobs = directed(fine - coarse, reach / 2)
     found = (
         lost.square().mean(),
         own.square().mean(),
         needles.mean(),
         bands.mean(),
         coarse.square().mean(),
-        concentrated(undirected),
+        concentrated(blobs),
     )
     return torch.stack(found).double().cpu()
 
 
 def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c h w"]:
-    """Gaussian smoothing, for images of any size.
+    """Gaussian smoothing, for images of any size; wide Gaussians are computed on fewer pixels.
 
     Args:
         image: anything.
         sigma: standard deviation in pixels.
     """
+    height, width = image.shape[-2:]
+    factor = max(1, int(sigma / 4))
+    if factor > 1:
+        few = max(1, height // factor), max(1, width // factor)
+        image, sigma = F.interpolate(image, few, mode="area"), sigma / factor
     size = 2 * math.ceil(3 * sigma) + 1
-    return gaussian_blur2d(image, (size, size), (sigma, sigma), border_type="replicate")
+    image = gaussian_blur2d(image, (size, size), (sigma, sigma), border_type="replicate")
+    return F.interpolate(image, (height, width), mode="bilinear", align_corners=False) if factor > 1 else image
 
 
 def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
@@ -191,25 +199,24 @@ def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -
     return torch.where(alone > 1e-10, together / alone.clamp_min(1e-10), torch.zeros_like(alone)) * own
 
 
-def gradients(
+def directed(
     band: Float[Tensor, "1 3 h w"], window: float
 ) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:
-    """Energy of gradients without and with a common direction: of the structure tensor, 2 l2 and l1 - l2.
+    """The local energy of errors, parted into one with a common direction and the rest.
 
-    With l1 >= l2 the tensor's eigenvalues. l1 - l2 is the trace times the coherence (l1 - l2) / (l1 + l2), but unlike
-    with the square of the coherence, undirected errors on top do not lower it.
+    The directed share is the structure tensor's coherence (l1 - l2) / (l1 + l2), with l1 >= l2 its eigenvalues.
 
     Args:
         band: part of an error.
-        window: standard deviation in pixels over which directions are compared.
+        window: standard deviation in pixels over which energies are averaged and directions compared.
     """
-    padded = torch.nn.functional.pad(band, (1, 1, 1, 1), mode="replicate")
+    padded = F.pad(band, (1, 1, 1, 1), mode="replicate")
     right = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
     down = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
-    products = torch.cat([right.square(), down.square(), right * down], 0).mean(1, keepdim=True).transpose(0, 1)
-    xx, yy, xy = smooth(products, window).transpose(0, 1).unbind()
-    directed = torch.hypot(xx - yy, 2 * xy)[None]
-    return (xx + yy)[None] - directed, directed
+    products = torch.stack([band.square(), right.square(), down.square(), right * down], 1).mean(2)
+    energy, xx, yy, xy = smooth(products, window).split(1, dim=1)
+    coherence = torch.hypot(xx - yy, 2 * xy) / (xx + yy).clamp_min(1e-30)
+    return energy * coherence, energy * (1 - coherence)
 
 
 def concentrated(energy: Float[Tensor, "1 1 h w"]) -> Float[Tensor, ""]:

@@ -1,0 +1,83 @@
+"""How much larger the errors of held-out views are than those of the views that a splat was fitted to, by energy.
+
+    python ablations/fingerprints.py RUN [RUN ...] [--views N] [--json FILE] [--gates FOLDER]
+
+For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The medians
+over runs at their last step are what `gaussian_enhancer.degrade.adaptive.HELD_OUT` states. ``--gates`` also calibrates
+a gate on each run and writes it there, for ``gate=adaptive gate.file=FILE``. Runs must be training runs (docs/data.md).
+"""
+
+import argparse
+import json
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from gaussian_enhancer.degrade.adaptive import calibrated_on
+from gaussian_enhancer.degrade.fingerprint import ENERGIES, Fingerprint, fingerprint
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.renders import read_run, run_steps
+
+
+def measured(views: Sequence[RenderedView], count: int) -> Fingerprint:
+    """The fingerprint of at most so many views, evenly spaced."""
+    chosen = [views[i * len(views) // count] for i in range(count)] if len(views) > count else list(views)
+    pairs = []
+    for view in chosen:
+        if view.read is None or view.read_photo is None:
+            raise InputError(view.name, "has no render or no photo", "give runs with both, training views included")
+        pairs.append((view.read(), view.read_photo()))
+    return fingerprint([render for render, _ in pairs], [photo for _, photo in pairs])
+
+
+def rows(run: Path, count: int) -> list[dict[str, object]]:
+    """One record for each of a run's snapshots: energies of both sides and their ratios."""
+    found = []
+    for step in run_steps(run):
+        rendered = read_run(run, step)
+        seen, unseen = measured(rendered.references, count), measured(rendered.targets, count)
+        record: dict[str, object] = {"run": run.name, "step": step, "last": step == run_steps(run)[-1]}
+        record |= {"training_views": seen.views, "held_out_views": unseen.views}
+        for name in ENERGIES:
+            before, after = getattr(seen, name), getattr(unseen, name)
+            record[name] = {"training": before, "held_out": after, "ratio": after / before if before > 0 else None}
+        found.append(record)
+    return found
+
+
+def table(records: Sequence[dict]) -> str:
+    """Median amplitudes on training views, in units of 1/255, and median ratios of energies, at each run's last step."""
+    last = [record for record in records if record["last"]]
+    lines = [f"| energy | amplitude | held-out / training | least | most | (n = {len(last)}) |", "|---" * 6 + "|"]
+    for name in ENERGIES:
+        ratios = [record[name]["ratio"] for record in last if record[name]["ratio"] is not None]
+        amplitude = 255 * statistics.median(record[name]["training"] for record in last) ** 0.5
+        numbers = f"{statistics.median(ratios):.2f} | {min(ratios):.2f} | {max(ratios):.2f}"
+        lines.append(f"| {name} | {amplitude:.2f} | {numbers} | |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read the command line, measure, print; write what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--views", type=int, default=8, help="of each side, evenly spaced")
+    parser.add_argument("--json", type=Path, help="write every record there")
+    parser.add_argument("--gates", type=Path, help="calibrate a gate on each run's last step and write it there")
+    options = parser.parse_args()
+    records = []
+    for run in options.runs:
+        records += rows(run, options.views)
+        if options.json:
+            options.json.write_text("".join(json.dumps(record) + "\n" for record in records), encoding="utf-8")
+        if options.gates:
+            gate = calibrated_on(read_run(run), torch.Generator().manual_seed(0))
+            gate.to_file(options.gates / f"{run.name}.json")
+    print(table(records))
+
+
+if __name__ == "__main__":
+    main()
