@@ -7,11 +7,26 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
+from gaussian_enhancer.degrade.blur import blur
+from gaussian_enhancer.degrade.colour import colour
+from gaussian_enhancer.degrade.displacement import displacement
 from gaussian_enhancer.degrade.gate import Step
+from gaussian_enhancer.degrade.jpeg import jpeg
+from gaussian_enhancer.degrade.noise import noise
 from gaussian_enhancer.degrade.region import soft_region, within
+from gaussian_enhancer.degrade.resampling import downsampling
+from gaussian_enhancer.degrade.sensor import sensor
 from gaussian_enhancer.degrade.view import Artefact, View
 
-ARTEFACTS: Mapping[str, Artefact] = {}
+ARTEFACTS: Mapping[str, Artefact] = {
+    "blur": blur,
+    "noise": noise,
+    "sensor": sensor,
+    "jpeg": jpeg,
+    "downsampling": downsampling,
+    "displacement": displacement,
+    "colour": colour,
+}
 """The function of each type."""
 
 
