@@ -11,11 +11,15 @@ import torch
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.run import effective
+from gaussian_enhancer.apps.train import with_effect
+from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.weights import load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.train.data import BalancedDraw, RunsData, find_runs
+from gaussian_enhancer.train.crops import BalancedDraw
+from gaussian_enhancer.train.data import RunsData, find_runs
 from gaussian_enhancer.train.module import Optimiser, psnr
 
 CONF = str(Path(__file__).resolve().parents[2] / "conf")
@@ -73,6 +77,53 @@ def test_every_objective_builds(objective):
 def test_every_fusion_builds(fusion):
     cfg = configured(f"fusion={fusion}", "data.train=[]", "data.validation=[]")
     assert build(cfg.fusion).widths
+
+
+MISSING = ["data.train=[]", "data.validation=[]"]
+
+
+@pytest.mark.parametrize(("gate", "kind"), [("none", "NoGate"), ("all", "AllGate"), ("random", "RandomGate")])
+def test_every_gate_becomes_the_simulators(gate, kind):
+    cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulated=1.0")
+    simulator = build(with_effect(cfg).data.simulator)
+    assert isinstance(simulator, Simulator)
+    assert type(simulator.gate).__name__ == kind
+    assert isinstance(simulator.second, NoSecondStage)
+
+
+def test_a_switch_of_a_gate_reaches_it():
+    cfg = configured(*MISSING, "gate=all", "gate.types.blur=false", "data.simulated=0.5")
+    drawn = build(cfg.data.simulator).gate.draw(torch.Generator().manual_seed(0))
+    assert {"noise", "colour"} < {step.type for step in drawn}
+    assert "blur" not in {step.type for step in drawn}
+    data = build(cfg.data, cache="unused")
+    assert isinstance(data.simulation.simulator, Simulator)
+    assert data.simulation.share == 0.5
+
+
+def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeypatch):
+    idle = [with_effect(configured(*MISSING, *other)) for other in ([], ["gate=all"], ["data.training_views=true"])]
+    assert effective(idle[0]) == effective(idle[1]) == effective(idle[2])
+    assert "gate" not in idle[0]
+    monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
+    assert build(idle[0].data, cache="unused").simulation is None
+    shares = [with_effect(configured(*MISSING, "data.simulated=1.0", f"gate={gate}")) for gate in ("all", "random")]
+    assert len({str(effective(cfg)) for cfg in (*shares, *idle)}) == 3
+
+
+def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):
+    from gaussian_enhancer.apps.train import run
+
+    others = ["data.simulated=1.0", "data.training_views=true", "gate=random"]
+    run(configured(*settings(plane_run, other_plane_run, tmp_path, *others)))
+    (folder,) = tmp_path.glob("train/*")
+    card = json.loads((folder / "card.json").read_text())
+    assert card["simulated"] == 1.0
+    assert card["samples"] == 4 + len(read_run(plane_run).references)
+    assert 0 <= card["waiting"] <= 1
+    assert card["first_batches_seconds"] >= 0
+    assert "time/waiting" in (folder / "log/metrics.csv").read_text().splitlines()[0]
+    assert "RandomGate" in (folder / "config.yaml").read_text()
 
 
 @pytest.mark.slow

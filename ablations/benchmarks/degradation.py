@@ -1,0 +1,174 @@
+"""How many megapixels a second the simulator degrades on one core, beside Real-ESRGAN's second-order degradation.
+
+    python ablations/benchmarks/degradation.py --rounds 40 --json degradation.json
+
+Every row (method and input) runs in turn, round after round, with the round's seed, so that what else the machine does
+falls on all of them alike. Inputs are batches as the trainer has them, with depth and opacity for those that use them.
+Printed are the median over the rounds of what a row does by the wall clock, all rounds together by the processor's
+clock (draws differ in cost, and others may use the machine), and the median ratio to the rival in the same round.
+The row of both stages needs the networks of stage 2: where they are not there it is left out with a word, or refused
+where it was asked for.
+"""
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
+import numba
+import torch
+import torch.nn.functional as F
+from hydra import compose, initialize_config_dir
+from hydra.errors import HydraException
+from real_esrgan import SecondOrder
+
+from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.provenance import this_commit, this_machine
+
+Degradation = Callable[[View, torch.Generator], object]
+SIMULATORS = {
+    "stage 1, gate random": ("gate=random", "generator=none"),
+    "stage 1, gate all": ("gate=all", "generator=none"),
+    "stages 1 + 2, diffused": ("gate=random", "generator=diffused"),
+}
+RIVAL = "Real-ESRGAN"
+METHODS = (*SIMULATORS, RIVAL)
+INPUTS = {"4 crops of 128x128": (4, 128, 128), "1 image of 300x400": (1, 300, 400)}
+
+
+def degradation(method: str, overrides: Sequence[str]) -> Degradation:
+    """What a row measures.
+
+    Args:
+        method: one of `METHODS`.
+        overrides: further choices of the simulator's configuration.
+
+    Raises:
+        InputError: a part of the simulator is not there.
+    """
+    if method == RIVAL:
+        rival = SecondOrder()
+        return lambda view, generator: rival(view.image, generator)
+    try:
+        with initialize_config_dir(str(Path(__file__).resolve().parents[2] / "conf"), version_base="1.3"):
+            given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
+            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulator)
+    except HydraException as error:
+        cause = str(error).splitlines()[0]
+        raise InputError(method, f"cannot be built ({cause})", "leave it out, or supply what is missing") from error
+    except InputError as error:
+        raise InputError(method, f"cannot be built ({error})", "leave it out, or supply what is missing") from error
+    return simulator
+
+
+def scene(count: int, height: int, width: int) -> View:
+    """Photos with structure at all scales, depth as batches have it, full opacity."""
+    draw = torch.Generator().manual_seed(0)
+    layers = [torch.rand(count, 4, max(2, height // n), max(2, width // n), generator=draw) for n in (1, 4, 16, 64)]
+    planes = [F.interpolate(layer, size=(height, width), mode="bilinear", align_corners=False) for layer in layers]
+    image = torch.stack(planes).mean(0)
+    return View(image[:, :3], 0.5 + image[:, 3:], torch.ones(count, 1, height, width))
+
+
+@dataclass
+class Row:
+    """A method on an input, and the seconds it took in each round by wall and by processor's clock."""
+
+    method: str
+    input: str
+    call: Degradation
+    view: View = field(init=False)
+    wall: list[float] = field(default_factory=list)
+    processor: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.view = scene(*INPUTS[self.input])
+
+    def run(self, seed: int) -> None:
+        """One call, timed."""
+        generator = torch.Generator().manual_seed(seed)
+        wall, processor = time.perf_counter(), time.process_time()
+        self.call(self.view, generator)
+        self.wall.append(time.perf_counter() - wall)
+        self.processor.append(time.process_time() - processor)
+
+    def summary(self, rival: "Row | None") -> dict[str, Any]:
+        """Megapixels a second, and how many times the rival's they are."""
+        count, height, width = INPUTS[self.input]
+        pixels = count * height * width / 1e6
+        low, middle, high = statistics.quantiles([pixels / seconds for seconds in self.wall], n=4)
+        ratios = [b / a for a, b in zip(self.wall, rival.wall, strict=True)] if rival is not None else []
+        return {
+            "method": self.method, "input": self.input, "n": len(self.wall),
+            "median": middle, "lower_quartile": low, "upper_quartile": high,
+            "processor": pixels * len(self.processor) / sum(self.processor),
+            "over_rival": statistics.median(ratios) if ratios else None,
+        }  # fmt: skip
+
+
+def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[list[Row], dict[str, str]]:
+    """The rows to measure, and why others are left out.
+
+    Raises:
+        InputError: a method that was asked for cannot be built.
+    """
+    rows, left_out = [], {}
+    for method in METHODS if methods is None else methods:
+        try:
+            call = degradation(method, overrides)
+        except InputError as error:
+            if methods is not None:
+                raise
+            left_out[method] = str(error)
+            continue
+        rows += [Row(method, name, call) for name in INPUTS]
+    return rows, left_out
+
+
+def main() -> None:
+    """Parse, measure, print, record."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, help="these alone; one that is not there is refused")
+    parser.add_argument("--overrides", nargs="+", default=[], help="of the simulator's configuration")
+    parser.add_argument("--rounds", type=int, default=40)
+    parser.add_argument("--json", type=Path, help="where to write the record")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    numba.set_num_threads(1)
+    try:
+        rows, left_out = rows_of(options.methods, options.overrides)
+    except InputError as error:
+        parser.error(str(error))
+    with torch.no_grad():
+        for seed in range(-2, options.rounds):
+            for row in rows:
+                row.run(seed + 2)
+    for row in rows:
+        del row.wall[:2], row.processor[:2]
+    rivals = {row.input: row for row in rows if row.method == RIVAL}
+    found = [row.summary(rivals.get(row.input)) for row in rows]
+    print(f"{'method':>24} {'input':>20} | {'median':>7} {'quartiles':>13} | {'processor':>9} | over rival")
+    for one in found:
+        spread = f"{one['lower_quartile']:.2f} to {one['upper_quartile']:.2f}"
+        ratio = "" if one["over_rival"] is None else f"{one['over_rival']:.2f}"
+        print(f"{one['method']:>24} {one['input']:>20} | {one['median']:7.3f} {spread:>13} |", end="")
+        print(f" {one['processor']:9.3f} | {ratio:>10}")
+    for method, reason in left_out.items():
+        print(f"left out: {method}: {reason}")
+    if options.json:
+        record = {
+            "unit": "megapixels a second", "rows": found, "left_out": left_out, "threads": torch.get_num_threads(),
+            "rounds": options.rounds, "machine": this_machine(), "commit": this_commit(),
+        }  # fmt: skip
+        options.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
