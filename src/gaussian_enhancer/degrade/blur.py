@@ -19,6 +19,7 @@ from gaussian_enhancer.degrade.view import View
 WIDEST = 2.5
 """Standard deviation along the long axis at strength 1, pixels."""
 
+NARROWEST = 0.02
 KERNELS = 3
 CELL = 8
 CONTRAST = 3.0
@@ -27,7 +28,7 @@ CONTRAST = 3.0
 def oriented_kernels(
     along: Float[Tensor, "b n"], across: Float[Tensor, "b n"], angle: Float[Tensor, "b n"]
 ) -> Float[Tensor, "b n k k"]:
-    """Gaussian kernels that sum to 1; standard deviations below 0.05 pixels give the unit impulse.
+    """Gaussian kernels that sum to 1; standard deviations below 0.02 pixels give the unit impulse.
 
     Args:
         along: standard deviation along the axis, pixels, at most `WIDEST`.
@@ -38,8 +39,8 @@ def oriented_kernels(
     offset = torch.arange(-radius, radius + 1, device=along.device, dtype=along.dtype)
     down, right = torch.meshgrid(offset, offset, indexing="ij")
     along, across, angle = (value[..., None, None] for value in (along, across, angle))
-    first = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(0.05)
-    second = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(0.05)
+    first = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(NARROWEST)
+    second = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(NARROWEST)
     kernels = torch.exp(-0.5 * (first.square() + second.square()))
     return kernels / kernels.sum(dim=(-2, -1), keepdim=True)
 

@@ -37,9 +37,7 @@ def displaced(
     height, width = planes.shape[-2:]
     y = torch.arange(height, device=offset.device, dtype=offset.dtype)[:, None]
     x = torch.arange(width, device=offset.device, dtype=offset.dtype)
-    grid = torch.stack(
-        [(2 * (x + offset[:, 0]) + 1) / width - 1, (2 * (y + offset[:, 1]) + 1) / height - 1], dim=-1
-    )
+    grid = torch.stack([(2 * (x + offset[:, 0]) + 1) / width - 1, (2 * (y + offset[:, 1]) + 1) / height - 1], dim=-1)
     return F.grid_sample(planes, grid, mode=mode, padding_mode="border", align_corners=False)
 
 

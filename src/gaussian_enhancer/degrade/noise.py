@@ -39,8 +39,9 @@ def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.
         generators: one for each sample.
     """
     image = view.image
-    region = soft_region(*image.shape[-2:], generators, image)
+    height, width = image.shape[-2:]
+    region = soft_region(height, width, generators, image)
     turn = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
-    white, other = normal((2, *image.shape[1:]), generators, image).unbind(1)
+    white, other = normal((2, 3, height, width), generators, image).unbind(1)
     drawn = torch.cos(turn) * white + torch.sin(turn) * blobby(other)
     return replace(view, image=(image + LOUDEST * each(strength) * region * drawn).clamp(0, 1))

@@ -58,9 +58,10 @@ def random_processing(generators: Sequence[torch.Generator], like: Tensor) -> Ca
         generators: one for each sample.
         like: a tensor whose type and device the result has.
     """
-    one = torch.ones_like(like[:, 0, 0, 0])
     red, blue, brightness = uniform(0.0, 1.0, (3,), generators, like).unbind(1)
-    gain = torch.stack([1.9 + 0.5 * red, one, 1.5 + 0.4 * blue], dim=1) * (1 + 0.6 * brightness)[:, None]
+    gain = (
+        torch.stack([1.9 + 0.5 * red, torch.ones_like(red), 1.5 + 0.4 * blue], dim=1) * (1 + 0.6 * brightness)[:, None]
+    )
     spread, left = uniform(0.0, 1.0, (2, 3), generators, like).unbind(1)
     spread, left = 0.3 + 0.6 * spread, 0.3 + 0.4 * left
     other = torch.diag_embed(left).roll(1, dims=2) + torch.diag_embed(1 - left).roll(2, dims=2)
@@ -94,8 +95,8 @@ def sensor_noise(
 def sensor(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
     """Sensor noise pushed through a camera: clamp(x + process(raw + n) - process(raw)) with raw = unprocess(x).
 
-    Unprocessing, noise and processing as Brooks et al. (CVPR 2019), see `CameraProcessing`, `random_processing`, `sensor_noise`. To
-    the gradient the noise is a constant: the camera's curve is infinitely steep at black.
+    Unprocessing, noise and processing as Brooks et al. (CVPR 2019): see `CameraProcessing`, `random_processing` and
+    `sensor_noise`. To the gradient the noise is a constant: the camera's curve is infinitely steep at black.
 
     Args:
         view: what is degraded; depth and opacity stay.
