@@ -49,7 +49,7 @@ def rows(run: Path, count: int) -> list[dict[str, object]]:
 
 
 def table(records: Sequence[dict]) -> str:
-    """Median amplitudes on training views, in units of 1/255, and median ratios of energies, at each run's last step."""
+    """Median amplitudes on training views in units of 1/255, and ratios of energies, at each run's last step."""
     last = [record for record in records if record["last"]]
     lines = [f"| energy | amplitude | held-out / training | least | most | (n = {len(last)}) |", "|---" * 6 + "|"]
     for name in ENERGIES:

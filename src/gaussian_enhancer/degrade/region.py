@@ -28,7 +28,7 @@ def soft_region(
         generators: one for each sample.
         like: a tensor whose type and device the result has.
     """
-    centre_x, centre_y, angle, along, across = uniform(0, 1, (5, 2, 1, 1), generators, like).unbind(1)
+    centre_x, centre_y, angle, along, across = uniform(0.0, 1.0, (5, 2, 1, 1), generators, like).unbind(1)
     side = max(height, width)
     y = (torch.arange(height, device=like.device, dtype=like.dtype) + 0.5)[:, None]
     x = (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5)[None, :]

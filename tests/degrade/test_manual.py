@@ -1,0 +1,71 @@
+import pytest
+import torch
+
+from gaussian_enhancer.degrade import manual
+from gaussian_enhancer.degrade.draws import spawn
+from gaussian_enhancer.degrade.gate import TYPES, Step
+from gaussian_enhancer.degrade.manual import degrade
+from gaussian_enhancer.degrade.region import soft_region
+from gaussian_enhancer.degrade.view import View
+
+
+def halve(view, strength, generators):
+    return View(view.image * (1 - strength[:, None, None, None] / 2), view.depth, view.alpha)
+
+
+def square(view, strength, generators):
+    return View(view.image**2, view.depth, view.alpha)
+
+
+def whiten(view, strength, generators):
+    return View(torch.ones_like(view.image), view.depth, view.alpha)
+
+
+@pytest.fixture
+def stand_ins(monkeypatch):
+    monkeypatch.setattr(manual, "ARTEFACTS", {"blur": halve, "noise": square, "colour": whiten})
+
+
+def photo(count=1, size=(24, 32)):
+    return View(torch.rand(count, 3, *size, generator=torch.Generator().manual_seed(0)))
+
+
+def generators(count, seed=1):
+    return spawn(count, torch.Generator().manual_seed(seed))
+
+
+def test_every_type_has_its_function():
+    assert set(manual.ARTEFACTS) == set(TYPES)
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_each_sample_gets_its_own_steps_in_its_own_order_and_none_if_it_has_none():
+    view, first, second = photo(4), Step("blur", 1.0), Step("noise", 0.5)
+    done = degrade(view, [(first, second), (second, first), (), (second,)], generators(4)).image
+    torch.testing.assert_close(done[0], (view.image[0] / 2) ** 2)
+    torch.testing.assert_close(done[1], view.image[1] ** 2 / 2)
+    assert torch.equal(done[2], view.image[2])
+    torch.testing.assert_close(done[3], view.image[3] ** 2)
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_strengths_stay_with_their_samples():
+    view = photo(2)
+    done = degrade(view, [(Step("blur", 0.2),), (Step("blur", 0.8),)], generators(2)).image
+    torch.testing.assert_close(done, view.image * torch.tensor([0.9, 0.6])[:, None, None, None])
+
+
+@pytest.mark.usefixtures("stand_ins")
+@pytest.mark.parametrize("seed", range(5))
+def test_a_regional_step_acts_by_the_share_of_its_region(seed):
+    view = View(torch.zeros(1, 3, 64, 96))
+    done = degrade(view, [(Step("colour", 1.0, regional=True),)], generators(1, seed)).image
+    region = soft_region(64, 96, generators(1, seed), view.image)
+    torch.testing.assert_close(done, region.expand_as(done))
+    assert region.min() < 0.5 < 0.95 < region.max() <= 1
+
+
+@pytest.mark.usefixtures("stand_ins")
+def test_a_type_without_a_function_is_an_error_and_no_silent_pass():
+    with pytest.raises(KeyError):
+        degrade(photo(), [(Step("needle", 0.5),)], generators(1))
