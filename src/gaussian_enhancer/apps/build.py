@@ -53,3 +53,15 @@ def require(cfg: DictConfig) -> None:
         raise InputError(error.full_key, f"cannot be resolved: {cause}", "set what it refers to") from error
     if missing:
         raise InputError(missing[0], "is mandatory and was not given", f"add {' '.join(f'{n}=...' for n in missing)}")
+
+
+def plain(values: DictConfig) -> dict[str, Any]:
+    """A configuration node as plain values, resolved.
+
+    Raises:
+        InputError: it is no mapping.
+    """
+    container = OmegaConf.to_container(values, resolve=True)
+    if not isinstance(container, dict):
+        raise InputError(str(values._get_full_key(None)), "is no mapping", "give names and values")
+    return {str(name): value for name, value in container.items()}
