@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
+from gaussian_enhancer.degrade.banding import banding
 from gaussian_enhancer.degrade.blur import blur
+from gaussian_enhancer.degrade.cloudy import cloudy
 from gaussian_enhancer.degrade.colour import colour
 from gaussian_enhancer.degrade.displacement import displacement
+from gaussian_enhancer.degrade.floater import floater
 from gaussian_enhancer.degrade.gate import Step
 from gaussian_enhancer.degrade.jpeg import jpeg
+from gaussian_enhancer.degrade.needle import needle
 from gaussian_enhancer.degrade.noise import noise
 from gaussian_enhancer.degrade.region import soft_region, within
 from gaussian_enhancer.degrade.resampling import downsampling
@@ -25,6 +29,10 @@ ARTEFACTS: Mapping[str, Artefact] = {
     "jpeg": jpeg,
     "downsampling": downsampling,
     "displacement": displacement,
+    "needle": needle,
+    "banding": banding,
+    "cloudy": cloudy,
+    "floater": floater,
     "colour": colour,
 }
 """The function of each type."""
