@@ -120,9 +120,9 @@ def _rows(view: View, splats: Splats, top: int, bottom: int, profile: Profile, e
     splats = splats.taken(_touching(splats, top, bottom, extent ** (2 / POWERS[profile])))
     if splats.depth.shape[1] == 0:
         return strip
-    grid = {"device": view.image.device, "dtype": view.image.dtype}
-    y = torch.arange(top, bottom, **grid) + 0.5  # type: ignore[arg-type]
-    x = torch.arange(view.image.shape[3], **grid) + 0.5  # type: ignore[arg-type]
+    image = view.image
+    y = torch.arange(top, bottom, device=image.device, dtype=image.dtype) + 0.5
+    x = torch.arange(image.shape[3], device=image.device, dtype=image.dtype) + 0.5
     falling = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
     alphas = splats.opacity[..., None, None] * falling
     if depth is not None:
