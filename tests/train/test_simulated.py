@@ -201,13 +201,22 @@ def test_further_samples_are_drawn_for_simulated_crops_alone():
     assert 900 < sum(number < 6 for number, _ in draws) < 1100
 
 
-def test_whether_a_crop_is_simulated_says_nothing_of_its_place(samples):
-    crops, simulation = Crops(samples, Augmentation(crop=16)), Simulation(Simulator(NoGate()), 0.5)
-    generators = [(torch.Generator().manual_seed(seed), simulation.drawn(seed)) for seed in range(4000)]
-    tops = [(int(torch.randint(33, (), generator=one)), chosen) for one, chosen in generators]
-    yes, no = ([top for top, chosen in tops if chosen is kind] for kind in (True, False))
-    assert abs(sum(yes) / len(yes) - sum(no) / len(no)) < 1.2  # four standard errors
-    assert len(crops) == 2
+class Noting:
+    """A gate that lets nothing through and notes the first number of each sample's source."""
+
+    def __init__(self):
+        self.first = []
+
+    def draw(self, generator):
+        self.first.append(float(torch.rand((), generator=generator)))
+        return ()
+
+
+def test_whether_a_crop_is_simulated_says_nothing_of_how(samples):
+    gate = Noting()
+    Collate(3, CALM, Simulation(Simulator(gate), 0.5))(items(samples, range(200)))
+    assert 70 < len(gate.first) < 130
+    assert abs(sum(gate.first) / len(gate.first) - 0.5) < 0.12  # four standard errors
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.5])
