@@ -144,11 +144,19 @@ class Views(Movable):
 
 @dataclass(frozen=True)
 class Batch(Movable):
-    """Training or validation samples: what the network sees, the photo it should return, and their names."""
+    """Training or validation samples.
+
+    Args:
+        views: what the network sees.
+        photo: what it should return.
+        names: of the samples.
+        real: the fits' own renders, where ``views.render`` was simulated; None where nothing was.
+    """
 
     views: Views
     photo: Float[Tensor, "b 3 h w"]
     names: tuple[str, ...] = ()
+    real: Float[Tensor, "b 3 h w"] | None = None
 
 
 def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = torch.float32) -> Camera:

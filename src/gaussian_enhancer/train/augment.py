@@ -85,7 +85,8 @@ class Augmentation:
         views = dataclasses.replace(
             views, render=lit(views.render, light), references=lit(views.references, light[:, None] * exposure)
         )
-        return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light))
+        real = None if batch.real is None else lit(batch.real, light)
+        return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light), real=real)
 
 
 def _below(limit: int, generator: torch.Generator) -> int:

@@ -17,6 +17,7 @@ from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, never
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
 from gaussian_enhancer.train.simulated import Simulation
+from gaussian_enhancer.types import Batch
 
 
 class RunsData(LightningDataModule):
@@ -40,6 +41,7 @@ class RunsData(LightningDataModule):
         simulated: share of the samples whose render is made by the simulator instead of the fit, from 0 to 1.
         training_views: simulate on the runs' training views too. Their own renders are never used: they were fitted
             to the photos. Without effect where nothing is simulated.
+        simulate_validation: validate on simulated renders as well, as the training of a simulator does.
 
     Raises:
         InputError: the share is out of range, or there is nothing to simulate with.
@@ -62,6 +64,7 @@ class RunsData(LightningDataModule):
         simulator: Simulator | None = None,
         simulated: float = 0.0,
         training_views: bool = False,
+        simulate_validation: bool = False,
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}
@@ -76,6 +79,7 @@ class RunsData(LightningDataModule):
                 raise InputError("simulated", f"is {simulated} without a simulator", "give a simulator, or the share 0")
             self.simulation = Simulation(simulator, simulated)
         self.training_views = training_views and self.simulation is not None
+        self.validated = self.simulation if simulate_validation else None
         self.sources: list[list[Sample]] = []
         self.held_out: list[Sample] = []
 
@@ -109,12 +113,14 @@ class RunsData(LightningDataModule):
         """Whole images, one by one."""
         every = max(1, -(-len(self.held_out) // max(1, self.validation_views)))
         chosen = self.held_out[::every]
-        references = self.preparation.references
-        return DataLoader(
-            chosen,  # type: ignore[arg-type]
-            batch_size=1,
-            collate_fn=lambda items: batch_of([items[0].planes()], items, references),
-        )
+        references, simulation = self.preparation.references, self.validated
+
+        def collate(items: list[tuple[int, Sample]]) -> Batch:
+            ((seed, sample),) = items
+            batch = batch_of([sample.planes()], [sample], references)
+            return batch if simulation is None else simulation(batch, [sample], [seed])
+
+        return DataLoader(list(enumerate(chosen)), batch_size=1, collate_fn=collate)  # type: ignore[arg-type]
 
     def _collect(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -16,10 +16,8 @@ from torch import Tensor
 from gaussian_enhancer.degrade.diffuse import Sampler
 from gaussian_enhancer.degrade.draws import spawn
 from gaussian_enhancer.degrade.factors import Factors
-from gaussian_enhancer.degrade.gate import Gate
 from gaussian_enhancer.degrade.generative import SCHEDULES, FactorModel
-from gaussian_enhancer.degrade.manual import degrade
-from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.average import follow
 from gaussian_enhancer.train.discriminator import Discriminator, critic_loss, feature_distance
 from gaussian_enhancer.train.module import Optimiser
@@ -48,24 +46,21 @@ class GeneratorLoss:
 
 
 class _GeneratorModule(LightningModule):
-    """What both steps share: stage 1 on the fly, one optimiser for simulator and discriminator, a running mean."""
+    """What both steps share: one optimiser for simulator and discriminator, a running mean."""
 
-    def __init__(
-        self, model: FactorModel, gate: Gate, loss: GeneratorLoss, optimiser: Optimiser, steps: int, seed: int
-    ) -> None:
+    def __init__(self, model: FactorModel, loss: GeneratorLoss, optimiser: Optimiser, steps: int, seed: int) -> None:
         super().__init__()
         self.model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(model).requires_grad_(False)
         self.discriminator = Discriminator().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.gate, self.loss, self.optimiser, self.steps, self.seed = gate, loss, optimiser, steps, seed
+        self.loss, self.optimiser, self.steps, self.seed = loss, optimiser, steps, seed
 
-    def manual(self, batch: Batch) -> tuple[Tensor, tuple[torch.Generator, ...]]:
-        """Stage 1 of a batch's photos, and the generators to go on with; the step's number determines all of it."""
-        generator = torch.Generator().manual_seed(1_000_003 * self.seed + self.global_step)
-        generators = spawn(len(batch.names), generator)
-        view = View(batch.photo, batch.views.depth, batch.views.alpha)
-        with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            return degrade(view, [self.gate.draw(one) for one in generators], generators).image, generators
+    def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
+        """Stage 1's output M, the real renders R, and generators that follow from the index and the seed."""
+        if batch.real is None:
+            raise InputError("data", "simulates nothing", "train the generator with data.simulated=1")
+        generator = torch.Generator().manual_seed(1_000_003 * self.seed + index)
+        return batch.views.render, batch.real, spawn(len(batch.names), generator)
 
     def judged(
         self, photo: Float[Tensor, "b 3 h w"], real: Float[Tensor, "b 3 h w"], made: Float[Tensor, "b 3 h w"]
@@ -103,29 +98,26 @@ class PairedModule(_GeneratorModule):
 
     Args:
         model: stage 2's networks; the denoiser is left alone.
-        gate: stage 1 of the training views.
         loss: weights of the terms.
         optimiser: how.
         steps: length of the training, for the schedule.
-        seed: of stage 1 and of all noise.
+        seed: of all noise.
     """
 
     def __init__(
         self,
         model: FactorModel,
-        gate: Gate,
         loss: GeneratorLoss,
         optimiser: Optimiser,
         steps: int,
         seed: int = 0,
     ) -> None:
-        super().__init__(model, gate, loss, optimiser, steps, seed)
+        super().__init__(model, loss, optimiser, steps, seed)
         model.denoiser.requires_grad_(False)
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        manual, generators = self.manual(batch)
-        real = batch.views.render
+        manual, real, generators = self.prepared(batch, self.global_step)
         factors = self.model.extractor(manual, real)
         noisy = factors.combined(_white(factors), 1.0, self.loss.noise)
         made = self.model.combine(manual, noisy, generators)
@@ -141,8 +133,7 @@ class PairedModule(_GeneratorModule):
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """How much of the difference between M and R is left in L, in dB of PSNR against R."""
-        manual, generators = self.manual(batch)
-        real = batch.views.render
+        manual, real, generators = self.prepared(batch, index)
         made = self.average.combine(manual, self.average.extractor(manual, real), generators)
         left, before = F.mse_loss(made.float().clamp(0, 1), real), F.mse_loss(manual, real)
         self.log("gain/paired", 10 * torch.log10((before + 1e-8) / (left + 1e-8)), prog_bar=True, batch_size=1)
@@ -167,32 +158,29 @@ class DiffusedModule(_GeneratorModule):
 
     Args:
         model: stage 2's networks after the first step; the extractor is left alone.
-        gate: stage 1 of the training views.
         loss: weights of the terms.
         optimiser: how.
         steps: length of the training, for the schedule.
         sampler: how codes are sampled in training.
-        seed: of stage 1 and of all noise.
+        seed: of all noise.
     """
 
     def __init__(
         self,
         model: FactorModel,
-        gate: Gate,
         loss: GeneratorLoss,
         optimiser: Optimiser,
         steps: int,
         sampler: Sampler,
         seed: int = 0,
     ) -> None:
-        super().__init__(model, gate, loss, optimiser, steps, seed)
+        super().__init__(model, loss, optimiser, steps, seed)
         model.extractor.requires_grad_(False)
         self.sampler = sampler
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        manual, generators = self.manual(batch)
-        real = batch.views.render
+        manual, real, generators = self.prepared(batch, self.global_step)
         denoising = self._denoising(manual, real)
         with torch.no_grad():
             sampled = self.model.sample(manual, self.sampler, generators)
@@ -207,13 +195,13 @@ class DiffusedModule(_GeneratorModule):
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Share of the code's variance that the denoiser cannot tell; PSNR of sampled views against R, in dB."""
-        manual, generators = self.manual(batch)
+        manual, real, generators = self.prepared(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
-            self.log("left/denoising", self._denoising(manual, batch.views.render, self.average), batch_size=1)
+            self.log("left/denoising", self._denoising(manual, real, self.average), batch_size=1)
         sampled = self.average.sample(manual, self.sampler, generators)
         made = self.average.combine(manual, sampled, generators).float().clamp(0, 1)
-        difference = 10 * torch.log10(F.mse_loss(manual, batch.views.render) / F.mse_loss(made, batch.views.render))
+        difference = 10 * torch.log10(F.mse_loss(manual, real) / F.mse_loss(made, real))
         self.log("gain/diffused", difference, prog_bar=True, batch_size=1)
 
     def _denoising(self, manual: Tensor, real: Tensor, model: FactorModel | None = None) -> Tensor:

@@ -44,6 +44,8 @@ class Simulation:
     def __call__(self, batch: Batch, samples: Sequence[Sample], seeds: Sequence[int]) -> Batch:
         """The batch with render, depth and opacity of the chosen crops replaced; photos and references stay.
 
+        The renders that were there are kept as ``real``.
+
         Only a held-out view's real render is shown to a second stage that asks for one: a training view's was fitted
         to its photo and is as good as it, so that no factor could be learnt from the two.
 
@@ -52,6 +54,7 @@ class Simulation:
             samples: what they belong to.
             seeds: of the crops.
         """
+        batch = dataclasses.replace(batch, real=batch.views.render)
         chosen = [i for i in range(len(samples)) if not samples[i].held_out or self.drawn(seeds[i])]
         # What is unknown of one sample must not be taken from its neighbours in the batch.
         kinds = {_known(samples[i]): None for i in chosen}
