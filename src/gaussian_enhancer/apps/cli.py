@@ -18,8 +18,10 @@ from gaussian_enhancer.files import unwritable
 JOBS = {
     "demo": "one procedural scene, start to finish: fit, enhance, measure, report",
     "fit": "fit a splat to a scene; write the splat and its renders",
+    "simulate": "make a photo look like splat renders; samples and a page of every artefact",
     "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
     "train": "train an enhancement network on fitted runs",
+    "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
     "study": "scenes x methods, each fitted, enhanced and measured, on one page of tables",
     "report": "make a page to look at from a measured run",

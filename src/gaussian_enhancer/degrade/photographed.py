@@ -1,0 +1,121 @@
+"""One photographed view to simulate renders of: from an image file, or a held-out view of a fitted run.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.depth_files import ReadDepth
+from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Movable
+
+
+@dataclass(frozen=True)
+class Photographed(Movable):
+    """A photo as the simulator takes it.
+
+    Args:
+        name: short, for folders.
+        view: one sample.
+        real: the splat's render of the same view, where there is one.
+        origin: where each part came from, in words.
+    """
+
+    name: str
+    view: View
+    real: Float[Tensor, "1 3 h w"] | None = None
+    origin: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_image(
+    image: str | Path,
+    depth: str | Path | None = None,
+    *,
+    depth_scale: float | int = 1.0,
+    background: Sequence[object] = (0.0, 0.0, 0.0),
+) -> Photographed:
+    """A photo from a file, with its depth from another.
+
+    Args:
+        image: 8 or 16 bits a channel. An alpha channel is kept as opacity, and colours are laid over the background,
+            as renders are.
+        depth: z depth of the same size.
+        depth_scale: scene units of one stored unit of depth.
+        background: colour under transparent parts.
+
+    Raises:
+        InputError: a file is missing or damaged, has pixels without a defined white, sizes differ, or the background
+            is no colour or the scale not positive.
+    """
+    colour = _colour(background)
+    if not isinstance(depth_scale, int | float) or not depth_scale > 0:
+        raise InputError("depth_scale", f"is {depth_scale!r}", "give a positive number")
+    path = Path(image)
+    header = read_header(path)
+    size = header.height, header.width
+    photo = ReadPhoto(path, *size, colour)()
+    alpha = ReadCoverage(path, *size)() if header.has_alpha else None
+    z = ReadDepth(Path(depth), float(depth_scale))() if depth is not None else None
+    if z is not None and tuple(z.shape[1:]) != size:
+        received = f"is {z.shape[2]}x{z.shape[1]} but {path.name} is {size[1]}x{size[0]}"
+        raise InputError(depth, received, "bring both to the same size")
+    laid = f"from the alpha channel; colours laid over {colour}"
+    origin = {
+        "Photo": str(path),
+        "Depth": "unknown" if depth is None else f"{depth}, times {depth_scale:g}",
+        "Opacity": "unknown" if alpha is None else laid,
+    }
+    return Photographed(path.stem, _view(photo, z, alpha), origin=origin)
+
+
+def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographed:
+    """The photo of a held-out view of a splat with what was rendered of it: depth, opacity and colours.
+
+    Args:
+        rendered: the splat's renders.
+        name: the view's file name, with or without ending; the first view's where None.
+
+    Raises:
+        InputError: there is no such view, or it has no photo.
+    """
+    views = {view.name: view for view in rendered.targets}
+    found = next((v for v in rendered.targets if name in (None, v.name, Path(v.name).stem)), None)
+    if found is None:
+        raise InputError("view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {_listed(views)}")
+    if found.read is None or found.read_photo is None:
+        raise InputError(f"{rendered.name}, {found.name}", "has no photo beside its render", "name a run that kept gt")
+    depth, alpha = (None if read is None else read() for read in (found.read_depth, found.read_alpha))
+    origin = {
+        "Run": rendered.name,
+        "Photo": f"held-out view {found.name}",
+        "Depth": "unknown" if depth is None else "rendered",
+        "Opacity": "unknown" if alpha is None else "rendered",
+    }
+    label = f"{rendered.name}-{Path(found.name).stem}"
+    return Photographed(label, _view(found.read_photo(), depth, alpha), found.read()[None], origin)
+
+
+def _colour(values: Sequence[object]) -> tuple[float, float, float]:
+    shares = [float(v) for v in values if isinstance(v, int | float)] if isinstance(values, Sequence) else []
+    if len(shares) != 3 or len(values) != 3 or not all(0 <= share <= 1 for share in shares):
+        raise InputError("background", f"is {values}", "give three numbers from 0 to 1")
+    red, green, blue = shares
+    return red, green, blue
+
+
+def _view(photo: Tensor, depth: Tensor | None, alpha: Tensor | None) -> View:
+    return View(photo[None], *(None if plane is None else plane[None] for plane in (depth, alpha)))
+
+
+def _listed(views: Mapping[str, RenderedView], most: int = 8) -> str:
+    names = list(views)
+    return ", ".join(names[:most]) + (f" or another of {len(names)}" if len(names) > most else "")
