@@ -42,6 +42,7 @@ def test_greys_stay_grey_in_any_colour_matrix():
     matrix = random_processing(seeded(8), torch.zeros(1, 3, 1, 1)).matrix
     torch.testing.assert_close(matrix.sum(2), torch.ones(8, 3))
     assert (matrix.diagonal(dim1=1, dim2=2) > 1.29).all()
+    assert (matrix[:, ~torch.eye(3, dtype=torch.bool)] < -0.05).all()
     assert torch.linalg.inv(matrix).min() > -1e-6
 
 
