@@ -148,8 +148,8 @@ def _over(view: View, splats: Splats, alphas: Float[Tensor, "b k h w"]) -> View:
     """Composite sorted splats of known opacity at every pixel."""
     through = torch.ones_like(alphas[:, 0])
     weights = []
-    for alpha in alphas.unbind(1):
-        weights.append(alpha * through)
+    for layer in alphas.unbind(1):
+        weights.append(layer * through)
         through = through - weights[-1]
     carried = torch.cat([splats.colour, splats.depth[..., None], torch.ones_like(splats.colour[..., :1])], dim=2)
     with torch.autocast(alphas.device.type, enabled=False):
