@@ -1,0 +1,115 @@
+import pytest
+import torch
+
+from gaussian_enhancer.degrade.diffuse import Sampler
+from gaussian_enhancer.degrade.generative import FactorDesign, FactorModel
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.train.discriminator import Discriminator, critic_loss
+from gaussian_enhancer.train.generator import DiffusedModule, GeneratorLoss, PairedModule
+from gaussian_enhancer.train.module import Optimiser
+from gaussian_enhancer.types import Batch, Views
+
+PIXELS_ALONE = GeneratorLoss(pixels=10.0, adversarial=0.0, features=0.0, size=0.0, noise=0.0, sampled_pixels=10.0)
+
+
+def batch(count: int = 2, side: int = 16) -> Batch:
+    """Photos, M = photos, R = photos with errors of a cell's size, which a code of cells can hold."""
+    generator = torch.Generator().manual_seed(0)
+    photo = torch.rand(count, 3, side, side, generator=generator) * 0.6 + 0.2
+    error = torch.rand(count, 3, side // 8, side // 8, generator=generator) * 0.4 - 0.2
+    real = photo + torch.nn.functional.interpolate(error, scale_factor=8, mode="nearest")
+    empty = torch.zeros(count, 0, 3, side, side), torch.zeros(count, 0, 1, side, side)
+    return Batch(Views(photo, *empty), photo, tuple("ab"[:count]), real)
+
+
+def model() -> FactorModel:
+    torch.manual_seed(0)
+    return FactorModel(FactorDesign(vector=4, grid=4, widths=(16, 16), code_width=16, code_blocks=1))
+
+
+def quiet(module):
+    module.log = module.log_dict = lambda *args, **kwargs: None
+    return module
+
+
+def train(module, steps: int, rate: float = 3e-3) -> list[float]:
+    optimiser = torch.optim.Adam([p for p in module.parameters() if p.requires_grad], lr=rate)
+    losses = []
+    for step in range(steps):
+        torch.manual_seed(step)
+        loss = module.training_step(batch(), step)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss))
+    return losses
+
+
+def difference(made: torch.Tensor) -> float:
+    return float((made - batch().real).abs().mean())
+
+
+def test_paired_step_overfits_to_nearly_no_error():
+    module = quiet(PairedModule(model(), PIXELS_ALONE, Optimiser(), 400))
+    before = difference(batch().photo)
+    train(module, 400)
+    manual, real, generators = module.prepared(batch(), 0)
+    with torch.no_grad():
+        made = module.model.combine(manual, module.model.extractor(manual, real), generators)
+    assert difference(made) < 0.05 * before
+
+
+def test_diffused_step_learns_the_codes_of_its_views():
+    """With one pair a code is determined by M, so that samples come near R, and nearer with training."""
+    module = quiet(PairedModule(model(), GeneratorLoss(adversarial=0.0, features=0.0, noise=0.05), Optimiser(), 300))
+    train(module, 300)
+    second = quiet(DiffusedModule(module.model, PIXELS_ALONE, Optimiser(), 400, Sampler(4)))
+    extractor = {name: value.clone() for name, value in second.model.extractor.state_dict().items()}
+    train(second, 400)
+    manual, _, generators = second.prepared(batch(), 0)
+    with torch.no_grad():
+        made = second.model.combine(manual, second.model.sample(manual, Sampler(4), generators), generators)
+    assert difference(made) < 0.25 * difference(batch().photo)
+    assert all(torch.equal(extractor[name], value) for name, value in second.model.extractor.state_dict().items())
+
+
+def test_each_loss_reaches_its_own_network_alone():
+    module = quiet(PairedModule(model(), GeneratorLoss(), Optimiser(), 10))
+    pair, made = batch(), torch.rand(2, 3, 16, 16, requires_grad=True)
+    fooling, distance, critic = module.judged(pair.photo, pair.real, made)
+    (fooling + distance).backward(retain_graph=True)
+    assert made.grad is not None
+    assert all(p.grad is None for p in module.discriminator.parameters())
+    made.grad = None
+    critic.backward()
+    assert made.grad is None
+    assert all(p.grad is not None for p in module.discriminator.parameters())
+
+
+def test_discriminator_learns_to_tell():
+    torch.manual_seed(0)
+    judge, pair = Discriminator(8), batch()
+    optimiser = torch.optim.Adam(judge.parameters(), lr=2e-3)
+    for _ in range(60):
+        loss = critic_loss(judge(pair.photo, pair.real)[0], judge(pair.photo, pair.photo)[0])
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    assert judge(pair.photo, pair.real)[0].mean() > 0.3 > -0.3 > judge(pair.photo, pair.photo)[0].mean()
+
+
+def test_scale_follows_the_size_of_codes():
+    module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), Optimiser(), 10))
+    manual, real, _ = module.prepared(batch(), 0)
+    factors = module.model.extractor(manual, real)
+    for _ in range(1500):
+        module._scale(factors)
+    expected = (factors.grid.square().mean((0, 2, 3)) + 0.09).sqrt()
+    torch.testing.assert_close(module.model.grid_scale.flatten(), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_batches_without_real_renders_are_refused():
+    module = quiet(PairedModule(model(), GeneratorLoss(), Optimiser(), 10))
+    plain = Batch(batch().views, batch().photo, ("a", "b"))
+    with pytest.raises(InputError, match="simulates nothing"):
+        module.training_step(plain, 0)
