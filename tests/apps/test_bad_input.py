@@ -525,3 +525,75 @@ def test_enhance_full_disk(
         assert not file.name.startswith(".")
         if file.suffix == ".png":
             Image.open(file).load()
+
+
+# simulate ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def simulated() -> tuple[str, ...]:
+    """A photo that ``simulate`` accepts, and its command."""
+    save("photo.png", (12, 10))
+    return ("simulate", "image=photo.png", "gate=none", "draws=1", "runtime.progress=false", "output=out")
+
+
+def test_simulate_accepts_what_the_cases_below_spoil(simulated: tuple[str, ...]) -> None:
+    cli.main(list(simulated))
+    assert {p.name for p in Path("out").iterdir()} >= {"samples", "simulation.html", "simulation.json", "done"}
+
+
+def test_simulate_truncated_empty_and_missing_photo(simulated: tuple[str, ...], refused: Refused) -> None:
+    cut("photo.png")
+    assert "photo.png: cannot be decoded" in refused(*simulated)
+    Path("photo.png").write_bytes(b"")
+    assert "photo.png: is empty (0 bytes)" in refused(*simulated)
+    Path("photo.png").unlink()
+    assert "photo.png: does not exist" in refused(*simulated)
+
+
+def test_simulate_photo_without_a_white(simulated: tuple[str, ...], refused: Refused) -> None:
+    Image.fromarray(np.zeros((4, 4), np.float32)).save("photo.tif")
+    assert "photo.tif: has floating-point pixels" in refused(*simulated, "image=photo.tif")
+
+
+def test_simulate_depth_that_does_not_fit(simulated: tuple[str, ...], refused: Refused) -> None:
+    np.save("z.npy", np.ones((10, 13)))
+    assert "z.npy: is 13x10 but photo.png is 12x10" in refused(*simulated, "depth=z.npy")
+    np.save("z.npy", np.full((10, 12), -1.0))
+    assert "z.npy: has depth -1" in refused(*simulated, "depth=z.npy")
+    assert "none.npy: does not exist" in refused(*simulated, "depth=none.npy")
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("image=null",), "was given nothing to simulate from"),
+        (("run=nowhere",), "was given image and run"),
+        (("image=null", "run=nowhere"), "nowhere: is no folder"),
+        (("view=a",), "view: was given beside image"),
+        (("step=3",), "step: was given beside image"),
+        (("seed=-1",), "seed: is -1"),
+        (("draws=0",), "draws: is 0"),
+        (("draws=many",), "draws: is 'many'"),
+        (("depth_scale=0",), "depth_scale: is 0"),
+        (("background=[0,0]",), "background: is [0, 0]"),
+        (("background=white",), "background: is white"),
+        (("gate=random", "gate.types.needle=maybe"), "gate.types.needle: is 'maybe'"),
+        (("gate=random", "+gate.types.rain=false"), "gate.types.rain: is no type of artefact"),
+        (("gate=adaptive",), "gate.file: is mandatory"),
+        (("gate=adaptive", "gate.file=none.json"), "none.json: "),
+        (("runtime.device=tpu",), "runtime.device: is 'tpu'"),
+    ],
+)
+def test_simulate_options(simulated: tuple[str, ...], refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*simulated, *words)
+
+
+def test_simulate_full_disk(simulated: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with full_disk(600), pytest.raises(SystemExit) as stop:
+        cli.main(list(simulated))
+    lines = [line for line in capsys.readouterr().err.splitlines() if "gaussian-enhancer: " in line]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (File too large)" in lines[0]
+    assert not Path("out/done").exists()
+    assert not [path for path in map(Path, contents()) if path.name.startswith(".")]
