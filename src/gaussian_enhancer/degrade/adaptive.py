@@ -180,7 +180,8 @@ def calibrated(
     """The gate under which the simulator's energies are those of a fingerprint.
 
     With e the fingerprint and A_t the mean energies of type t at strengths uniform in (0, 1], non-negative least
-    squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|. Type t then passes at
+    squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|, for energies
+    below a tenth of the largest relative to that tenth. Type t then passes at
     the chance p = min(1, sqrt(w)), and its limit is where its mean response is w / p of A_t. As a response changes
     with the limit not only in size, weights and limits are found in turn.
 

@@ -21,6 +21,8 @@ STRENGTHS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Where responses are measured; between them, and down to none at 0, they are interpolated."""
 ROUNDING = 1 / 255**2 / 12
 """Energy of rounding to 8 bits: differences below it do not matter to a calibration."""
+MINOR = 0.1
+"""Share of the largest energy below which another's errors count as if it were that large."""
 SPREAD = 1e-2
 """Share of a ridge on the contributions: types that look alike share what they explain in place of one taking all."""
 
@@ -107,7 +109,7 @@ def solved(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tens
         measured: responses of the types.
         wanted: energies to reach.
     """
-    scale = wanted.clamp_min(ROUNDING)
+    scale = wanted.clamp_min(max(ROUNDING, MINOR * float(wanted.max())))
     limits = torch.ones(len(measured.types), dtype=torch.float64)
     whole = (measured.below(limits) / scale).sum(1).clamp_min(1e-300)
     for _ in range(4):
