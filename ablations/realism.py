@@ -47,7 +47,7 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
         test: real renders of other scenes.
         options: seeds, patch size and number of patches from the command line.
     """
-    begun = time.perf_counter()
+    begun, worked = time.perf_counter(), time.process_time()
     learn = cut_patches(simulated_pairs(train, row, options.seed), options.size, options.patches, options.seed)
     pairs = list(simulated_pairs(test, row, options.seed + 1))
     judge = cut_patches(pairs, options.size, options.patches, options.seed + 1)
@@ -59,7 +59,8 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
     found |= {"train_patches": 2 * len(learn), "train_views": len(learn.views), "train_scenes": learn.scenes}
     found |= {"test_scenes": judge.scenes, "test_renders": len(pairs)}
     found["distances"] = distances(pairs)
-    found["seconds"] = {"simulation": simulated - begun, "tests": time.perf_counter() - simulated}
+    elapsed = {"simulation": simulated - begun, "tests": time.perf_counter() - simulated}
+    found["seconds"] = {**elapsed, "processor": time.process_time() - worked}
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {**found, "commit": this_commit(), "machine": this_machine(), "time": now}
 

@@ -79,10 +79,10 @@ def two_sample_test(
     *,
     conditional: bool = False,
     seeds: int = 3,
-    epochs: int = 8,
-    batch: int = 48,
+    epochs: int = 12,
+    batch: int = 32,
     rate: float = 2e-3,
-    patience: int = 2,
+    patience: int = 4,
     first_seed: int = 0,
 ) -> TwoSample:
     """Train classifiers on patches of some scenes and measure them on others.
