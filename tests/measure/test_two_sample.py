@@ -52,9 +52,10 @@ def test_is_at_chance_when_labels_are_drawn_by_lot():
         simulated, real = torch.where(swapped, one.real, one.simulated), torch.where(swapped, one.simulated, one.real)
         return dataclasses.replace(one, simulated=simulated, real=real)
 
-    train, test = (by_lot(patches(s, i, smoothed), i) for i, s in enumerate((TRAIN, TEST)))
+    train, test = (by_lot(patches(s, i, smoothed, views=8), i) for i, s in enumerate((TRAIN, TEST)))
     found = two_sample_test(train, test, seeds=1, epochs=3)
-    assert found.low <= 0.5 <= found.high
+    # three standard deviations of 576 coins, of which neighbours may be told alike
+    assert abs(found.accuracy - 0.5) < 0.08
 
 
 def test_is_determined_by_its_seed_and_leaves_global_chance_alone():
