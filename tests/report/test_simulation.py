@@ -11,19 +11,16 @@ from gaussian_enhancer.degrade.gate import NoGate, RandomGate, Step
 from gaussian_enhancer.degrade.manual import ARTEFACTS
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.degrade.view import View
-from gaussian_enhancer.report import simulation
-from gaussian_enhancer.report.simulation import (
+from gaussian_enhancer.report import simulation, simulation_parts
+from gaussian_enhancer.report.simulation import Row, Section, sheet, write_page
+from gaussian_enhancer.report.simulation_parts import (
     STRENGTHS,
-    Row,
-    Section,
     gate_section,
     generator_section,
     reduced,
-    sheet,
     shown_depth,
     told,
     type_sections,
-    write_page,
 )
 
 
@@ -67,7 +64,7 @@ def test_a_row_keeps_its_draws(monkeypatch: pytest.MonkeyPatch) -> None:
         seen.append(torch.stack([torch.rand(3, 1, 1, generator=one) for one in generators]))
         return View(before.image + strength[:, None, None, None] * seen[-1])
 
-    monkeypatch.setattr(simulation, "ARTEFACTS", {"odd": artefact})
+    monkeypatch.setattr(simulation_parts, "ARTEFACTS", {"odd": artefact})
     (found,) = type_sections(view(geometry=False), seed=5)
     assert (seen[0] == seen[0][:1]).all()
     steps = [(image - found.rows[0].images[0]).mean() for image in found.rows[0].images]

@@ -2,7 +2,7 @@
 
 import copy
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -25,16 +25,14 @@ from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import save_array, whole_file
-from gaussian_enhancer.report.simulation import (
-    Section,
+from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
+from gaussian_enhancer.report.simulation_parts import (
     gate_section,
     generator_section,
     reduced,
     sample_section,
-    sheet,
     type_sections,
     view_section,
-    write_page,
 )
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -84,6 +82,8 @@ def run(cfg: DictConfig) -> float | None:
         gate_section(small, _gates(gate, rendered), seed),
         generator_section(photo.view, simulator, seed, photo.real),
     ]
+    if isinstance(gate, AdaptiveGate):
+        console.print(gate.table(), highlight=False)
     job = open_run(cfg, "simulate", photo.name)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     samples, pictures = [], []
@@ -95,7 +95,7 @@ def run(cfg: DictConfig) -> float | None:
         if number < PICTURED:
             pictures.append((drawn.file, drawn.steps, reduced(view)))
     sections.append(sample_section(pictures, draws))
-    _write_pages(job.folder, photo, sections, cfg, marks)
+    _write_pages(job.folder, photo, sections, _provenance(photo, cfg, marks, gate))
     _write_record(job.folder, seed, samples, marks, gate)
     job.finish()
     page = job.folder / "simulation.html"
@@ -190,21 +190,23 @@ def _write(path: Path, view: View) -> None:
         write_image(path.with_name(f"{path.stem}_alpha.png"), view.alpha[0].expand(3, -1, -1))
 
 
-def _write_pages(
-    folder: Path, photo: Photographed, sections: Sequence[Section], cfg: DictConfig, marks: Fingerprint | None
-) -> None:
+def _provenance(photo: Photographed, cfg: DictConfig, marks: Fingerprint | None, gate: Gate) -> dict[str, str]:
+    words = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
+    if marks is not None:
+        words["Fingerprint"] = marks.table()
+    if isinstance(gate, AdaptiveGate):
+        words["Calibrated"] = gate.table()
+    return {**words, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
+
+
+def _write_pages(folder: Path, photo: Photographed, sections: Sequence[Section], provenance: Mapping[str, str]) -> None:
+    """Write a sheet of each section that has one, and the page."""
     for section in sections:
         if section.file and section.rows:
             with whole_file(folder / f"{section.file}.png") as temporary:
                 sheet(section).save(temporary)
     height, width = photo.view.image.shape[-2:]
-    subtitle = f"{width} x {height} pixels · seed {cfg.seed} · sheets are made from a copy of at most 320 pixels"
-    provenance = {
-        **photo.origin,
-        "Fingerprint": "unknown" if marks is None else marks.table(),
-        "Gate": OmegaConf.to_yaml(cfg.gate).strip(),
-        "Generator": OmegaConf.to_yaml(cfg.generator).strip(),
-    }
+    subtitle = f"{width} x {height} pixels · sheets are made from a copy of at most {EDGE} pixels"
     write_page(folder / "simulation.html", f"Simulated renders of {photo.name}", subtitle, sections, provenance)
 
 
