@@ -4,7 +4,8 @@
 
 For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The medians
 over runs at their last step are what `gaussian_enhancer.degrade.adaptive.HELD_OUT` states. ``--gates`` also calibrates
-a gate on each run and writes it there, for ``gate=adaptive gate.file=FILE``. Runs must be training runs (docs/data.md).
+a gate on the held-out views of each snapshot and writes it there: with ``gate=adaptive 'gate.file=FOLDER/*.json'`` they
+are stage 1 of the second stage's training. Runs must be training runs (docs/data.md).
 """
 
 import argparse
@@ -14,23 +15,44 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
-from gaussian_enhancer.degrade.adaptive import calibrated_on
+from gaussian_enhancer.degrade.adaptive import calibrated
 from gaussian_enhancer.degrade.fingerprint import ENERGIES, Fingerprint, fingerprint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
 
-def measured(views: Sequence[RenderedView], count: int) -> Fingerprint:
-    """The fingerprint of at most so many views, evenly spaced."""
+Images = list[Tensor]
+
+
+def spread(views: Sequence[RenderedView], count: int) -> tuple[Images, Images]:
+    """Renders and photos of at most so many views, evenly spaced."""
     chosen = [views[i * len(views) // count] for i in range(count)] if len(views) > count else list(views)
-    pairs = []
+    renders, photos = [], []
     for view in chosen:
         if view.read is None or view.read_photo is None:
             raise InputError(view.name, "has no render or no photo", "give runs with both, training views included")
-        pairs.append((view.read(), view.read_photo()))
-    return fingerprint([render for render, _ in pairs], [photo for _, photo in pairs])
+        renders.append(view.read())
+        photos.append(view.read_photo())
+    return renders, photos
+
+
+def measured(views: Sequence[RenderedView], count: int) -> Fingerprint:
+    """The fingerprint of at most so many views, evenly spaced."""
+    return fingerprint(*spread(views, count))
+
+
+def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None:
+    """Write a gate for each snapshot of a run, calibrated on its held-out views."""
+    for step in run_steps(run):
+        targets = read_run(run, step).targets
+        photos = spread(targets, photographs)[1]
+        generator = torch.Generator().manual_seed(0)
+        # Held-out views are measured themselves, so that nothing has to be made up for.
+        gate = calibrated(measured(targets, count), photos, generator, held_out={}, draws=1)
+        gate.to_file(folder / f"{run.name}-{step}.json")
 
 
 def rows(run: Path, count: int) -> list[dict[str, object]]:
@@ -66,7 +88,7 @@ def main() -> None:
     parser.add_argument("runs", nargs="+", type=Path)
     parser.add_argument("--views", type=int, default=8, help="of each side, evenly spaced")
     parser.add_argument("--json", type=Path, help="write every record there")
-    parser.add_argument("--gates", type=Path, help="calibrate a gate on each run's last step and write it there")
+    parser.add_argument("--gates", type=Path, help="calibrate a gate on each snapshot and write it there")
     options = parser.parse_args()
     records = []
     for run in options.runs:
@@ -74,8 +96,7 @@ def main() -> None:
         if options.json:
             options.json.write_text("".join(json.dumps(record) + "\n" for record in records), encoding="utf-8")
         if options.gates:
-            gate = calibrated_on(read_run(run), torch.Generator().manual_seed(0))
-            gate.to_file(options.gates / f"{run.name}.json")
+            calibrate(run, options.gates, options.views)
     print(table(records))
 
 

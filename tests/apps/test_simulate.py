@@ -12,9 +12,11 @@ from PIL import Image
 from gaussian_enhancer.apps import simulate
 from gaussian_enhancer.degrade.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.gate import RandomGate, Step
+from gaussian_enhancer.degrade.generative import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.photographed import read_held_out, read_image
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.degrade.weights import save_model
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import read_coverage, read_photo
 from gaussian_enhancer.scene.renders import read_run
@@ -179,6 +181,23 @@ def test_stage_two_is_shown_beside_the_real_render(
     halves = target.read_photo() / 2
     assert (read_photo(found / "samples/000.png") - halves).abs().max() < 1 / 255
     assert (found / "generator.png").is_file()
+
+
+@pytest.mark.parametrize("kind", ["paired", "diffused"])
+def test_learnt_generators_are_drawn(plane_run: Path, photo: Path, tmp_path: Path, kind: str) -> None:
+    torch.manual_seed(0)
+    model = FactorModel(FactorDesign(vector=4, grid=2, widths=(8, 8), code_width=8, code_blocks=1))
+    torch.nn.init.normal_(model.combiner.head.weight, std=0.02)
+    save_model(tmp_path / "g.safetensors", model, {})
+    words = ("gate=none", f"generator={kind}", f"generator.weights={tmp_path / 'g.safetensors'}", "draws=2")
+    found = job(tmp_path / "out", f"run={plane_run}", *words)
+    first, second = (pixels(found / f"samples/{i:03d}.png").astype(int) for i in range(2))
+    assert np.abs(first - second).max() > 0, "stage 2 does not depend on its seed"
+    assert (found / "generator.png").is_file()
+    if kind == "paired":
+        with pytest.raises(InputError, match="got no real renders"):
+            job(tmp_path / "refused", f"image={photo}", *words)
+        assert not (tmp_path / "refused").exists()
 
 
 def test_refuses_what_does_not_go_together(photo: Path, plane_run: Path, tmp_path: Path) -> None:

@@ -123,7 +123,7 @@ def test_copies_are_small_and_keep_their_shape(height: int, width: int) -> None:
 
 def test_reduced_depth_has_no_values_between() -> None:
     depth = torch.zeros(1, 1, 8, 700)
-    depth[..., 350:] = 7
+    depth[..., ::2] = 7
     small = reduced(View(torch.zeros(1, 3, 8, 700), depth))
     assert set(small.depth.unique().tolist()) == {0.0, 7.0}
 

@@ -19,8 +19,9 @@ from gaussian_enhancer.degrade.adaptive import AdaptiveGate, MixedGate, calibrat
 from gaussian_enhancer.degrade.draws import spawn
 from gaussian_enhancer.degrade.fingerprint import Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gate import AllGate, Gate, NoGate, RandomGate, Step
+from gaussian_enhancer.degrade.generative import DiffusedGenerator, PairedGenerator
 from gaussian_enhancer.degrade.photographed import Photographed, read_held_out, read_image
-from gaussian_enhancer.degrade.simulator import Simulator
+from gaussian_enhancer.degrade.simulator import SecondStage, Simulator
 from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.errors import InputError
@@ -74,7 +75,10 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     marks = _fingerprint(rendered, console)
     cfg, gate = _gate(cfg, rendered)
-    simulator = Simulator(gate, build(cfg.generator))
+    second: SecondStage = build(cfg.generator)
+    if isinstance(second, PairedGenerator | DiffusedGenerator):
+        second.model.to(device)
+    simulator = Simulator(gate, second)
     small = reduced(photo.view)
     sections = [
         view_section(small, photo.real),

@@ -1,5 +1,6 @@
 """The adaptive gate: chances and strengths such that the simulator makes the errors that a scene's renders show."""
 
+import glob
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -136,15 +137,18 @@ def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = 
     """The calibrated gate of a file, or a draw among those of several.
 
     Args:
-        file: what `AdaptiveGate.to_file` wrote; one or more.
+        file: what `AdaptiveGate.to_file` wrote: files, or patterns such as ``runs/gates/*.json``.
         types: switches by type; a type that is not named is on.
 
     Raises:
-        InputError: a file is missing or malformed, or a switch names no type.
+        InputError: a file is missing or malformed, a pattern names none, or a switch names no type.
     """
-    if isinstance(file, str):
-        return AdaptiveGate.from_file(file, types)
-    return MixedGate(tuple(AdaptiveGate.from_file(one, types) for one in file))
+    named = [file] if isinstance(file, str) else list(file)
+    found = [path for one in named for path in (sorted(glob.glob(one)) if glob.has_magic(one) else [one])]
+    if not found and named:
+        raise InputError(named[0], "names no file of a gate", "calibrate gates first, or correct the pattern")
+    gates = tuple(AdaptiveGate.from_file(path, types) for path in found)
+    return gates[0] if len(gates) == 1 else MixedGate(gates)
 
 
 def calibrated_on(
