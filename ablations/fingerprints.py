@@ -23,7 +23,6 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
-
 Images = list[Tensor]
 
 
