@@ -5,14 +5,16 @@ from collections.abc import Mapping
 import torch
 
 from gaussian_enhancer.degrade.adaptive import calibrated_on
+from gaussian_enhancer.degrade.diffuse import Sampler
 from gaussian_enhancer.degrade.gate import TYPES, AllGate, Gate, NoGate, RandomGate
-from gaussian_enhancer.degrade.simulator import SecondStage, Simulator
+from gaussian_enhancer.degrade.simulator import Simulator
+from gaussian_enhancer.degrade.weights import diffused
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.realism import Row
 from gaussian_enhancer.scene.rendered import RenderedSet
 
-GENERIC = ("blur", "noise", "jpeg", "downsampling")
-"""What any image restoration simulates; nothing that only splats do."""
+GENERIC = ("blur", "noise", "jpeg")
+"""What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
 
 
 def rows(names: list[str], generator: str | None = None) -> Mapping[str, Row]:
@@ -42,7 +44,7 @@ def none(splat: RenderedSet) -> Simulator:
 
 
 def naive(splat: RenderedSet) -> Simulator:
-    """Blur, noise, JPEG and downsampling, all at once."""
+    """Blur, noise and JPEG, all at once."""
     return Simulator(AllGate({name: name in GENERIC for name in TYPES}))
 
 
@@ -66,9 +68,7 @@ def adapted(splat: RenderedSet) -> Gate:
     return calibrated_on(splat, torch.Generator().manual_seed(0))
 
 
-def two_stage(weights: str) -> Row:
-    """The adaptive gate and the learned second stage."""
-    from gaussian_enhancer.degrade.generative import load_generator
-
-    second: SecondStage = load_generator(weights)
+def two_stage(weights: str, sampler: Sampler | None = None) -> Row:
+    """The adaptive gate and the learnt second stage."""
+    second = diffused(weights, sampler)
     return lambda splat: Simulator(adapted(splat), second)

@@ -2,19 +2,16 @@
 
 import copy
 import json
-import logging
 import time
-import warnings
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig, open_dict
 
-from gaussian_enhancer.apps.build import build, require
-from gaussian_enhancer.apps.run import Run, open_run, write_text
+from gaussian_enhancer.apps.build import build, plain, require
+from gaussian_enhancer.apps.run import open_run, write_text
 from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.apps.trainer import make_trainer, quieten
 from gaussian_enhancer.enhance.weights import count_parameters, design_of, preparation_of, save_weights
-from gaussian_enhancer.errors import InputError
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -36,8 +33,7 @@ def run(cfg: DictConfig) -> float | None:
     from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
     from gaussian_enhancer.train.waiting import Waiting
 
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", message=".*(exists and is not empty|many workers|is deprecated).*")
+    quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
     data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
     metrics = {"psnr": psnr, "ssim": ssim}
@@ -45,7 +41,7 @@ def run(cfg: DictConfig) -> float | None:
         build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps
     )
     waiting = Waiting()
-    trainer = _trainer(cfg, job, waiting)
+    trainer = make_trainer(cfg, job.folder, "last", [waiting])
     last = job.folder / "last.ckpt"
     started = time.time()
     trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
@@ -55,7 +51,7 @@ def run(cfg: DictConfig) -> float | None:
     gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     preparation = build(cfg.preparation)
     card = {
-        **_plain(cfg.card),
+        **plain(cfg.card),
         "design": design_of(module.average),  # type: ignore[arg-type]
         "preparation": preparation_of(preparation),
         "parameters": count_parameters(module.average),
@@ -87,41 +83,10 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     """
     if cfg.data.simulated != 0:
         return cfg
-    plain = copy.deepcopy(cfg)
-    with open_dict(plain):
+    without = copy.deepcopy(cfg)
+    with open_dict(without):
         for key in ("gate", "generator"):
-            plain.pop(key)
+            without.pop(key)
         for key in ("simulator", "simulated", "training_views"):
-            plain.data.pop(key)
-    return plain
-
-
-def _trainer(cfg: DictConfig, job: Run, *callbacks: Any) -> Any:
-    from lightning.pytorch.callbacks import ModelCheckpoint
-
-    # One file, replaced as a whole: a kill leaves the last or the one before it.
-    keep = ModelCheckpoint(
-        dirpath=job.folder, filename="last", every_n_train_steps=cfg.save_every, enable_version_counter=False
-    )
-    try:
-        logger = build(cfg.logger, save_dir=str(job.folder))
-    except (ModuleNotFoundError, ImportError) as error:
-        raise InputError(
-            "logger", f"needs a package that is not installed ({error})", "install it, or logger=csv"
-        ) from error
-    return build(
-        cfg.trainer,
-        callbacks=[keep, *callbacks],
-        logger=logger,
-        enable_progress_bar=cfg.runtime.progress,
-        default_root_dir=str(job.folder),
-    )
-
-
-def _plain(values: DictConfig) -> dict[str, Any]:
-    from omegaconf import OmegaConf
-
-    container = OmegaConf.to_container(values, resolve=True)
-    if not isinstance(container, dict):
-        raise InputError("card", "is no mapping", "give names and values")
-    return {str(name): value for name, value in container.items()}
+            without.data.pop(key)
+    return without

@@ -79,6 +79,9 @@ class RunsData(LightningDataModule):
                 raise InputError("simulated", f"is {simulated} without a simulator", "give a simulator, or the share 0")
             self.simulation = Simulation(simulator, simulated)
         self.training_views = training_views and self.simulation is not None
+        if simulate_validation and training_views:
+            # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
+            raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
         self.validated = self.simulation if simulate_validation else None
         self.sources: list[list[Sample]] = []
         self.held_out: list[Sample] = []

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.enhance.prepare import quantised
 from gaussian_enhancer.objective.objective import Objective
+from gaussian_enhancer.train.average import follow
 from gaussian_enhancer.types import Batch
 
 
@@ -66,12 +67,9 @@ class EnhancerModule(LightningModule):
         self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size)
         return total
 
-    @torch.no_grad()
     def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
-        """Move the average towards the weights; early on it follows faster."""
-        decay = min(self.optimiser.average, (1 + self.global_step) / (10 + self.global_step))
-        for mean, value in zip(self.average.parameters(), self.network.parameters(), strict=True):
-            mean.lerp_(value, 1 - decay)
+        """Move the average towards the weights."""
+        follow(self.average, self.network, self.optimiser.average, self.global_step)
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Gain over the raw render on a whole image, both quantised to 8 bit."""
