@@ -14,10 +14,10 @@ from torch import Tensor
 from gaussian_enhancer.degrade.draws import uniform, whole
 from gaussian_enhancer.degrade.view import View, each
 
-PALETTE_STEP = 1 / 7
-"""Distance of the palette's levels at strength 1: eight levels a channel."""
+PALETTE_STEP = 1 / 15
+"""Distance of the palette's levels at strength 1: sixteen levels a channel."""
 
-LUMA_STEP, CHROMA_STEP = 1 / 40, 1 / 12
+LUMA_STEP, CHROMA_STEP = 1 / 64, 1 / 24
 TONE = 0.05
 """Largest deviation from 1 of a channel's gamma and gain at strength 1."""
 
@@ -36,12 +36,12 @@ def quantised(values: Float[Tensor, "b c h w"], step: Float[Tensor, "#b #c 1 1"]
 
 
 def palette(image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"]) -> Float[Tensor, "b 3 h w"]:
-    """Few levels in each channel: down to eight at strength 1."""
+    """Few levels in each channel: down to sixteen at strength 1."""
     return quantised(image, PALETTE_STEP * each(strength))
 
 
 def coarse_ycbcr(image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"]) -> Float[Tensor, "b 3 h w"]:
-    """Few levels of luma and fewer of chroma (BT.601, full range): steps of 1/40 and 1/12 at strength 1."""
+    """Few levels of luma and fewer of chroma (BT.601, full range): steps of 1/64 and 1/24 at strength 1."""
     step = image.new_tensor([LUMA_STEP, CHROMA_STEP, CHROMA_STEP])[:, None, None]
     # Chroma's levels lie about its zero, so that grey stays grey.
     zero = image.new_tensor([0.0, 0.5, 0.5])[:, None, None]

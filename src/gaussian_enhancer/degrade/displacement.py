@@ -18,7 +18,7 @@ DRIFT = 1.2
 """Standard deviation of the smooth displacement at strength 1, pixels: it seldom passes 3."""
 
 CELL = 24
-JUMPS = 0.1
+JUMPS = 0.03
 """Share of the pixels that jump at strength 1."""
 
 LEAP = 1.5
@@ -44,7 +44,7 @@ def displaced(
 def random_offset(
     strength: Float[Tensor, " b"], generators: Sequence[torch.Generator], like: Float[Tensor, "b c h w"]
 ) -> Float[Tensor, "b 2 h w"]:
-    """A smooth displacement of 1.2 pixels (one standard deviation), and jumps of whole pixels at a tenth of the pixels.
+    """A smooth displacement of 1.2 pixels (one standard deviation), and jumps of whole pixels at 3% of them.
 
     The displacement and the share of the jumps are proportional to the strength; what jumps at a small strength jumps
     alike at a larger one.

@@ -21,7 +21,8 @@ FLOATERS = 6
 def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
     """Soft blobs at 10 to 40% of the median depth, coloured from anywhere in the image, or dark, or bright.
 
-    Standard deviations are 3 to 12% of the image's side; opacity grows with strength, to 0.5 to 0.9.
+    Standard deviations are 3 to 12% of the image's side; opacity grows with strength, to 0.15 to
+    0.9, and is seldom large: what is opaque in some training view was removed by the fit.
 
     Args:
         view: what is degraded.
@@ -40,7 +41,7 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     )
     borrowed = colour_at(view, chance[:, 4:6].mT * size)
     kind, tone = chance[:, 6, :, None], chance[:, 7, :, None]
-    colour = torch.where(kind < 0.6, borrowed, torch.where(kind < 0.8, 0.15 * tone, 0.8 + 0.2 * tone))
-    opacity = strength[:, None] * there * (0.5 + 0.4 * chance[:, 8])
+    colour = torch.where(kind < 0.8, borrowed, torch.where(kind < 0.9, 0.15 * tone, 0.8 + 0.2 * tone))
+    opacity = strength[:, None] * there * (0.15 + 0.75 * chance[:, 8].square())
     depth = depth_level(view) * (0.1 + 0.3 * chance[:, 9])
     return composite(view, Splats(centre, sigma.log(), math.pi * chance[:, 10], opacity, colour, depth))

@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.draws import normal, uniform
 from gaussian_enhancer.degrade.region import soft_region
 from gaussian_enhancer.degrade.view import View, each
 
-LOUDEST = 0.08
+LOUDEST = 0.05
 """Standard deviation at strength 1, where the region is 1."""
 
 BLOB = 1.0
@@ -28,7 +28,7 @@ def blobby(white: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
 
 
 def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Splatted Gaussian noise: clamp(x + strength 0.08 m (cos(t) white + sin(t) blobby)) in a soft oriented region m.
+    """Splatted Gaussian noise: clamp(x + strength 0.05 m (cos(t) white + sin(t) blobby)) in a soft oriented region m.
 
     After NeRFLiX (Zhou et al., CVPR 2023). Theirs is white; splats have an extent, so here a random share of the
     noise, sin(t)^2, is correlated over a pixel or two.

@@ -14,7 +14,7 @@ from gaussian_enhancer.degrade.draws import uniform, whole
 from gaussian_enhancer.degrade.view import View, each
 
 KINDS = ("nearest", "bilinear", "bicubic")
-LARGEST = 4.0
+LARGEST = 3.0
 """Factor at strength 1."""
 
 ONSET = 0.1
@@ -81,7 +81,7 @@ def resampling_matrix(
 
 
 def downsampling(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Sample the image more coarsely by a factor of 4^strength and enlarge it again; fades in up to strength 0.1.
+    """Sample the image more coarsely by a factor of 3^strength and enlarge it again; fades in up to strength 0.1.
 
     Down and up take two different kinds of interpolation. Where the samples lie within the pixels is random along
     each axis, which is what NeRFLiX's random alignment of the stride is for. Both steps are linear and separable:
