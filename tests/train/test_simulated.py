@@ -138,6 +138,26 @@ def test_paired_is_shown_the_real_render_of_the_same_crop(samples):
     torch.testing.assert_close(second.real[0], real.views.render, rtol=0, atol=0)
 
 
+def test_the_fits_own_renders_are_kept_and_lit_like_the_rest(samples):
+    chosen = items(samples, [3, 4, 5])
+    bright = dataclasses.replace(CALM, light=0.3)
+    batch = Collate(3, bright, Simulation(Simulator(NoGate(), Noisy()), 1.0))(chosen)
+    torch.testing.assert_close(batch.real, Collate(3, bright)(chosen).views.render)
+    assert Collate(3, bright)(chosen).real is None
+    assert not torch.equal(batch.real, batch.views.render)
+
+
+def test_a_simulators_training_validates_on_simulated_renders_of_held_out_views(plane_run, other_plane_run, tmp_path):
+    choices = {"simulator": Simulator(NoGate(), Noisy()), "simulated": 1.0, "simulate_validation": True}
+    data = RunsData([str(plane_run)], [str(other_plane_run)], Preparation(), tmp_path, progress=False, **choices)
+    data.setup()
+    batches, again = list(data.val_dataloader()), list(data.val_dataloader())
+    assert all(not torch.equal(batch.real, batch.views.render) for batch in batches)
+    assert all(torch.equal(a.views.render, b.views.render) for a, b in zip(batches, again, strict=True))
+    with pytest.raises(InputError, match="training_views"):
+        RunsData([], [], Preparation(), tmp_path, training_views=True, **choices)
+
+
 def test_training_views_are_simulated_always_and_never_a_pair(samples, photos):
     second = Noisy()
     chosen = items([*samples, *photos], range(len(samples) + len(photos)))

@@ -1,0 +1,111 @@
+"""Which training renders make the better enhancer: gains of the rows of conf/ablation/renders on the same views.
+
+    python ablations/renders.py --rows real naive ... --runs RUN [RUN ...] [--lpips FOLDER] [--json FILE]
+
+Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the
+held-out views of the runs' last steps with each row's weights, at full strength, and measures the gain over the raw
+render. The default is decided on validation runs; test runs are reported (docs/data.md).
+"""
+
+import argparse
+import json
+import random
+import statistics
+from datetime import UTC, datetime
+from pathlib import Path
+
+import torch
+
+from gaussian_enhancer.enhance.enhancer import Enhancer
+from gaussian_enhancer.enhance.prepare import quantised
+from gaussian_enhancer.enhance.weights import load_weights
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.pair import measure_pair
+from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.measure.provenance import this_commit, this_machine
+from gaussian_enhancer.measure.realism import scene_of
+from gaussian_enhancer.scene.renders import read_run, run_steps
+
+METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
+
+
+def trained(row: str, runs: Path) -> Path:
+    """The weights of a row; the one finished training with its label.
+
+    Raises:
+        InputError: there is none, or more than one.
+    """
+    found = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / "done").is_file())
+    if len(found) != 1:
+        remedy = f"run: gaussian-enhancer train +recipe=renders +ablation/renders={row}"
+        raise InputError(f"row {row}", f"has {len(found)} finished trainings", remedy)
+    return found[0] / "weights.safetensors"
+
+
+def gains(row: str, weights: Path, run: Path, distances: list[PerceptualDistance]) -> list[dict[str, object]]:
+    """Gain of every metric over the raw render, by view of the run's last step."""
+    pretrained, rendered = load_weights(weights), read_run(run, run_steps(run)[-1])
+    made, found = Enhancer(pretrained.network, pretrained.preparation)(rendered), []
+    for enhanced, view in zip(made, rendered.targets, strict=True):
+        if view.read is None or view.read_photo is None:
+            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
+        photo = view.read_photo()
+        before = measure_pair(view.read(), photo, distances).metrics
+        after = measure_pair(quantised(enhanced.image), photo, distances).metrics
+        gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
+        where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
+        found.append({**where, **gain, "raw_psnr": before["psnr"]})
+    return found
+
+
+def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
+    """95% bootstrap interval of a mean over views."""
+    generator = random.Random(0)
+    means = sorted(statistics.fmean(generator.choices(values, k=len(values))) for _ in range(draws))
+    return means[round(0.025 * draws)], means[round(0.975 * draws) - 1]
+
+
+def table(rows: list[dict]) -> str:
+    """Mean gains by row over all views, with the interval of the colour-aligned gain, then that gain by scene."""
+    names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
+    metrics = [name for name in METRICS if name in rows[0]]
+    heads = ["training renders", *metrics, "95% of psnr_aligned", "views worse", *scenes]
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for name in names:
+        mine = [r for r in rows if r["row"] == name]
+        aligned = [r["psnr_aligned"] for r in mine]
+        low, high = interval(aligned)
+        worse = sum(value < 0 for value in aligned)
+        means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
+        by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]
+        lines.append(
+            "| " + " | ".join([name, *means, f"{low:+.3f} to {high:+.3f}", f"{worse} of {len(mine)}", *by_scene]) + " |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read the command line, enhance, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", nargs="+", required=True)
+    parser.add_argument("--runs", nargs="+", required=True, type=Path, help="folders of fits")
+    parser.add_argument("--folder", type=Path, default=Path("runs"), help="where trainings lie")
+    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
+    parser.add_argument("--json", type=Path, help="write every row there")
+    options = parser.parse_args()
+    torch.set_flush_denormal(True)
+    distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
+    provenance = {"commit": this_commit(), "machine": this_machine()}
+    rows: list[dict] = []
+    for row in options.rows:
+        weights = trained(row, options.folder)
+        for run in options.runs:
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            rows += [{**found, **provenance, "time": now} for found in gains(row, weights, run, distances)]
+        if options.json:
+            options.json.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
