@@ -74,6 +74,25 @@ def pairs(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def simulator(session: nox.Session) -> None:
+    """Train the simulator's second stage on the fits of `pairs`; the same command goes on where it was killed."""
+    install(session)
+    scenes = ("unbounded_?", "outdoor_?", "indoor_?", "object_?", "panel17", "boruszyn", "lewis", "axe")
+    if not any(Path("runs/gates").glob("*.json")):
+        runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
+        session.run("python", "ablations/fingerprints.py", *runs, "--gates", "runs/gates")
+    session.run("gaussian-enhancer", "train_generator", "+recipe=simulator", *session.posargs)
+
+
+@nox.session(default=False)
+def renders(session: nox.Session) -> None:
+    """Train the same enhancer on every kind of render (conf/ablation/renders); it goes on where it was killed."""
+    install(session)
+    rows = ",".join(sorted(path.stem for path in Path("conf/ablation/renders").glob("*.yaml")))
+    session.run("gaussian-enhancer", "train", "-m", "+recipe=renders", f"+ablation/renders={rows}", *session.posargs)
+
+
+@nox.session(default=False)
 def weights(session: nox.Session) -> None:
     """Train the shipped weights on the fits of `pairs`; the same command goes on where it was killed."""
     install(session)

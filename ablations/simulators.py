@@ -17,24 +17,56 @@ GENERIC = ("blur", "noise", "jpeg")
 """What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
 
 
-def rows(names: list[str], generator: str | None = None) -> Mapping[str, Row]:
+class Adapted:
+    """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out.
+
+    Args:
+        photos: training photos on which the types' responses are measured.
+    """
+
+    def __init__(self, photos: int = 4) -> None:
+        self.photos = photos
+        self.known: list[tuple[RenderedSet, Gate]] = []
+
+    def __call__(self, splat: RenderedSet) -> Gate:
+        """The gate of a splat."""
+        for other, gate in self.known:
+            if other is splat:
+                return gate
+        self.known.append((splat, calibrated_on(splat, torch.Generator().manual_seed(0), photos=self.photos)))
+        return self.known[-1][1]
+
+
+def rows(names: list[str], generator: str | None = None, steps: int = 4) -> Mapping[str, Row]:
     """Simulators by name.
 
     Args:
         names: of rows.
-        generator: weights of stage 2, for the row ``tsds``.
+        generator: weights of stage 2, for the rows ``tsds`` and ``random_tsds``.
+        steps: of the diffusion's sampler.
 
     Raises:
-        InputError: there is no such row, or ``tsds`` without weights.
+        InputError: there is no such row, or a second stage comes without weights.
     """
-    makers: dict[str, Row] = {"none": none, "naive": naive, "all": every, "random": random, "adaptive": adaptive}
-    unknown = [name for name in names if name not in (*makers, "tsds")]
+    adapted = Adapted()
+    makers: dict[str, Row] = {
+        "none": none,
+        "naive": naive,
+        "all": every,
+        "random": random,
+        "adaptive": lambda splat: Simulator(adapted(splat)),
+    }
+    learnt = ("tsds", "random_tsds", "none_tsds")
+    unknown = [name for name in names if name not in (*makers, *learnt)]
     if unknown:
-        raise InputError("--rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, 'tsds'))}")
-    if "tsds" in names:
+        raise InputError("--rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, *learnt))}")
+    if set(names) & set(learnt):
         if generator is None:
-            raise InputError("--rows tsds", "comes without weights", "name them with --generator")
-        makers["tsds"] = two_stage(generator)
+            raise InputError("--rows", "names a second stage without weights", "name them with --generator")
+        second = diffused(generator, Sampler(steps))
+        makers["tsds"] = lambda splat: Simulator(adapted(splat), second)
+        makers["random_tsds"] = lambda splat: Simulator(RandomGate(), second)
+        makers["none_tsds"] = lambda splat: Simulator(NoGate(), second)
     return {name: makers[name] for name in names}
 
 
@@ -56,19 +88,3 @@ def every(splat: RenderedSet) -> Simulator:
 def random(splat: RenderedSet) -> Simulator:
     """The paper's gate: random types in random order, some in regions only."""
     return Simulator(RandomGate())
-
-
-def adaptive(splat: RenderedSet) -> Simulator:
-    """Chances and strengths from the residuals of the splat's own training views."""
-    return Simulator(adapted(splat))
-
-
-def adapted(splat: RenderedSet) -> Gate:
-    """The adaptive gate, calibrated on a splat's training views: never on the views that are held out."""
-    return calibrated_on(splat, torch.Generator().manual_seed(0))
-
-
-def two_stage(weights: str, sampler: Sampler | None = None) -> Row:
-    """The adaptive gate and the learnt second stage."""
-    second = diffused(weights, sampler)
-    return lambda splat: Simulator(adapted(splat), second)
