@@ -2,14 +2,15 @@
 
     python ablations/fingerprints.py RUN [RUN ...] [--views N] [--json FILE] [--gates FOLDER]
 
-For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The medians
-over runs at their last step are what `gaussian_enhancer.degrade.adaptive.HELD_OUT` states. ``--gates`` also calibrates
-a gate on the held-out views of each snapshot and writes it there: with ``gate=adaptive 'gate.file=FOLDER/*.json'`` they
-are stage 1 of the second stage's training. Runs must be training runs (docs/data.md).
+For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The line
+fitted to both in the logarithms is what `gaussian_enhancer.degrade.adaptive.HELD_OUT` states. ``--gates`` also
+calibrates a gate on the held-out views of each snapshot and writes it there: with ``gate=adaptive
+'gate.file=FOLDER/*.json'`` they are stage 1 of the second stage's training. Runs must be training runs (docs/data.md).
 """
 
 import argparse
 import json
+import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
@@ -57,6 +58,8 @@ def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None
 def rows(run: Path, count: int) -> list[dict[str, object]]:
     """One record for each of a run's snapshots: energies of both sides and their ratios."""
     found = []
+    if not run_steps(run):
+        raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
     for step in run_steps(run):
         rendered = read_run(run, step)
         seen, unseen = measured(rendered.references, count), measured(rendered.targets, count)
@@ -70,15 +73,23 @@ def rows(run: Path, count: int) -> list[dict[str, object]]:
 
 
 def table(records: Sequence[dict]) -> str:
-    """Median amplitudes on training views in units of 1/255, and ratios of energies, at each run's last step."""
+    """Ratios of held-out to training views' energies at each run's last step; factor and power over all snapshots."""
     last = [record for record in records if record["last"]]
-    lines = [f"| energy | amplitude | held-out / training | least | most | (n = {len(last)}) |", "|---" * 6 + "|"]
+    heads = ("energy", f"ratio, n = {len(last)}", "least", "most", f"factor, n = {len(records)}", "power")
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name in ENERGIES:
-        ratios = [record[name]["ratio"] for record in last if record[name]["ratio"] is not None]
-        amplitude = 255 * statistics.median(record[name]["training"] for record in last) ** 0.5
-        numbers = f"{statistics.median(ratios):.2f} | {min(ratios):.2f} | {max(ratios):.2f}"
-        lines.append(f"| {name} | {amplitude:.2f} | {numbers} | |")
+        ratios = [record[name]["held_out"] / record[name]["training"] for record in last if record[name]["training"]]
+        factor, power = growth([(record[name]["training"], record[name]["held_out"]) for record in records])
+        numbers = (statistics.median(ratios), min(ratios), max(ratios), factor, power)
+        lines.append(f"| {name} | {' | '.join(f'{number:.2f}' for number in numbers)} |")
     return "\n".join(lines)
+
+
+def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Factor and power of held-out energies as a function of training views': least squares in the logarithms."""
+    known = [(math.log(before), math.log(after)) for before, after in pairs if before > 0 and after > 0]
+    power, logarithm = statistics.linear_regression(*zip(*known, strict=True))
+    return math.exp(logarithm), power
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gaussian_enhancer.degrade.adaptive import AdaptiveGate, MixedGate, adaptive_gate, calibrated, calibrated_on
+from gaussian_enhancer.degrade.adaptive import AdaptiveGate, Growth, MixedGate, adaptive_gate, calibrated, calibrated_on
 from gaussian_enhancer.degrade.calibration import MINOR, ROUNDING, STRENGTHS, Responses, responses, solved, weighted
 from gaussian_enhancer.degrade.fingerprint import ENERGIES, Fingerprint, fingerprint
 from gaussian_enhancer.degrade.gate import TYPES, RandomGate
@@ -124,13 +124,15 @@ def test_held_out_factors_ask_for_more_and_switches_leave_types_out():
     generator = torch.Generator().manual_seed
 
     def total(factor):
-        gate = calibrated(scene, PHOTOS[:2], generator(0), types=SWITCHES, held_out=dict.fromkeys(ENERGIES, factor))
+        gate = calibrated(
+            scene, PHOTOS[:2], generator(0), types=SWITCHES, held_out=dict.fromkeys(ENERGIES, Growth(factor))
+        )
         assert set(gate.chances) == set(TESTED)
         return sum(gate.chances[name] * gate.limits[name] ** 2 for name in TESTED)
 
     assert total(4.0) > 1.5 * total(1.0)
     with pytest.raises(InputError, match=r"held_out\.brightness: is no energy"):
-        calibrated(scene, PHOTOS, generator(0), held_out={"brightness": 2.0})
+        calibrated(scene, PHOTOS, generator(0), held_out={"brightness": Growth(2.0)})
     with pytest.raises(InputError, match="0 photos"):
         calibrated(scene, [], generator(0), types=SWITCHES)
 

@@ -76,7 +76,8 @@ def sensor_noise(
 
     At strength 1, shot is between 0.0002 and 0.002 and log read = 2.18 log shot + 1.2 + N(0, 0.26), the line that
     Brooks et al. (CVPR 2019) fitted to the Darmstadt noise dataset; the standard deviation grows linearly with the
-    strength. Theirs reaches 0.012: a splat's photos are taken in good light, and splatting averages over them. As demosaicking is linear, the noise alone may take that way, and the signal keeps its sharpness.
+    strength. Theirs reaches 0.012: a splat's photos are taken in good light, and splatting averages over them. As
+    demosaicking is linear, the noise alone may take that way, and the signal keeps its sharpness.
 
     Args:
         raw: the sensor's signal, >= 0.
