@@ -82,7 +82,7 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
     else:
         before = load_model(job.folder / "paired.safetensors").model
         module = DiffusedModule(before, *rest, sampler=build(cfg.sampler), seed=cfg.seed + 1)
-    trainer = make_trainer(cfg, job.folder, checkpoint=step, max_steps=steps)
+    trainer = make_trainer(cfg, job.folder, step, logs=job.folder / step, max_steps=steps)
     last = job.folder / f"{step}.ckpt"
     trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
     if trainer.interrupted or trainer.global_step < steps:

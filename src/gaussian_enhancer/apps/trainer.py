@@ -13,7 +13,12 @@ from gaussian_enhancer.errors import InputError
 
 
 def make_trainer(
-    cfg: DictConfig, folder: Path, checkpoint: str, callbacks: Sequence[Any] = (), **overrides: Any
+    cfg: DictConfig,
+    folder: Path,
+    checkpoint: str,
+    callbacks: Sequence[Any] = (),
+    logs: Path | None = None,
+    **overrides: Any,
 ) -> Any:
     """A trainer that logs and keeps its checkpoint in a run's folder.
 
@@ -22,6 +27,7 @@ def make_trainer(
         folder: the run's.
         checkpoint: name of the one file, without ending, that a killed training goes on from.
         callbacks: further ones.
+        logs: folder of the log; the run's own where None.
         **overrides: options of the trainer that win over the configuration's.
 
     Raises:
@@ -34,7 +40,7 @@ def make_trainer(
         dirpath=folder, filename=checkpoint, every_n_train_steps=cfg.save_every, enable_version_counter=False
     )
     try:
-        logger = build(cfg.logger, save_dir=str(folder))
+        logger = build(cfg.logger, save_dir=str(logs or folder))
     except (ModuleNotFoundError, ImportError) as error:
         received = f"needs a package that is not installed ({error})"
         raise InputError("logger", received, "install it, or logger=csv") from error
@@ -51,4 +57,4 @@ def make_trainer(
 def quieten() -> None:
     """Silence what Lightning says of every training and is no news."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", message=".*(exists and is not empty|many workers|is deprecated).*")
+    warnings.filterwarnings("ignore", message=".*(exists and is not empty|many workers|is deprecated|in eval mode).*")
