@@ -11,14 +11,15 @@ import argparse
 import json
 import random
 import statistics
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import torch
 
 from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.prepare import quantised
-from gaussian_enhancer.enhance.weights import load_weights
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, quantised, read_target
+from gaussian_enhancer.enhance.weights import load_weights, preparation_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
@@ -42,19 +43,38 @@ def trained(row: str, runs: Path) -> Path:
     return found[0] / "weights.safetensors"
 
 
-def gains(row: str, weights: Path, run: Path, distances: list[PerceptualDistance]) -> list[dict[str, object]]:
-    """Gain of every metric over the raw render, by view of the run's last step."""
-    pretrained, rendered = load_weights(weights), read_run(run, run_steps(run)[-1])
-    made, found = Enhancer(pretrained.network, pretrained.preparation)(rendered), []
-    for enhanced, view in zip(made, rendered.targets, strict=True):
-        if view.read is None or view.read_photo is None:
+def enhancers(rows: Sequence[str], runs: Path) -> dict[str, Enhancer]:
+    """The rows' networks, at full strength.
+
+    Raises:
+        InputError: rows were trained with different preparations, so that their views could not be shared.
+    """
+    loaded = {row: load_weights(trained(row, runs)) for row in rows}
+    if len({preparation_key(one.preparation) for one in loaded.values()}) > 1:
+        raise InputError("rows", "prepare their references differently", "train them with the same recipe")
+    return {row: Enhancer(one.network, one.preparation) for row, one in loaded.items()}
+
+
+def preparation_key(preparation: Preparation) -> str:
+    """A preparation as text, equal for equal ones."""
+    return json.dumps(preparation_of(preparation), sort_keys=True)
+
+
+def gains(made: Mapping[str, Enhancer], run: Path, distances: list[PerceptualDistance]) -> list[dict[str, object]]:
+    """Gain of every metric over the raw render, by view of the run's last step and row; views are prepared once."""
+    rendered, found = read_run(run, run_steps(run)[-1]), []
+    pool, preparation = Pool(rendered.references), next(iter(made.values())).preparation
+    for view in rendered.targets:
+        if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
-        photo = view.read_photo()
-        before = measure_pair(view.read(), photo, distances).metrics
-        after = measure_pair(quantised(enhanced.image), photo, distances).metrics
-        gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
-        where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
-        found.append({**where, **gain, "raw_psnr": before["psnr"]})
+        target, photo = read_target(view), view.read_photo()
+        prepared = join(target, preparation.align(target, view, pool))
+        before = measure_pair(target.image, photo, distances).metrics
+        for row, enhancer in made.items():
+            after = measure_pair(quantised(enhancer.enhance(prepared)[0]), photo, distances).metrics
+            gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
+            where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
+            found.append({**where, **gain, "raw_psnr": before["psnr"]})
     return found
 
 
@@ -96,12 +116,11 @@ def main() -> None:
     torch.set_flush_denormal(True)
     distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
     provenance = {"commit": this_commit(), "machine": this_machine()}
+    made = enhancers(options.rows, options.folder)
     rows: list[dict] = []
-    for row in options.rows:
-        weights = trained(row, options.folder)
-        for run in options.runs:
-            now = datetime.now(UTC).isoformat(timespec="seconds")
-            rows += [{**found, **provenance, "time": now} for found in gains(row, weights, run, distances)]
+    for run in options.runs:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances)]
         if options.json:
             options.json.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
     print(table(rows))
