@@ -93,6 +93,28 @@ def renders(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def realism(session: nox.Session) -> None:
+    """Make the tables of docs/simulator.md on validation and test scenes (needs the captures, `renders` before it)."""
+    install(session)
+    training = [f"runs/fit/{name}-*" for name in ("*_1000", "buddha")]
+    validation = [f"runs/fit/{name}-*" for name in ("*_1000", "banana")]
+    test = [f"runs/fit/{name}-*" for name in ("*_2000", "fox", "monstree")]
+    rows = ("naive", "all", "random", "adaptive", "tsds")
+    generator = ("--generator", "simulator", "--rows", *rows)
+    results = Path("docs/results")
+    for name, learn, judge in (("validation", training, validation[1:]), ("test", [*training, validation[1]], test)):
+        options = ("--json", str(results / f"realism_{name}.jsonl"), *generator)
+        session.run("python", "ablations/realism.py", "--train", *learn, "--test", *judge, *options)
+    options = ("--json", str(results / "diversity.jsonl"), *generator)
+    session.run("python", "ablations/diversity.py", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
+    trained = ("real", *rows, "mixed")
+    lpips = os.environ.get("GAUSSIAN_ENHANCER_DATA", "") + "/lpips"
+    for name, runs in (("validation", validation), ("test", test)):
+        options = ("--json", str(results / f"renders_{name}.jsonl"), "--lpips", lpips)
+        session.run("python", "ablations/renders.py", "--rows", *trained, "--runs", *runs, *options)
+
+
+@nox.session(default=False)
 def weights(session: nox.Session) -> None:
     """Train the shipped weights on the fits of `pairs`; the same command goes on where it was killed."""
     install(session)

@@ -24,7 +24,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.measure.provenance import this_commit, this_machine
-from gaussian_enhancer.measure.realism import scene_of
+from gaussian_enhancer.measure.realism import finished_runs, scene_of
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
@@ -108,7 +108,7 @@ def main() -> None:
     """Read the command line, enhance, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", nargs="+", required=True)
-    parser.add_argument("--runs", nargs="+", required=True, type=Path, help="folders of fits")
+    parser.add_argument("--runs", nargs="+", required=True, help="folders of finished fits, or patterns")
     parser.add_argument("--folder", type=Path, default=Path("runs"), help="where trainings lie")
     parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
     parser.add_argument("--json", type=Path, help="write every row there")
@@ -118,7 +118,7 @@ def main() -> None:
     provenance = {"commit": this_commit(), "machine": this_machine()}
     made = enhancers(options.rows, options.folder)
     rows: list[dict] = []
-    for run in options.runs:
+    for run in finished_runs(options.runs)[0]:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances)]
         if options.json:
