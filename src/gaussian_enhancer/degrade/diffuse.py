@@ -135,7 +135,7 @@ class Denoiser(nn.Module):
         blocks: refinements of M's features at each resolution, and of the joined features.
     """
 
-    def __init__(self, vector: int = 32, grid: int = 4, width: int = 64, blocks: int = 2) -> None:
+    def __init__(self, vector: int = 32, grid: int = 8, width: int = 64, blocks: int = 2) -> None:
         super().__init__()
         self.condition = Trunk(3, width, blocks)
         self.time = nn.Sequential(nn.Linear(16, width), nn.ReLU(), nn.Linear(width, width))

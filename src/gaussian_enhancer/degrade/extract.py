@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.degrade.factors import Factors, convolution, linear, whole_cells
+from gaussian_enhancer.degrade.texture import OCTAVES, amplitudes
 
 
 class Refine(nn.Module):
@@ -54,7 +55,8 @@ class Trunk(nn.Module):
 class FactorExtractor(nn.Module):
     """z = DE(M, R): how the real render R differs from the manually degraded view M (paper, equation 5).
 
-    After DiffIR's first-stage encoder (Xia et al., ICCV 2023); it differs by the grid beside the vector.
+    After DiffIR's first-stage encoder (Xia et al., ICCV 2023); it differs by the grid beside the vector, and by being
+    shown how the strength of detail changed from M to R.
 
     Args:
         vector: entries of z's vector, 0 for none.
@@ -63,9 +65,10 @@ class FactorExtractor(nn.Module):
         blocks: refinements at each of the two resolutions.
     """
 
-    def __init__(self, vector: int = 32, grid: int = 4, width: int = 64, blocks: int = 2) -> None:
+    def __init__(self, vector: int = 32, grid: int = 8, width: int = 64, blocks: int = 2) -> None:
         super().__init__()
         self.trunk = Trunk(6, width, blocks)
+        self.texture = nn.Conv2d(3 * (OCTAVES + 2), width, 1)
         self.vector = nn.Sequential(nn.Linear(width, width), nn.ReLU(), linear(width, vector))
         self.grid = convolution(width, grid, 1)
 
@@ -76,5 +79,6 @@ class FactorExtractor(nn.Module):
             manual: stage 1's output M.
             real: real renders R of the same views.
         """
-        features = self.trunk(torch.cat([manual, real - manual], dim=1))
+        change = amplitudes(real.float()).log() - amplitudes(manual.float()).log()
+        features = self.trunk(torch.cat([manual, real - manual], dim=1)) + self.texture(change.to(real.dtype))
         return Factors(self.vector(features.mean(dim=(2, 3))), self.grid(features))

@@ -37,7 +37,7 @@ class FactorDesign:
     """
 
     vector: int = 32
-    grid: int = 4
+    grid: int = 8
     widths: Sequence[int] = (32, 48, 64)
     blocks: int = 1
     code_width: int = 64
