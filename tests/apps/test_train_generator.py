@@ -70,6 +70,8 @@ def test_a_second_step_that_was_lost_is_made_again_from_the_first(trained, plane
     torch.testing.assert_close(
         load_model(folder / "weights.safetensors").model.state_dict(),
         load_model(trained / "weights.safetensors").model.state_dict(),
+        rtol=1e-3,
+        atol=1e-4,
     )
 
 

@@ -34,7 +34,9 @@ def generators(count: int = 2, seed: int = 0) -> tuple[torch.Generator, ...]:
 
 def test_untrained_second_stage_returns_stage_one():
     for second in (DiffusedGenerator(model(trained=False)), PairedGenerator(model(trained=False))):
-        assert torch.equal(second(view(), generators(), view().image).image, view().image)
+        # Not to the last digit: a pixel that is read at its own place is interpolated all the same.
+        made = second(view(), generators(), view().image).image
+        torch.testing.assert_close(made, view().image, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("parts", [{"vector": 4, "grid": 2}, {"vector": 4, "grid": 0}, {"vector": 0, "grid": 2}])
@@ -74,7 +76,7 @@ def test_grid_says_where():
     moved.grid[..., 0, 0] += 3
     change = (made.combiner(manual, factors, noise) - made.combiner(manual, moved, noise)).abs().mean(1)[0]
     assert change[:8, :8].mean() > 1e-4
-    assert change[80:, 80:].max() == 0
+    assert change[88:, 88:].max() == 0
 
 
 def test_paired_needs_real_renders():
