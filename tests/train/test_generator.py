@@ -65,7 +65,9 @@ def test_diffused_step_learns_the_codes_of_its_views():
     second = quiet(DiffusedModule(module.model, GeneratorLoss(noise=0.05), Optimiser(), 400, Sampler(4)))
     before = difference(sampled(second))
     train(second, 400)
-    assert difference(sampled(second)) < 0.55 * min(before, difference(batch().photo))
+    after = difference(sampled(second))
+    assert after < 0.75 * before
+    assert after < 0.5 * difference(batch().photo)
 
 
 def sampled(module) -> torch.Tensor:
