@@ -1,7 +1,7 @@
 """How much simulated renders look like real ones: can a classifier tell them apart, and what separates them?
 
     python ablations/realism.py --train RUN [RUN ...] --test RUN [RUN ...] [--rows naive all random adaptive tsds]
-        [--generator WEIGHTS] [--steps 4] [--seeds 3] [--json FILE]
+        [--generator WEIGHTS] [--steps 8] [--seeds 3] [--json FILE]
 
 Real renders are the held-out views of finished runs, all snapshots; each row simulates the same views from their
 photos. The classifier learns on scenes of --train and is judged on scenes of --test, all rows on the same patches.
@@ -100,7 +100,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--test", nargs="+", required=True, help="runs of the scenes it is judged on")
     parser.add_argument("--rows", nargs="+", default=["naive", "all", "random"], help="simulators to compare")
     parser.add_argument("--generator", help="weights of stage 2, for the row tsds")
-    parser.add_argument("--steps", type=int, default=4, help="of the diffusion's sampler")
+    parser.add_argument("--steps", type=int, default=8, help="of the diffusion's sampler")
     parser.add_argument("--seeds", type=int, default=3, help="number of classifiers")
     parser.add_argument("--seed", type=int, default=0, help="of views, patches, simulation and first classifier")
     parser.add_argument("--renders", type=int, default=300, help="real renders on each side at most")

@@ -37,7 +37,7 @@ class Adapted:
         return self.known[-1][1]
 
 
-def rows(names: list[str], generator: str | None = None, steps: int = 4) -> Mapping[str, Row]:
+def rows(names: list[str], generator: str | None = None, steps: int = 8) -> Mapping[str, Row]:
     """Simulators by name.
 
     Args:

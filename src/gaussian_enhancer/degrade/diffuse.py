@@ -69,15 +69,15 @@ class Sampler:
     Args:
         steps: evaluations of the network.
         noise: share of the fresh noise of each step: 1 is ancestral sampling (Ho et al., NeurIPS 2020), 0 is DDIM
-            (Song et al., ICLR 2021).
+            (Song et al., ICLR 2021), which keeps more of the codes' spread in few steps.
         mean: take the posterior's mean and add no noise, as DiffIR does; ``noise`` is then of no effect.
 
     Raises:
         InputError: no step, or a share outside [0, 1].
     """
 
-    steps: int = 4
-    noise: float = 1.0
+    steps: int = 8
+    noise: float = 0.0
     mean: bool = False
 
     def __post_init__(self) -> None:

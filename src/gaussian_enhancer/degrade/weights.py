@@ -75,7 +75,7 @@ def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) 
 
     Args:
         weights: a .safetensors file, or the name of weights in the package.
-        sampler: how; four ancestral steps where None.
+        sampler: how; the default one where None.
     """
     fast = torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
     return DiffusedGenerator(load_model(weights).model, sampler, fast)
