@@ -128,7 +128,7 @@ def generator_section(
     generator = torch.Generator().manual_seed(seed)
     steps = simulator.gate.draw(generator)
     manual = degrade(view, [steps], [generator])
-    shown = {"photo": view, f"M, stage 1: {told(steps)}": manual}
+    shown = {"photo": view, "M, stage 1": manual}
     for drawn in range(seed, seed + seeds):
         shown[f"L, stage 2, seed {drawn}"] = simulator.second(manual, [torch.Generator().manual_seed(drawn)], real)
     if real is not None:
@@ -136,7 +136,7 @@ def generator_section(
     images = tuple(reduced(one).image[0] for one in shown.values())
     lacking = "" if real is not None else " There is no real render of a photo without its run."
     text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{lacking}"
-    return Section("Generator", text, (Row("both stages", images, tuple(shown)),), "generator")
+    return Section("Generator", text, (Row(f"stage 1: {told(steps)}", images, tuple(shown)),), "generator")
 
 
 def sample_section(samples: Sequence[tuple[str, Sequence[Step], View]], count: int) -> Section:
