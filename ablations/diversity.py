@@ -9,19 +9,16 @@ is far below the real one has collapsed.
 """
 
 import argparse
-import json
 import statistics
-import sys
 from collections import defaultdict
 from datetime import UTC, datetime
 from pathlib import Path
 
 import torch
-from realism import chosen
+from realism import chosen, studied
 from simulators import rows
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.diversity import diversity
 from gaussian_enhancer.measure.patches import Pair
 from gaussian_enhancer.measure.provenance import this_commit, this_machine
@@ -87,14 +84,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_flush_denormal(True)
     makers, reals = rows(options.rows, options.generator), chosen(options.runs, None, options.seed)
-    results = []
-    for name, row in makers.items():
-        results.append(compared(name, row, reals, options.seed))
-        print(json.dumps(results[-1]), file=sys.stderr)
-        if options.json:
-            with whole_file(options.json) as temporary:
-                temporary.write_text("".join(json.dumps(one) + "\n" for one in results), encoding="utf-8")
-    print(table(results))
+    print(table(studied(makers, lambda name, row: compared(name, row, reals, options.seed), options.json)))
 
 
 if __name__ == "__main__":

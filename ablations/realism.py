@@ -14,6 +14,7 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -93,6 +94,24 @@ def chosen(patterns: list[str], most: int | None, seed: int) -> list[RealRender]
     return real_renders(runs, most, seed)
 
 
+def studied(makers: Mapping[str, Row], compare: Callable[[str, Row], dict], path: Path | None) -> list[dict]:
+    """Compare row by row; what is done so far is written after each row, so that a kill loses one at most.
+
+    Args:
+        makers: rows by name.
+        compare: gives a row's result.
+        path: file that gets a line for every row; None writes none.
+    """
+    results: list[dict] = []
+    for name, row in makers.items():
+        results.append(compare(name, row))
+        print(json.dumps(results[-1]), file=sys.stderr)
+        if path:
+            with whole_file(path) as temporary:
+                temporary.write_text("".join(json.dumps(one) + "\n" for one in results), encoding="utf-8")
+    return results
+
+
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -119,14 +138,7 @@ def main() -> None:
     shared = {one.scene for one in train} & {one.scene for one in test}
     if shared:
         raise InputError("--test", f"shares the scene {sorted(shared)[0]} with --train", "keep the scenes apart")
-    results = []
-    for name, row in makers.items():
-        results.append(compared(name, row, train, test, options))
-        print(json.dumps(results[-1]), file=sys.stderr)
-        if options.json:
-            with whole_file(options.json) as temporary:
-                temporary.write_text("".join(json.dumps(one) + "\n" for one in results), encoding="utf-8")
-    print(table(results))
+    print(table(studied(makers, lambda name, row: compared(name, row, train, test, options), options.json)))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from pathlib import Path
 import torch
 
 from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, quantised, read_target
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.enhance.weights import load_weights, preparation_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import measure_pair
@@ -26,6 +26,7 @@ from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_
 from gaussian_enhancer.measure.provenance import this_commit, this_machine
 from gaussian_enhancer.measure.realism import finished_runs, scene_of
 from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.types import quantised
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 

@@ -163,3 +163,8 @@ def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = 
     """A camera at the world's origin looking along +z, with its principal point in the image's middle."""
     K = torch.tensor([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]], dtype=dtype)
     return Camera(K, torch.eye(4, dtype=dtype), height, width)
+
+
+def quantised(image: Float[Tensor, "*b 3 h w"]) -> Float[Tensor, "*b 3 h w"]:
+    """The image as 8 bits keep it."""
+    return torch.round(image.clamp(0, 1) * 255) / 255

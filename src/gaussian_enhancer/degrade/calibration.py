@@ -16,6 +16,7 @@ from gaussian_enhancer.degrade.gate import Step
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import quantised
 
 STRENGTHS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Where responses are measured; between them, and down to none at 0, they are interpolated."""
@@ -98,8 +99,7 @@ def _response(photo: Float[Tensor, "3 h w"], name: str, regional: bool, seed: in
     steps = [(Step(name, strength, regional),) for strength in STRENGTHS]
     generators = [spawn(1, torch.Generator().manual_seed(seed))[0] for _ in range(count)]
     degraded = degrade(View(photo.float().expand(count, *photo.shape)), steps, generators).image
-    rounded = (degraded.clamp(0, 1) * 255).round() / 255
-    return torch.stack([energies(one, photo) for one in rounded])
+    return torch.stack([energies(one, photo) for one in quantised(degraded)])
 
 
 def solved(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tensor, " t"], Float[Tensor, " t"]]:

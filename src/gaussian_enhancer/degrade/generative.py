@@ -4,7 +4,7 @@ Axes: b batch, h height, w width.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from jaxtyping import Float
@@ -133,10 +133,7 @@ class PairedGenerator:
         """
         if real is None:
             raise InputError("generator=paired", "got no real renders", "give a fitted run, or use generator=diffused")
-        with torch.autocast(manual.image.device.type, self.precision, enabled=self.precision != torch.float32):
-            factors = self.model.extractor(manual.image, real)
-            image = self.model.combine(manual.image, factors, generators)
-        return dataclasses.replace(manual, image=image.to(manual.image.dtype).clamp(0, 1))
+        return _refined(self, manual, generators, lambda: self.model.extractor(manual.image, real))
 
 
 class DiffusedGenerator:
@@ -158,7 +155,17 @@ class DiffusedGenerator:
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
     ) -> View:
         """Bring manually degraded views closer to real renders; depth and opacity stay."""
-        with torch.autocast(manual.image.device.type, self.precision, enabled=self.precision != torch.float32):
-            factors = self.model.sample(manual.image, self.sampler, generators)
-            image = self.model.combine(manual.image, factors, generators)
-        return dataclasses.replace(manual, image=image.to(manual.image.dtype).clamp(0, 1))
+        return _refined(self, manual, generators, lambda: self.model.sample(manual.image, self.sampler, generators))
+
+
+def _refined(
+    second: PairedGenerator | DiffusedGenerator,
+    manual: View,
+    generators: Sequence[torch.Generator],
+    factors: Callable[[], Factors],
+) -> View:
+    """Manually degraded views with codes, wherever these come from, applied in the second stage's precision."""
+    image = manual.image
+    with torch.autocast(image.device.type, second.precision, enabled=second.precision != torch.float32):
+        made = second.model.combine(image, factors(), generators)
+    return dataclasses.replace(manual, image=made.to(image.dtype).clamp(0, 1))

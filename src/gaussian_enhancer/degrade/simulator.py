@@ -14,6 +14,7 @@ from gaussian_enhancer.degrade.draws import spawn
 from gaussian_enhancer.degrade.gate import Gate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.types import quantised
 
 
 @runtime_checkable
@@ -74,4 +75,4 @@ class Simulator:
         each = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
         steps = [self.gate.draw(one) for one in each]
         refined = self.second(degrade(view, steps, each), each, real)
-        return View((refined.image.clamp(0, 1) * 255).round() / 255, refined.depth, refined.alpha)
+        return View(quantised(refined.image), refined.depth, refined.alpha)

@@ -7,10 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
-
 from gaussian_enhancer.enhance.alignment import Aligned, Pixels, Reprojected, Warp
 from gaussian_enhancer.enhance.modulate import depth_unit
 from gaussian_enhancer.errors import InputError
@@ -104,8 +100,3 @@ def join(target: Pixels, aligned: Aligned) -> Views:
         None if target.alpha is None else target.alpha[None],
         None if depth is None else depth_unit(depth),
     )
-
-
-def quantised(image: Float[Tensor, "*b 3 h w"]) -> Float[Tensor, "*b 3 h w"]:
-    """The image as 8 bits keep it."""
-    return torch.round(image.clamp(0, 1) * 255) / 255

@@ -10,10 +10,9 @@ import torch
 from lightning import LightningModule
 from torch import Tensor, nn
 
-from gaussian_enhancer.enhance.prepare import quantised
 from gaussian_enhancer.objective.objective import Objective
 from gaussian_enhancer.train.average import follow
-from gaussian_enhancer.types import Batch
+from gaussian_enhancer.types import Batch, quantised
 
 
 @dataclass(frozen=True)
