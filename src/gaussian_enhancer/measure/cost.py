@@ -2,15 +2,17 @@
 
 import gc
 import statistics
-import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import torch
 
 Call = Callable[[], object]
+RESET_SLACK = 16 * 2**20  # bytes by which a mark that was just reset may lie above what is held
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
     """Largest memory in bytes while a computation runs.
 
     On CUDA the peak of allocated device memory; on the CPU the peak of the whole process's resident memory. Where the
-    system cannot reset its high-water mark (outside Linux) it is the mark since the process began.
+    system does not let a process reset its high-water mark (outside Linux, in some containers), resident memory is read
+    every millisecond instead, which can miss a shorter peak.
 
     Args:
         call: the computation.
@@ -75,9 +78,10 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
         call()
         torch.cuda.synchronize(device)
         return torch.cuda.max_memory_allocated(device)
-    _reset_high_water_mark()
-    call()
-    return _high_water_mark()
+    if _reset_high_water_mark():
+        call()
+        return _resident("VmHWM")
+    return _watched(call)
 
 
 def _once(call: Call, device: torch.device) -> float:
@@ -93,22 +97,40 @@ def _wait(device: torch.device) -> None:
         torch.cuda.synchronize(device)
 
 
-def _reset_high_water_mark() -> None:
-    """Lower the process's recorded peak to what it holds now, where the system offers that."""
+def _reset_high_water_mark() -> bool:
+    """Lower the process's recorded peak to what it holds now; whether the system did so."""
     switch = Path("/proc/self/clear_refs")
-    if switch.exists():
-        try:
-            switch.write_text("5")
-        except OSError:
-            return  # some containers forbid it: the peak is then the one since the process began
+    if not switch.exists():
+        return False
+    try:
+        switch.write_text("5")
+    except OSError:
+        return False
+    return _resident("VmHWM") - _resident("VmRSS") < RESET_SLACK
 
 
-def _high_water_mark() -> int:
-    status = Path("/proc/self/status")
-    if status.exists():
-        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return int(line.split()[1]) * 1024
-    import resource
+def _resident(field: str) -> int:
+    """Resident memory in bytes, now (VmRSS) or at its highest (VmHWM), as Linux counts it."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(field))
+    return int(line.split()[1]) * 1024
 
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
+
+def _watched(call: Call) -> int:
+    """Highest resident memory that a watching thread sees while a computation runs."""
+    process = psutil.Process()
+    highest = process.memory_info().rss
+    done = threading.Event()
+
+    def watch() -> None:
+        nonlocal highest
+        while not done.wait(1e-3):
+            highest = max(highest, process.memory_info().rss)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        call()
+    finally:
+        done.set()
+        watcher.join()
+    return max(highest, process.memory_info().rss)
