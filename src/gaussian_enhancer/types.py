@@ -7,6 +7,7 @@ Depth is z in scene units and 0 where nothing was hit.
 """
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -119,7 +120,7 @@ class Render(Movable):
 
 @dataclass(frozen=True)
 class Views(Movable):
-    """All that an enhancement network sees of a batch of targets.
+    """All that an enhancement network sees of a batch of targets. H = 4 h, W = 4 w.
 
     References lie on the target's pixel grid: reprojected where alignment warps them by geometry, as they are
     (resized) otherwise. A reference that is missing, or does not see a pixel, has visibility 0 there.
@@ -132,6 +133,10 @@ class Views(Movable):
         alpha: rendered opacity of the target, None where the renderer gave none.
         depth_unit: the length that counts as 1 when a network normalises depth, so that crops and tiles of an
             image agree; None means the median of the given depth.
+        reference_renders: the splat's own renders of the references' views, brought to the target's grid as the
+            references are: photo minus render tells what the splat got wrong, render minus ``render`` how well the two
+            are aligned. None where the renderer gave none.
+        fine_references: the references on a grid 4 times as fine, for super-resolution; None where not asked for.
     """
 
     render: Float[Tensor, "b 3 h w"]
@@ -140,6 +145,19 @@ class Views(Movable):
     depth: Float[Tensor, "b 1 h w"] | None = None
     alpha: Float[Tensor, "b 1 h w"] | None = None
     depth_unit: Float[Tensor, " b"] | None = None
+    reference_renders: Float[Tensor, "b r 3 h w"] | None = None
+    fine_references: Float[Tensor, "b r 3 H W"] | None = None
+
+    def mapped(self, change: Callable[[Tensor, int], Tensor]) -> "Views":
+        """The views with every image changed alike: cut out, padded, flipped.
+
+        Args:
+            change: takes images (..., height, width) and how many times finer than the render's their grid is.
+        """
+        scales = {"fine_references": 4}
+        images = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "depth_unit"}
+        changed = {n: None if i is None else change(i, scales.get(n, 1)) for n, i in images.items()}
+        return dataclasses.replace(self, **changed)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -148,13 +166,13 @@ class Batch(Movable):
 
     Args:
         views: what the network sees.
-        photo: what it should return.
+        photo: what it should return, of the render's size or, for super-resolution, 4 times as fine.
         names: of the samples.
         real: the fits' own renders, where ``views.render`` was simulated; None where nothing was.
     """
 
     views: Views
-    photo: Float[Tensor, "b 3 h w"]
+    photo: Float[Tensor, "b 3 _ _"]
     names: tuple[str, ...] = ()
     real: Float[Tensor, "b 3 h w"] | None = None
 

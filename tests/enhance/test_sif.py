@@ -103,7 +103,7 @@ def test_absent_depth_equals_no_modulation():
     network, seen = trained(), views()
     absent = dataclasses.replace(seen, depth=None)
     torch.testing.assert_close(network(absent), network(dataclasses.replace(seen, depth=torch.zeros(1, 1, 24, 40))))
-    network.modulate = Unmodulated().build(16)
+    network.gather.modulate = Unmodulated().build(16)
     torch.testing.assert_close(network(absent), network(seen))
 
 

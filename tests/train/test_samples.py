@@ -6,7 +6,7 @@ from gaussian_enhancer.enhance.alignment import Unwarped
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.samples import FIXED, batch_of, prepare_samples
+from gaussian_enhancer.train.samples import EACH, FIXED, batch_of, prepare_samples
 
 
 def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):
@@ -62,7 +62,7 @@ def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_
     marked[3:6] = marked[:3]
     turned = augmentation.cut(marked, torch.Generator().manual_seed(5))
     assert (turned[3:6] == turned[:3]).all()
-    counts = {(len(augmentation.drop(one, torch.Generator().manual_seed(s))) - FIXED) // 4 for s in range(60)}
+    counts = {(len(augmentation.drop(one, torch.Generator().manual_seed(s))) - FIXED) // EACH for s in range(60)}
     assert counts == {0, 1, 2, 3}
 
 

@@ -39,7 +39,7 @@ def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[st
         f"runs={runs}",
         "trainer=smoke",
         "logger=csv",
-        "fusion=sif_small",
+        "size=tiny",
         "fusion.widths=[8,8,8]",
         "data.augmentation.crop=32",
         "data.batch_size=2",
@@ -73,10 +73,10 @@ def test_every_objective_builds(objective):
     assert float(total) > 0
 
 
-@pytest.mark.parametrize("fusion", ["sif", "sif_small", "sif_undepth", "sif_mean"])
+@pytest.mark.parametrize("fusion", ["sif", "sif_photos", "sif_undepth", "sif_mean"])
 def test_every_fusion_builds(fusion):
     cfg = configured(f"fusion={fusion}", "data.train=[]", "data.validation=[]")
-    assert build(cfg.fusion).widths
+    assert build(cfg.fusion).design
 
 
 MISSING = ["data.train=[]", "data.validation=[]"]

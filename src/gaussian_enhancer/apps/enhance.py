@@ -154,7 +154,8 @@ def render_capture(
         return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
 
     def reference(photo: Photo) -> RenderedView:
-        return RenderedView(lossless(photo), None, photo.camera, drawn(photo, ("depth",)).depth, None, photo.read)
+        draw = drawn(photo, ("colour", "depth"))
+        return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, None, photo.read)
 
     targets, references = map(target, sides[views]), map(reference, capture.train_photos)
     return RenderedSet(capture.name, tuple(targets), tuple(references), capture.background)
@@ -237,7 +238,7 @@ def _files(rendered: RenderedSet, preparation: Preparation, keep_photos: bool) -
     for view in rendered.targets:
         reads += [view.read, view.read_depth, view.read_alpha, view.read_photo if keep_photos else None]
     for view in rendered.references if preparation.references else ():
-        reads += [view.read_photo, view.read_depth]
+        reads += [view.read_photo, view.read_depth, view.read]
     return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
 
 

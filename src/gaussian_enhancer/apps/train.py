@@ -38,7 +38,7 @@ def run(cfg: DictConfig) -> float | None:
     data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
-        build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps
+        build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps, cfg.coarse
     )
     waiting = Waiting()
     trainer = make_trainer(cfg, job.folder, "last", [waiting])

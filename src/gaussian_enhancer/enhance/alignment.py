@@ -30,6 +30,7 @@ class Pixels:
         camera: where it was taken from, of the image's size; None where unknown.
         depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
         alpha: rendered opacity; None where unknown.
+        render: the splat's own render of a reference's view, of any size; None where unknown.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Pixels:
     camera: Camera | None = None
     depth: Float[Tensor, "1 _ _"] | None = None
     alpha: Float[Tensor, "1 h w"] | None = None
+    render: Float[Tensor, "3 _ _"] | None = None
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,13 @@ class Aligned:
         references: colours, 0 where nothing is visible.
         visibility: how surely each shows the target's surface, in [0, 1].
         names: of the references.
+        renders: the splat's own renders of the references' views on the target's grid; None unless all are known.
     """
 
     references: Float[Tensor, "r 3 h w"]
     visibility: Float[Tensor, "r 1 h w"]
     names: tuple[str, ...]
+    renders: Float[Tensor, "r 3 h w"] | None = None
 
 
 @runtime_checkable
@@ -71,19 +75,24 @@ class Unwarped:
         """Take the first ``keep`` references."""
         height, width = target.image.shape[-2:]
         chosen = list(references[:keep])
-        images = [resize(reference.image, height, width) for reference in chosen]
-        return _aligned(
-            target, [Warped(i, torch.ones_like(i[:1])) for i in images], [reference.name for reference in chosen]
-        )
+        warped = []
+        for reference in chosen:
+            image = resize(reference.image, height, width)
+            render = None if reference.render is None else resize(reference.render, height, width)
+            warped.append(Warped(image, torch.ones_like(image[:1]), render))
+        return _aligned(target, warped, [reference.name for reference in chosen])
 
 
 @dataclass(frozen=True)
 class Reprojected:
     """References warped through the target's depth, coloured like the render and ranked by what they then show.
 
+    Where the splat's own render of a reference's view is known, depth is refined and colours are matched by it: what
+    one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
+
     Args:
         refine_depth: better the depth photometrically before the warp (`refine_depth`).
-        match_colour: bring each reference's exposure to that of the render (`fit_colour`).
+        match_colour: bring each reference's exposure to the splat's (`fit_colour`).
         tolerance: relative depth difference that the occlusion check forgives (`reproject`).
         softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
     """
@@ -108,16 +117,14 @@ class Reprojected:
         camera, depth = _camera_of(target), target.depth
         cameras = [_camera_of(reference) for reference in references]
         if self.refine_depth:
-            photos = [reference.image for reference in references]
-            depth = refine_depth(camera, depth, target.image, cameras, photos)
-        warped = [
-            reproject(
-                camera, depth, other, reference.image, reference.depth, target.alpha, self.tolerance, target.depth
-            )
-            for other, reference in zip(cameras, references, strict=True)
-        ]
-        if self.match_colour:
-            warped = [_coloured(one, target.image) for one in warped]
+            shown = [reference.image if reference.render is None else reference.render for reference in references]
+            depth = refine_depth(camera, depth, target.image, cameras, shown)
+        warped = []
+        for other, reference in zip(cameras, references, strict=True):
+            photo = _recoloured(reference) if self.match_colour else reference.image
+            how = reference.depth, target.alpha, self.tolerance, target.depth, reference.render
+            one = reproject(camera, depth, other, photo, *how)
+            warped.append(_coloured(one, target.image) if self.match_colour and reference.render is None else one)
         order = rank(target.image, warped, keep, self.softness)
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order])
 
@@ -152,6 +159,14 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
     return order
 
 
+def _recoloured(reference: Pixels) -> Float[Tensor, "3 _ _"]:
+    """The reference's photo in the exposure of the splat's render of the same view, where there is one."""
+    if reference.render is None:
+        return reference.image
+    small = resize(reference.image, *reference.render.shape[-2:])
+    return apply_colour(reference.image, fit_colour(small, reference.render, torch.ones_like(small[:1])))
+
+
 def _coloured(warped: Warped, render: Float[Tensor, "3 h w"]) -> Warped:
     """The reference in the render's exposure."""
     transform = fit_colour(warped.colour, render, warped.visibility)
@@ -169,6 +184,10 @@ def _aligned(target: Pixels, warped: Sequence[Warped], names: Sequence[str]) -> 
     if not warped:
         empty = target.image.new_zeros(0, 4, height, width)
         return Aligned(empty[:, :3], empty[:, 3:], ())
+    renders = [one.render for one in warped if one.render is not None]
     return Aligned(
-        torch.stack([one.colour for one in warped]), torch.stack([one.visibility for one in warped]), tuple(names)
+        torch.stack([one.colour for one in warped]),
+        torch.stack([one.visibility for one in warped]),
+        tuple(names),
+        torch.stack(renders) if len(renders) == len(warped) else None,
     )

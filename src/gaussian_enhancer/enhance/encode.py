@@ -17,19 +17,27 @@ class Encoder(nn.Module):
     Args:
         channels: of the features.
         blocks: number of residual blocks.
+        planes: channels that are read: colours and mask, and what else an image comes with.
     """
 
-    def __init__(self, channels: int, blocks: int = 1) -> None:
+    def __init__(self, channels: int, blocks: int = 1, planes: int = 4) -> None:
         super().__init__()
-        self.stem = nn.Conv2d(16, channels, 3, padding=1)
+        self.channels = channels
+        self.stem = nn.Conv2d(4 * planes, channels, 3, padding=1)
         self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
 
-    def forward(self, image: Float[Tensor, "b 3 h w"], mask: Float[Tensor, "b 1 h w"]) -> Float[Tensor, "b c i j"]:
+    def forward(
+        self,
+        image: Float[Tensor, "b 3 h w"],
+        mask: Float[Tensor, "b 1 h w"],
+        further: Float[Tensor, "b _ h w"] | None = None,
+    ) -> Float[Tensor, "b c i j"]:
         """Encode an image and how far each pixel of it counts.
 
         Args:
             image: colours in [0, 1].
             mask: opacity of a render or visibility of a reference, in [0, 1].
+            further: what else is known of each pixel.
         """
-        x = torch.cat([image - 0.5, mask], dim=1)
+        x = torch.cat([image - 0.5, mask] + ([] if further is None else [further]), dim=1)
         return self.blocks(self.stem(F.pixel_unshuffle(x, 2)))

@@ -3,6 +3,7 @@
 Axes: b batch, h height, w width.
 """
 
+import dataclasses
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -96,7 +97,7 @@ class Enhancer:
         """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1]."""
         views = views.to(self.device)
         if views.depth is not None and not bool(usable(views.depth).any()):
-            views = Views(views.render, views.references, views.visibility, None, views.alpha)
+            views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
             enhanced = enhance_tiled(self.network, views, self.tile, self.halo)
         enhanced = enhanced.float()

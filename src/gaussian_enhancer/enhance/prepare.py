@@ -68,7 +68,8 @@ class Pool:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")
         depth = view.read_depth() if view.read_depth is not None else None
-        return Pixels(view.name, view.read_photo(), view.camera, depth)
+        render = view.read() if view.read is not None else None
+        return Pixels(view.name, view.read_photo(), view.camera, depth, render=render)
 
 
 def read_target(view: RenderedView) -> Pixels:
@@ -99,4 +100,5 @@ def join(target: Pixels, aligned: Aligned) -> Views:
         depth,
         None if target.alpha is None else target.alpha[None],
         None if depth is None else depth_unit(depth),
+        None if aligned.renders is None else aligned.renders[None],
     )

@@ -23,10 +23,12 @@ class Warped:
     Args:
         colour: the photo's colours, 0 where nothing is visible.
         visibility: how surely the reference shows the target's surface, in [0, 1].
+        render: the splat's own render of the reference's view, warped alike; None where unknown.
     """
 
     colour: Float[Tensor, "3 h w"]
     visibility: Float[Tensor, "1 h w"]
+    render: Float[Tensor, "3 h w"] | None = None
 
 
 def projection(
@@ -112,6 +114,7 @@ def reproject(
     alpha: Float[Tensor, "1 h w"] | None = None,
     tolerance: float = 0.05,
     rendered_depth: Float[Tensor, "1 h w"] | None = None,
+    render: Float[Tensor, "3 _ _"] | None = None,
 ) -> Warped:
     """Warp a photo backwards into the target view through the target's depth.
 
@@ -129,6 +132,7 @@ def reproject(
         tolerance: relative depth difference of one standard deviation, > 0.
         rendered_depth: the target's depth before it was refined, which alone compares with what the reference
             renders; None means ``depth``.
+        render: the splat's own render of the reference's view, at any resolution, to be warped alike.
     """
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
@@ -150,9 +154,13 @@ def reproject(
         visibility = visibility * torch.where(seen > 0, torch.exp(-0.5 * difference**2), 1.0)
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
-    photo, scale = _shrunk(photo.to(dtype), x, y, inside)
-    colour = look_up(photo, x * scale[0], y * scale[1])[0]
-    return Warped(colour * (visibility > 0), visibility)
+    images = []
+    for image in (photo,) if render is None else (photo, render):
+        scale = image.shape[-1] / reference.width, image.shape[-2] / reference.height
+        small, shrink = _shrunk(image.to(dtype), x * scale[0], y * scale[1], inside)
+        read = look_up(small, x * scale[0] * shrink[0], y * scale[1] * shrink[1])[0]
+        images.append(read * (visibility > 0))
+    return Warped(images[0], visibility, images[1] if render is not None else None)
 
 
 def _landing(

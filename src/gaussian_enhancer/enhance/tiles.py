@@ -85,14 +85,4 @@ def _ramp(start: int, end: int, length: int, halo: int, blend: int) -> Float[Ten
 
 
 def _crop(views: Views, top: int, bottom: int, left: int, right: int) -> Views:
-    def cut(image: Tensor) -> Tensor:
-        return image[..., top:bottom, left:right]
-
-    return Views(
-        cut(views.render),
-        cut(views.references),
-        cut(views.visibility),
-        None if views.depth is None else cut(views.depth),
-        None if views.alpha is None else cut(views.alpha),
-        views.depth_unit,
-    )
+    return views.mapped(lambda image, n: image[..., n * top : n * bottom, n * left : n * right])

@@ -19,6 +19,7 @@ from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped, Warp
 from gaussian_enhancer.enhance.deform import Deformable, Unrefined
 from gaussian_enhancer.enhance.fuse import Mean, Trust
 from gaussian_enhancer.enhance.modulate import DepthModulated, Unmodulated
+from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.errors import InputError
@@ -30,6 +31,7 @@ KINDS: dict[str, type[Any]] = {
 }
 WARPS = (Reprojected, Unwarped)
 STAGES = {"refine": (Deformable, Unrefined), "fusion": (Trust, Mean), "modulation": (DepthModulated, Unmodulated)}
+NETWORKS: dict[str, type[Any]] = {kind.__name__: kind for kind in (SIF,)}
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,12 @@ class Pretrained:
         card: where the weights come from.
     """
 
-    network: SIF
+    network: Network
     preparation: Preparation
     card: dict[str, Any]
 
 
-def save_weights(path: Path, network: SIF, preparation: Preparation, card: Mapping[str, Any]) -> None:
+def save_weights(path: Path, network: Network, preparation: Preparation, card: Mapping[str, Any]) -> None:
     """Write weights, whole or not at all, in half precision.
 
     Args:
@@ -89,25 +91,36 @@ def load_weights(source: str | Path) -> Pretrained:
     return Pretrained(network.eval(), preparation, card)
 
 
-def design_of(network: SIF) -> dict[str, Any]:
+def design_of(network: Network) -> dict[str, Any]:
     """The plain values that a network is built from."""
-    values = {"widths": list(network.widths), "blocks": list(network.blocks), "encoder_blocks": network.encoder_blocks}
-    return {"network": "SIF", **values, **{stage: _plain(part) for stage, part in network.choices.items()}}
+    return {name: _plain(value) if name in STAGES else value for name, value in network.design.items()}
 
 
-def build_design(design: Mapping[str, Any]) -> SIF:
+def build_design(design: Mapping[str, Any]) -> Network:
     """The network of a design, untrained.
 
     Raises:
         ValueError: a value is out of range or of an unknown kind.
     """
-    if design["network"] != "SIF":
+    values = dict(design)
+    kind = NETWORKS.get(values.pop("network"))
+    if kind is None:
         raise ValueError(f"network {design['network']!r}")
-    widths, blocks = ([whole_number(n, 1, 1024) for n in design[key]] for key in ("widths", "blocks"))
-    if not 1 <= len(widths) <= 6 or len(widths) != len(blocks):
-        raise ValueError(f"{len(widths)} widths and {len(blocks)} blocks")
-    parts = {stage: _part(design[stage], kinds) for stage, kinds in STAGES.items()}
-    return SIF(widths, blocks, whole_number(design["encoder_blocks"], 0, 64), **parts)
+    built: Network = kind(**{name: _value(name, value) for name, value in values.items()})
+    return built
+
+
+def _value(name: str, value: Any) -> Any:
+    """A parameter of a network from its plain value."""
+    if name in STAGES:
+        return _part(value, STAGES[name])
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        if not 1 <= len(value) <= 6:
+            raise ValueError(f"{name} has {len(value)} entries")
+        return [whole_number(entry, 0, 1024) for entry in value]
+    return whole_number(value, 0, 1024)
 
 
 def preparation_of(preparation: Preparation) -> dict[str, Any]:

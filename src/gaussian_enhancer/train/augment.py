@@ -11,7 +11,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 
-from gaussian_enhancer.train.samples import FIXED
+from gaussian_enhancer.train.samples import EACH, FIXED
 from gaussian_enhancer.types import Batch
 
 
@@ -22,6 +22,8 @@ class Augmentation:
     Args:
         crop: side of the square crops in pixels, a multiple of 16.
         drop_all: chance that a sample has no reference, so that the network also serves renders alone.
+        drop_renders: chance that a batch comes without the splat's renders of the references' views, as a folder of
+            finished renders does.
         exposure: standard deviation of a reference's log gain beside the target's, per reference and half of it per
             channel: what colour matching leaves.
         light: standard deviation of a log gain per channel that all images of a sample share.
@@ -29,6 +31,7 @@ class Augmentation:
 
     crop: int = 128
     drop_all: float = 0.1
+    drop_renders: float = 0.15
     exposure: float = 0.04
     light: float = 0.1
 
@@ -57,12 +60,12 @@ class Augmentation:
             planes: of one crop.
             generator: source of randomness.
         """
-        count = (len(planes) - FIXED) // 4
+        count = (len(planes) - FIXED) // EACH
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
             return planes[:FIXED]
         kept = 1 + _below(count, generator)
         order = list(range(count)) if _below(2, generator) else torch.randperm(count, generator=generator).tolist()
-        chosen = [planes[FIXED + 4 * i : FIXED + 4 * i + 4] for i in order[:kept]]
+        chosen = [planes[FIXED + EACH * i : FIXED + EACH * (i + 1)] for i in order[:kept]]
         return np.concatenate([planes[:FIXED], *chosen])
 
     def relight(self, batch: Batch, generator: torch.Generator) -> Batch:
@@ -82,8 +85,15 @@ class Augmentation:
         def lit(image: Tensor, gain: Tensor) -> Tensor:
             return (image * gain).clamp(0, 1)
 
+        drawn = views.reference_renders
+        if drawn is not None:
+            dropped = float(torch.rand((), generator=generator)) < self.drop_renders
+            drawn = None if dropped else lit(drawn, light[:, None])
         views = dataclasses.replace(
-            views, render=lit(views.render, light), references=lit(views.references, light[:, None] * exposure)
+            views,
+            render=lit(views.render, light),
+            references=lit(views.references, light[:, None] * exposure),
+            reference_renders=drawn,
         )
         real = None if batch.real is None else lit(batch.real, light)
         return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light), real=real)

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+import torch.nn.functional as F
 from lightning import LightningModule
-from torch import Tensor, nn
+from torch import Tensor
 
+from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.objective.objective import Objective
 from gaussian_enhancer.train.average import follow
 from gaussian_enhancer.types import Batch, quantised
@@ -46,21 +49,36 @@ class EnhancerModule(LightningModule):
         metrics: figures of enhanced image against photo by name; their gain over the raw render is logged.
         optimiser: how.
         steps: length of the training, for the schedule.
+        coarse: weight of the objective at each coarser scale of a network that has several (NeRFLiX++'s
+            intermediate supervision).
     """
 
     def __init__(
-        self, network: nn.Module, objective: Objective, metrics: Mapping[str, Any], optimiser: Optimiser, steps: int
+        self,
+        network: Network,
+        objective: Objective,
+        metrics: Mapping[str, Any],
+        optimiser: Optimiser,
+        steps: int,
+        coarse: float = 0.1,
     ) -> None:
         super().__init__()
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(network).requires_grad_(False)
         self.objective, self.metrics, self.optimiser, self.steps = objective, dict(metrics), optimiser, steps
+        self.coarse = coarse
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
-        enhanced = self.network(batch.views)
+        *coarser, enhanced = self.network.stages(batch.views)
         with torch.autocast(self.device.type, enabled=False):
-            total, parts = self.objective(enhanced.float(), batch.photo, batch.views.render)
+            start = enlarged(batch.views.render, self.network.scale).clamp(0, 1)
+            total, parts = self.objective(enhanced.float(), batch.photo, start)
+            for image in coarser:
+                photo, render = (
+                    F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (batch.photo, start)
+                )
+                total = total + self.coarse * self.objective(image.float(), photo, render)[0]
         size = len(batch.names)
         self.log("train/total", total, prog_bar=True, batch_size=size)
         self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size)
@@ -72,7 +90,8 @@ class EnhancerModule(LightningModule):
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Gain over the raw render on a whole image, both quantised to 8 bit."""
-        enhanced, raw = quantised(self.average(batch.views).float()), quantised(batch.views.render)
+        enhanced = quantised(self.average(batch.views).float())
+        raw = quantised(enlarged(batch.views.render, self.network.scale))
         with torch.autocast(self.device.type, enabled=False):
             gains = {
                 f"gain/{name}": metric(enhanced, batch.photo) - metric(raw, batch.photo)

@@ -1,8 +1,8 @@
 """Prepared training tuples on disk: every reference is warped once, at full size.
 
 A sample is one `.npy` of 8-bit planes (p h w), which is memory-mapped so that a crop reads only its own rows:
-render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3 and
-visibility 1. Warping commutes with cropping and flipping, so that augmentation is local.
+render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3, visibility 1
+and the splat's own render of its view 3. Warping commutes with cropping and flipping, so that augmentation is local.
 A training view, prepared for simulation alone, has its photo in place of its render: that was fitted to the photo.
 Axes: p planes, h height, w width, r references.
 """
@@ -29,8 +29,9 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Batch, Views
 
-LAYOUT = 4
+LAYOUT = 5
 FIXED = 9
+EACH = 7
 NEAREST = 4.0
 
 
@@ -47,6 +48,7 @@ class Sample:
         has_depth: whether depth is known.
         has_alpha: whether opacity is known.
         held_out: whether the render was not fitted to the photo, so that the two are a pair to learn from.
+        has_reference_renders: whether the splat's own renders of the references' views are known.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Sample:
     has_depth: bool
     has_alpha: bool
     held_out: bool = True
+    has_reference_renders: bool = False
 
     def planes(self) -> np.ndarray:
         """The planes, mapped from the file."""
@@ -134,7 +137,8 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
         inverse = normalised_inverse_depth(depth, depth_unit(depth))[0] / NEAREST
     fine = (inverse * 65535).round().int()
     alpha = torch.ones_like(inverse) if target.alpha is None else target.alpha
-    references = torch.cat([aligned.references, aligned.visibility], dim=1).flatten(0, 1)
+    renders = torch.zeros_like(aligned.references) if aligned.renders is None else aligned.renders
+    references = torch.cat([aligned.references, aligned.visibility, renders], dim=1).flatten(0, 1)
     planes = torch.cat(
         [_bytes(target.image), _bytes(photo), _bytes(alpha), fine // 256, fine % 256, _bytes(references)]
     )
@@ -142,7 +146,8 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
     save_array(path, planes.to(torch.uint8).numpy())
     height, width = planes.shape[-2:]
     known = target.depth is not None, target.alpha is not None
-    return Sample(f"{rendered.name}/{view.name}", str(path), height, width, len(aligned.names), *known)
+    name, drawn = f"{rendered.name}/{view.name}", aligned.renders is not None
+    return Sample(name, str(path), height, width, len(aligned.names), *known, has_reference_renders=drawn)
 
 
 def _photo(view: RenderedView, height: int, width: int) -> Float[Tensor, "3 {height} {width}"]:
@@ -158,18 +163,22 @@ def _bytes(image: Float[Tensor, "p h w"]) -> Tensor:
 def batch_of(planes: Sequence[UInt8[np.ndarray, "_ h w"]], samples: Sequence[Sample], references: int) -> Batch:
     """A batch from planes of equal size; missing references have visibility 0.
 
+    The references' renders are given where all samples have them.
+
     Args:
         planes: crops or whole images.
         samples: what they belong to.
         references: places for references.
     """
-    wide = [np.pad(p, ((0, FIXED + 4 * references - len(p)), (0, 0), (0, 0))) for p in planes]
+    wide = [np.pad(p, ((0, FIXED + EACH * references - len(p)), (0, 0), (0, 0))) for p in planes]
     values = torch.from_numpy(np.ascontiguousarray(np.stack(wide)))
     height, width = values.shape[-2:]
     images = values.float() / 255
     inverse = (values[:, 7:8].float() * 256 + values[:, 8:9].float()) * (NEAREST / 65535)
     known = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
     depth = torch.where((inverse > 0) & known, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
-    stack = images[:, FIXED:].view(len(samples), references, 4, height, width)
-    views = Views(images[:, :3], stack[:, :, :3], stack[:, :, 3:], depth, images[:, 6:7], torch.ones(len(samples)))
+    stack = images[:, FIXED:].view(len(samples), references, EACH, height, width)
+    renders = stack[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
+    unit = torch.ones(len(samples))
+    views = Views(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
     return Batch(views, images[:, 3:6], tuple(sample.name for sample in samples))

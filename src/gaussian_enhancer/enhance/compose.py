@@ -1,0 +1,41 @@
+"""From decoded values to an image: what is added to the render, and how surely.
+
+Axes: b batch, r references, h height, w width, i = h / 2, j = w / 2.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.types import Views
+
+OUTPUTS = 6
+
+
+def compose(
+    decoded: Float[Tensor, "b 6 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+) -> Float[Tensor, "b 3 h w"]:
+    """Render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
+
+    render_i is the splat's own render of reference i's view. The last term hands on what the splat got wrong where it
+    was seen from a training camera: it forgives a shift of exposure and, where the surface is smooth, misalignment,
+    which the term before it, the photo's pixels themselves, does not. All zero decoded values give the render bit for
+    bit.
+
+    Args:
+        decoded: residual (3), confidence before its sigmoid, g and k.
+        views: render and references.
+        trust: how far each reference is trusted, at half resolution.
+    """
+    render, visibility = views.render, views.visibility
+    decoded = decoded.to(render.dtype)
+    enhanced = render + torch.sigmoid(decoded[:, 3:4]) * decoded[:, :3]
+    if views.references.shape[1] == 0:
+        return enhanced
+    weight = F.interpolate(trust.flatten(0, 1).to(render.dtype), scale_factor=2, mode="bilinear")
+    weight = weight.unflatten(0, visibility.shape[:2]) * (visibility > 0)
+    news = decoded[:, 4:5] * (weight * (views.references - render[:, None])).sum(1)
+    if views.reference_renders is not None:
+        news = news + decoded[:, 5:6] * (weight * (views.references - views.reference_renders)).sum(1)
+    return enhanced + news

@@ -1,0 +1,35 @@
+"""What every enhancement network offers, whatever it is made of.
+
+Axes: b batch, h height, w width, H = scale h, W = scale w.
+"""
+
+import abc
+from typing import Any, ClassVar
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.types import Views
+
+
+class Network(nn.Module, abc.ABC):
+    """Maps views to enhanced images.
+
+    Sides of any length and any number of references, none included, are taken. Untrained, it returns the render: bit
+    for bit at scale 1, bicubically enlarged above it.
+    """
+
+    scale: ClassVar[int] = 1
+    """How many times finer the enhanced image is than the render: 1 or 4."""
+    stride: int = 1
+    """Tiles start at multiples of this many pixels of the render."""
+    design: dict[str, Any]
+    """The plain values that it is built from: ``network``, the class's name, and its parameters."""
+
+    @abc.abstractmethod
+    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """Enhanced images of all the network's scales, coarse to fine; the last is the result."""
+
+    def forward(self, views: Views) -> Float[Tensor, "b 3 H W"]:
+        """Enhance."""
+        return self.stages(views)[-1]
