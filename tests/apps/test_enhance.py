@@ -66,6 +66,13 @@ def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
     assert not same(tmp_path / "full", plane_run / "test/ours_100/renders")
 
 
+def test_every_nth_view_is_enhanced_where_a_run_holds_many(plane_run, weights, tmp_path):
+    run(configured(f"run={plane_run}", "every=2", f"weights={weights}", f"output={tmp_path / 'out'}"))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["view_000.png"]
+    with pytest.raises(InputError, match="every"):
+        run(configured(f"run={plane_run}", "every=0", f"weights={weights}", f"output={tmp_path / 'out'}"))
+
+
 def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):
     run(configured(f"run={plane_run}", "step=50", f"weights={weights}", f"output={tmp_path / 'out'}"))
     assert same(tmp_path / "out", plane_run / "test/ours_50/renders")

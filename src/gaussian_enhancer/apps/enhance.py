@@ -91,7 +91,7 @@ def _task(cfg: DictConfig, device: str) -> Task:
         raise InputError("enhance", received, "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER")
     capture: Scene | None = build(cfg.scene) if cfg.get("scene") else None
     if given == ["run"]:
-        rendered = read_run(cfg.run, cfg.step, capture=capture)
+        rendered = _every(read_run(cfg.run, cfg.step, capture=capture), cfg.every)
         return Task(rendered, run_steps(Path(cfg.run))[-1] if cfg.step is None else cfg.step)
     if given == ["gaussians"]:
         if capture is None:
@@ -100,6 +100,13 @@ def _task(cfg: DictConfig, device: str) -> Task:
     references = capture if capture is not None else cfg.references
     folders = cfg.photos, references, cfg.depth, cfg.cameras
     return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale))
+
+
+def _every(rendered: RenderedSet, every: int) -> RenderedSet:
+    """The set with every n-th of its targets, the first included."""
+    if every < 1:
+        raise InputError("every", f"is {every}", "give 1 (all views) or more")
+    return replace(rendered, targets=rendered.targets[::every])
 
 
 def render_capture(
