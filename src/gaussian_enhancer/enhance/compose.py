@@ -3,6 +3,9 @@
 Axes: b batch, r references, h height, w width, i = h / 2, j = w / 2.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -11,6 +14,22 @@ from torch import Tensor
 from gaussian_enhancer.types import Views
 
 OUTPUTS = 6
+
+
+@runtime_checkable
+class Output(Protocol):
+    """A frozen dataclass that names one way from decoded values to an image; all zero values give the render."""
+
+    @property
+    def outputs(self) -> int:
+        """Channels that are decoded."""
+        ...
+
+    def __call__(
+        self, decoded: Float[Tensor, "b o h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Compose the image; see `compose` for the arguments."""
+        ...
 
 
 def compose(
@@ -39,3 +58,29 @@ def compose(
     if views.reference_renders is not None:
         news = news + decoded[:, 5:6] * (weight * (views.references - views.reference_renders)).sum(1)
     return enhanced + news
+
+
+@dataclass(frozen=True)
+class Gated:
+    """Choice of confidence and of handing on the references' pixels; see `compose`."""
+
+    outputs: ClassVar[int] = OUTPUTS
+
+    def __call__(
+        self, decoded: Float[Tensor, "b 6 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Compose the image."""
+        return compose(decoded, views, trust)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Choice of a residual alone, render + residual: the paper's way, in which all comes out of the decoder."""
+
+    outputs: ClassVar[int] = 3
+
+    def __call__(
+        self, decoded: Float[Tensor, "b 3 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Add what was decoded."""
+        return views.render + decoded.to(views.render.dtype)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.enhance.compose import OUTPUTS, compose
+from gaussian_enhancer.enhance.compose import Gated, Output
 from gaussian_enhancer.enhance.decode import Decoder
 from gaussian_enhancer.enhance.deform import Unrefined
 from gaussian_enhancer.enhance.fuse import Trust
@@ -33,6 +33,7 @@ class SIF(Network):
         refine: learned alignment of the references' features.
         fusion: how references join the target.
         modulation: how depth acts.
+        output: how decoded values become an image.
         reference_renders: read the splat's renders of the references' views, where they are known.
     """
 
@@ -44,6 +45,7 @@ class SIF(Network):
         refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
         fusion: Choice = Trust(),  # noqa: B008
         modulation: Choice = DepthModulated(),  # noqa: B008
+        output: Output = Gated(),  # noqa: B008
         reference_renders: bool = True,
     ) -> None:
         super().__init__()
@@ -56,11 +58,13 @@ class SIF(Network):
             "refine": refine,
             "fusion": fusion,
             "modulation": modulation,
+            "output": output,
             "reference_renders": reference_renders,
         }
         self.stride = 2 ** max(len(widths), 2)
         self.gather = Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
-        self.decode = Decoder(widths, blocks, OUTPUTS)
+        self.decode = Decoder(widths, blocks, output.outputs)
+        self.output = output
 
     def encode(self, views: Views) -> Float[Tensor, "b r c i j"]:
         """Features of the references, for `forward` to use again with other targets where they are not warped."""
@@ -76,7 +80,7 @@ class SIF(Network):
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)
         features, trust = self.gather(views, encoded)
-        return compose(self.decode(features), views, trust)[..., :height, :width]
+        return self.output(self.decode(features), views, trust)[..., :height, :width]
 
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""

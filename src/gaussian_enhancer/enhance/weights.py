@@ -16,22 +16,29 @@ from torch import nn
 
 from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
 from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped, Warp
+from gaussian_enhancer.enhance.combine import Combined, Uncombined
+from gaussian_enhancer.enhance.compose import Gated, Residual
 from gaussian_enhancer.enhance.deform import Deformable, Unrefined
 from gaussian_enhancer.enhance.fuse import Mean, Trust
 from gaussian_enhancer.enhance.modulate import DepthModulated, Unmodulated
 from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.sif import SIF
+from gaussian_enhancer.enhance.ssif_lr import SSIFLR
+from gaussian_enhancer.enhance.ssif_sr import SSIFSR
 from gaussian_enhancer.errors import InputError
 
 FORMAT = "gaussian-enhancer 1"
-KINDS: dict[str, type[Any]] = {
-    kind.__name__: kind
-    for kind in (Deformable, Unrefined, Trust, Mean, DepthModulated, Unmodulated, Reprojected, Unwarped)
-}
 WARPS = (Reprojected, Unwarped)
-STAGES = {"refine": (Deformable, Unrefined), "fusion": (Trust, Mean), "modulation": (DepthModulated, Unmodulated)}
-NETWORKS: dict[str, type[Any]] = {kind.__name__: kind for kind in (SIF,)}
+STAGES: dict[str, tuple[type[Any], ...]] = {
+    "refine": (Deformable, Unrefined),
+    "fusion": (Trust, Mean),
+    "modulation": (DepthModulated, Unmodulated),
+    "combine": (Combined, Uncombined),
+    "output": (Gated, Residual),
+}
+KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
+NETWORKS: dict[str, type[Any]] = {kind.__name__: kind for kind in (SIF, SSIFLR, SSIFSR)}
 
 
 @dataclass(frozen=True)
@@ -126,7 +133,9 @@ def _value(name: str, value: Any) -> Any:
 def preparation_of(preparation: Preparation) -> dict[str, Any]:
     """The plain values of a preparation."""
     counts = {"references": preparation.references, "candidates": preparation.candidates}
-    return {"warp": _plain(preparation.warp), **counts}
+    # Only where it says something: samples and weights from before there was any keep their names.
+    fine = {"fine": True} if preparation.fine else {}
+    return {"warp": _plain(preparation.warp), **counts, **fine}
 
 
 def build_preparation(values: Mapping[str, Any]) -> Preparation:
@@ -136,7 +145,11 @@ def build_preparation(values: Mapping[str, Any]) -> Preparation:
         ValueError: a value is out of range or of an unknown kind.
     """
     warp: Warp = _part(values["warp"], WARPS)
-    return Preparation(warp, whole_number(values["references"], 0, 8), whole_number(values["candidates"], 0, 1000))
+    counts = whole_number(values["references"], 0, 8), whole_number(values["candidates"], 0, 1000)
+    fine = values.get("fine", False)
+    if not isinstance(fine, bool):
+        raise ValueError(f"fine is {fine!r}")
+    return Preparation(warp, *counts, fine)
 
 
 def _plain(part: Any) -> dict[str, Any]:
