@@ -1,10 +1,10 @@
 """How references reach the target's pixel grid, before any network sees them.
 
-Axes: r references, h height, w width of the target.
+Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
 from gaussian_enhancer.enhance.depth import refine_depth
-from gaussian_enhancer.enhance.reproject import Warped, reproject
+from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera
@@ -31,6 +31,7 @@ class Pixels:
         depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
         alpha: rendered opacity; None where unknown.
         render: the splat's own render of a reference's view, of any size; None where unknown.
+        fine: a reference's photo on a finer grid, of any size; None where not asked for.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Pixels:
     depth: Float[Tensor, "1 _ _"] | None = None
     alpha: Float[Tensor, "1 h w"] | None = None
     render: Float[Tensor, "3 _ _"] | None = None
+    fine: Float[Tensor, "3 _ _"] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,14 @@ class Aligned:
         visibility: how surely each shows the target's surface, in [0, 1].
         names: of the references.
         renders: the splat's own renders of the references' views on the target's grid; None unless all are known.
+        fine: the references on a grid 4 times as fine; None unless all are known.
     """
 
     references: Float[Tensor, "r 3 h w"]
     visibility: Float[Tensor, "r 1 h w"]
     names: tuple[str, ...]
     renders: Float[Tensor, "r 3 h w"] | None = None
+    fine: Float[Tensor, "r 3 H W"] | None = None
 
 
 @runtime_checkable
@@ -80,7 +84,8 @@ class Unwarped:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        return _aligned(target, warped, [reference.name for reference in chosen])
+        fine = [resize(r.fine, 4 * height, 4 * width) for r in chosen if r.fine is not None]
+        return _aligned(target, warped, [reference.name for reference in chosen], fine)
 
 
 @dataclass(frozen=True)
@@ -119,14 +124,21 @@ class Reprojected:
         if self.refine_depth:
             shown = [reference.image if reference.render is None else reference.render for reference in references]
             depth = refine_depth(camera, depth, target.image, cameras, shown)
-        warped = []
+        warped, exposures = [], []
         for other, reference in zip(cameras, references, strict=True):
-            photo = _recoloured(reference) if self.match_colour else reference.image
+            exposure = _own_exposure(reference) if self.match_colour else None
+            photo = reference.image if exposure is None else apply_colour(reference.image, exposure)
             how = reference.depth, target.alpha, self.tolerance, target.depth, reference.render
             one = reproject(camera, depth, other, photo, *how)
-            warped.append(_coloured(one, target.image) if self.match_colour and reference.render is None else one)
+            if self.match_colour and exposure is None:
+                exposure = fit_colour(one.colour, target.image, one.visibility)
+                one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
+            warped.append(one)
+            exposures.append(exposure)
         order = rank(target.image, warped, keep, self.softness)
-        return _aligned(target, [warped[i] for i in order], [references[i].name for i in order])
+        finer = [(i, references[i].fine) for i in order]
+        fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
+        return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
 
 def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
@@ -159,18 +171,41 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
     return order
 
 
-def _recoloured(reference: Pixels) -> Float[Tensor, "3 _ _"]:
-    """The reference's photo in the exposure of the splat's render of the same view, where there is one."""
+def _own_exposure(reference: Pixels) -> Float[Tensor, "3 2"] | None:
+    """What brings a reference's photo to the exposure of the splat's render of the same view, where there is one."""
     if reference.render is None:
-        return reference.image
+        return None
     small = resize(reference.image, *reference.render.shape[-2:])
-    return apply_colour(reference.image, fit_colour(small, reference.render, torch.ones_like(small[:1])))
+    return fit_colour(small, reference.render, torch.ones_like(small[:1]))
 
 
-def _coloured(warped: Warped, render: Float[Tensor, "3 h w"]) -> Warped:
-    """The reference in the render's exposure."""
-    transform = fit_colour(warped.colour, render, warped.visibility)
-    return Warped(apply_colour(warped.colour, transform) * (warped.visibility > 0), warped.visibility)
+def _finely(
+    camera: Camera,
+    depth: Float[Tensor, "1 h w"],
+    other: Camera,
+    photo: Float[Tensor, "3 _ _"],
+    exposure: Float[Tensor, "3 2"] | None,
+    warped: Warped,
+) -> Float[Tensor, "3 H W"]:
+    """A reference's fine photo on the grid 4 times as fine as the target's, visible where the warped one is.
+
+    Args:
+        camera: the target's.
+        depth: the target's, refined, at its own size; enlarged as inverse depth, in which planes are linear.
+        other: the reference's camera.
+        photo: the reference's fine photo.
+        exposure: gain and offset that were applied to the warped reference.
+        warped: the reference on the target's own grid.
+    """
+    height, width = (4 * side for side in depth.shape[-2:])
+    inverse = F.interpolate(1 / fill_depth(depth)[None], size=(height, width), mode="bilinear", align_corners=False)[0]
+    shown = F.interpolate(warped.visibility[None], size=(height, width))[0]
+    if exposure is not None:
+        photo = apply_colour(photo, exposure)
+    finely = reproject(camera.resized(height, width), 1 / inverse, other, photo, alpha=shown)
+    # At the photo's border the coarse grid may see what the fine one does not.
+    coarse = F.interpolate(warped.colour[None], size=(height, width))[0]
+    return torch.where(finely.visibility > 0, finely.colour, coarse)
 
 
 def _camera_of(view: Pixels) -> Camera:
@@ -179,7 +214,9 @@ def _camera_of(view: Pixels) -> Camera:
     return view.camera
 
 
-def _aligned(target: Pixels, warped: Sequence[Warped], names: Sequence[str]) -> Aligned:
+def _aligned(
+    target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Sequence[Float[Tensor, "3 H W"]] = ()
+) -> Aligned:
     height, width = target.image.shape[-2:]
     if not warped:
         empty = target.image.new_zeros(0, 4, height, width)
@@ -190,4 +227,5 @@ def _aligned(target: Pixels, warped: Sequence[Warped], names: Sequence[str]) -> 
         torch.stack([one.visibility for one in warped]),
         tuple(names),
         torch.stack(renders) if len(renders) == len(warped) else None,
+        torch.stack(list(fine)) if len(fine) == len(warped) else None,
     )

@@ -38,6 +38,10 @@ class Decoder(nn.Module):
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
         """Decode features whose sides are multiples of 2^(levels - 1)."""
+        return self.outputs(self.features(x))
+
+    def features(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
+        """What the U-Net makes of features, before the last convolution."""
         skips = []
         for blocks, shrink in zip(self.down, self.shrink, strict=True):
             skips.append(blocks(x))
@@ -45,7 +49,11 @@ class Decoder(nn.Module):
         x = self.middle(x)
         for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
             x = blocks(skip + F.pixel_shuffle(grow(x), 2))
-        return F.pixel_shuffle(self.head(x), 2)
+        return x
+
+    def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
+        """What `features` gave, at full resolution."""
+        return F.pixel_shuffle(self.head(features), 2)
 
 
 def _stack(channels: int, count: int) -> nn.Sequential:

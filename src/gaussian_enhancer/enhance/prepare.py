@@ -4,7 +4,7 @@ Axes: r references, h height, w width.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from gaussian_enhancer.enhance.alignment import Aligned, Pixels, Reprojected, Warp
@@ -23,11 +23,13 @@ class Preparation:
         warp: how references reach the target's grid.
         references: how many the network gets at most, 0 to 8.
         candidates: how many near views are considered for them, at least as many.
+        fine: bring the references' photos to a grid 4 times as fine as well, for super-resolution.
     """
 
     warp: Warp = field(default_factory=Reprojected)
     references: int = 3
     candidates: int = 5
+    fine: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.references <= 8:
@@ -48,7 +50,7 @@ class Preparation:
         chosen: tuple[int, ...] = ()
         if self.references:
             chosen = rank_references(view, pool.views, self.candidates, depth=target.depth)
-        return self.warp(target, [pool.read(index) for index in chosen], self.references)
+        return self.warp(target, [pool.read(index, self.fine) for index in chosen], self.references)
 
 
 class Pool:
@@ -61,15 +63,20 @@ class Pool:
 
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
         self.views = tuple(views)
-        self.read: Callable[[int], Pixels] = lru_cache(maxsize=capacity)(self._read)
+        self.read: Callable[..., Pixels] = lru_cache(maxsize=capacity)(self._read)
 
-    def _read(self, index: int) -> Pixels:
+    def _read(self, index: int, fine: bool = False) -> Pixels:
         view = self.views[index]
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")
         depth = view.read_depth() if view.read_depth is not None else None
         render = view.read() if view.read is not None else None
-        return Pixels(view.name, view.read_photo(), view.camera, depth, render=render)
+        known = Pixels(view.name, view.read_photo(), view.camera, depth, render=render)
+        if not fine:
+            return known
+        if view.read_fine_photo is None:
+            raise InputError(view.name, "has no photo finer than its render", "give photos 4 times as fine")
+        return replace(known, fine=view.read_fine_photo())
 
 
 def read_target(view: RenderedView) -> Pixels:
@@ -101,4 +108,5 @@ def join(target: Pixels, aligned: Aligned) -> Views:
         None if target.alpha is None else target.alpha[None],
         None if depth is None else depth_unit(depth),
         None if aligned.renders is None else aligned.renders[None],
+        None if aligned.fine is None else aligned.fine[None],
     )

@@ -23,6 +23,8 @@ class RenderedView:
         read_depth: returns rendered z depth, shape (1, height, width), 0 where nothing was hit.
         read_alpha: returns rendered opacity, shape (1, height, width).
         read_photo: returns the photo of the same view: the truth of a target, the pixels of a reference.
+        read_fine_photo: returns that photo 4 times as fine as the render; a reference's without a render of its own
+            may have any size.
     """
 
     name: str
@@ -31,6 +33,7 @@ class RenderedView:
     read_depth: Callable[[], Float[Tensor, "1 h w"]] | None = None
     read_alpha: Callable[[], Float[Tensor, "1 h w"]] | None = None
     read_photo: Callable[[], Float[Tensor, "3 h w"]] | None = None
+    read_fine_photo: Callable[[], Float[Tensor, "3 _ _"]] | None = None
 
 
 @dataclass(frozen=True)
