@@ -173,8 +173,8 @@ def test_training_views_are_simulated_always_and_never_a_pair(samples, photos):
 
 
 def _part(views, count):
-    fields = {field.name: getattr(views, field.name)[:count] for field in dataclasses.fields(views)}
-    return dataclasses.replace(views, **fields)
+    fields = {field.name: getattr(views, field.name) for field in dataclasses.fields(views)}
+    return dataclasses.replace(views, **{name: None if f is None else f[:count] for name, f in fields.items()})
 
 
 def test_training_views_hold_their_photo_for_a_render_and_never_refer_to_themselves(plane_run, photos):

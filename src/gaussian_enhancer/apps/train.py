@@ -8,6 +8,7 @@ from pathlib import Path
 from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.apps.build import build, plain, require
+from gaussian_enhancer.apps.finer import FinePhotos
 from gaussian_enhancer.apps.run import open_run, write_text
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.trainer import make_trainer, quieten
@@ -35,7 +36,8 @@ def run(cfg: DictConfig) -> float | None:
 
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
-    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
+    finer = FinePhotos(Path(cfg.runs) / "photos")
+    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress, finer=finer)
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
         build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps, cfg.coarse

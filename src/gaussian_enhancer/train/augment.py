@@ -35,38 +35,51 @@ class Augmentation:
     exposure: float = 0.04
     light: float = 0.1
 
-    def cut(self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator) -> UInt8[np.ndarray, "p s s"]:
+    def cut(
+        self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator, finer: int = 1
+    ) -> UInt8[np.ndarray, "p s s"]:
         """A random square, flipped and turned; images smaller than it are continued by reflection.
+
+        The same seed finds the same place in planes of the same sample that are finer.
 
         Args:
             planes: of one sample.
             generator: source of randomness.
+            finer: how many times as fine as the render the planes are.
         """
-        height, width = planes.shape[1:]
-        top = _below(max(1, height - self.crop + 1), generator)
-        left = _below(max(1, width - self.crop + 1), generator)
-        piece = np.array(planes[:, top : top + self.crop, left : left + self.crop])
-        while piece.shape[1] < self.crop or piece.shape[2] < self.crop:
-            grow = [(0, min(self.crop - side, side)) for side in piece.shape[1:]]
+        crop, (height, width) = finer * self.crop, planes.shape[1:]
+        top = finer * _below(max(1, height // finer - self.crop + 1), generator)
+        left = finer * _below(max(1, width // finer - self.crop + 1), generator)
+        piece = np.array(planes[:, top : top + crop, left : left + crop])
+        while piece.shape[1] < crop or piece.shape[2] < crop:
+            grow = [(0, min(crop - side, side)) for side in piece.shape[1:]]
             piece = np.pad(piece, [(0, 0), *grow], mode="symmetric")
         if _below(2, generator):
             piece = piece[:, :, ::-1]
         return np.ascontiguousarray(np.rot90(piece, _below(4, generator), axes=(1, 2)))
 
-    def drop(self, planes: UInt8[np.ndarray, "p s s"], generator: torch.Generator) -> UInt8[np.ndarray, "q s s"]:
+    def drop(
+        self,
+        planes: UInt8[np.ndarray, "p s s"],
+        generator: torch.Generator,
+        fixed: int = FIXED,
+        each: int = EACH,
+    ) -> UInt8[np.ndarray, "q s s"]:
         """Keep a random number of references, the better ones first more often than not.
 
         Args:
             planes: of one crop.
             generator: source of randomness.
+            fixed: planes before the references'.
+            each: planes of a reference.
         """
-        count = (len(planes) - FIXED) // EACH
+        count = (len(planes) - fixed) // each
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
-            return planes[:FIXED]
+            return planes[:fixed]
         kept = 1 + _below(count, generator)
         order = list(range(count)) if _below(2, generator) else torch.randperm(count, generator=generator).tolist()
-        chosen = [planes[FIXED + EACH * i : FIXED + EACH * (i + 1)] for i in order[:kept]]
-        return np.concatenate([planes[:FIXED], *chosen])
+        chosen = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept]]
+        return np.concatenate([planes[:fixed], *chosen])
 
     def relight(self, batch: Batch, generator: torch.Generator) -> Batch:
         """Change the light of whole samples, and the exposure of their references.
@@ -89,11 +102,13 @@ class Augmentation:
         if drawn is not None:
             dropped = float(torch.rand((), generator=generator)) < self.drop_renders
             drawn = None if dropped else lit(drawn, light[:, None])
+        gain, fine = light[:, None] * exposure, views.fine_references
         views = dataclasses.replace(
             views,
             render=lit(views.render, light),
-            references=lit(views.references, light[:, None] * exposure),
+            references=lit(views.references, gain),
             reference_renders=drawn,
+            fine_references=None if fine is None else lit(fine, gain),
         )
         real = None if batch.real is None else lit(batch.real, light)
         return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light), real=real)

@@ -7,7 +7,7 @@ import torch
 from torch.utils.data import Dataset, Sampler
 
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.samples import Sample, batch_of
+from gaussian_enhancer.train.samples import FINE, Sample, batch_of
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
@@ -27,12 +27,18 @@ class Crops(Dataset[tuple]):
         return len(self.samples)
 
     def __getitem__(self, index: tuple[int, int]) -> tuple:
-        """Planes of a crop, its sample and its seed."""
+        """Planes of a crop, its sample and its seed, and the same crop of the fine planes where it has them."""
         number, seed = index
         generator = torch.Generator().manual_seed(seed)
         sample = self.samples[number]
         planes = self.augmentation.cut(sample.planes(), generator)
-        return self.augmentation.drop(planes, generator), sample, seed
+        item = self.augmentation.drop(planes, generator), sample, seed
+        fine = sample.fine_planes()
+        if fine is None:
+            return item
+        generator.manual_seed(seed)
+        fine = self.augmentation.cut(fine, generator, finer=4)
+        return *item, self.augmentation.drop(fine, generator, FINE, FINE)
 
 
 @dataclass(frozen=True)
@@ -53,10 +59,10 @@ class Collate:
         """A batch.
 
         Args:
-            items: planes, sample and seed of each crop, as `Crops` gives them.
+            items: planes, sample, seed and, where all have them, fine planes of each crop, as `Crops` gives them.
         """
-        planes, samples, seeds = zip(*items, strict=True)
-        batch = batch_of(planes, samples, self.references)
+        planes, samples, seeds, *fine = zip(*items, strict=True)
+        batch = batch_of(planes, samples, self.references, *fine)
         if self.simulation is not None:
             batch = self.simulation(batch, samples, seeds)
         return self.augmentation.relight(batch, torch.Generator().manual_seed(seeds[0]))

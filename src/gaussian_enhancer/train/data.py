@@ -1,5 +1,6 @@
 """Fitted runs as training data, and photos whose renders are simulated."""
 
+import dataclasses
 import glob
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,6 +43,8 @@ class RunsData(LightningDataModule):
         training_views: simulate on the runs' training views too. Their own renders are never used: they were fitted
             to the photos. Without effect where nothing is simulated.
         simulate_validation: validate on simulated renders as well, as the training of a simulator does.
+        views_per_run: at most so many held-out views of each run, spread evenly; None takes all.
+        finer: gives the views of a run their photos 4 times as fine, where the preparation asks for them.
 
     Raises:
         InputError: the share is out of range, or there is nothing to simulate with.
@@ -65,6 +68,8 @@ class RunsData(LightningDataModule):
         simulated: float = 0.0,
         training_views: bool = False,
         simulate_validation: bool = False,
+        views_per_run: int | None = None,
+        finer: Callable[[Path, RenderedSet], RenderedSet] | None = None,
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}
@@ -83,6 +88,11 @@ class RunsData(LightningDataModule):
             # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
             raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
         self.validated = self.simulation if simulate_validation else None
+        if preparation.fine and finer is None:
+            raise InputError("preparation.fine", "is asked for", "tell with finer= where fine photos come from")
+        if views_per_run is not None and views_per_run < 1:
+            raise InputError("views_per_run", f"is {views_per_run}", "give at least 1")
+        self.views_per_run, self.finer = views_per_run, finer
         self.sources: list[list[Sample]] = []
         self.held_out: list[Sample] = []
 
@@ -120,7 +130,7 @@ class RunsData(LightningDataModule):
 
         def collate(items: list[tuple[int, Sample]]) -> Batch:
             ((seed, sample),) = items
-            batch = batch_of([sample.planes()], [sample], references)
+            batch = batch_of([sample.planes()], [sample], references, [sample.fine_planes()])
             return batch if simulation is None else simulation(batch, [sample], [seed])
 
         return DataLoader(list(enumerate(chosen)), batch_size=1, collate_fn=collate)  # type: ignore[arg-type]
@@ -153,7 +163,8 @@ class RunsData(LightningDataModule):
         for run in runs:
             steps = run_steps(run)
             for step in steps if self.snapshots else steps[-1:]:
-                found += self._prepared(read_run(run, step), _identity(run, step), True, lambda: bar.advance(task))
+                views, identity = self._thinned(self._read(run, step), _identity(run, step))
+                found += self._prepared(views, identity, True, lambda: bar.advance(task))
         return found
 
     def _photos(self, runs: Sequence[Path], bar, task) -> list[Sample]:  # type: ignore[no-untyped-def]
@@ -161,9 +172,21 @@ class RunsData(LightningDataModule):
         found: list[Sample] = []
         for run in runs:
             step = run_steps(run)[-1]
-            views = training_targets(read_run(run, step))
+            views = training_targets(self._read(run, step))
             found += self._prepared(views, _identity(run, step), False, lambda: bar.advance(task))
         return found
+
+    def _read(self, run: Path, step: int) -> RenderedSet:
+        views = read_run(run, step)
+        return self.finer(run, views) if self.preparation.fine and self.finer is not None else views
+
+    def _thinned(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
+        """The views that a run gives, and what tells them from another choice of them."""
+        count, most = len(views.targets), self.views_per_run
+        if most is None or count <= most:
+            return views, identity
+        chosen = tuple(views.targets[(2 * i + 1) * count // (2 * most)] for i in range(most))
+        return dataclasses.replace(views, targets=chosen), f"{identity} {most} views"
 
     def _prepared(
         self, views: RenderedSet, identity: str, held_out: bool, progress: Callable[[], None]

@@ -4,7 +4,8 @@ A sample is one `.npy` of 8-bit planes (p h w), which is memory-mapped so that a
 render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3, visibility 1
 and the splat's own render of its view 3. Warping commutes with cropping and flipping, so that augmentation is local.
 A training view, prepared for simulation alone, has its photo in place of its render: that was fitted to the photo.
-Axes: p planes, h height, w width, r references.
+For super-resolution a second `.npy` holds planes 4 times as fine: photo 3, then 3 for each reference.
+Axes: p planes, h height, w width, r references, H = 4 h, W = 4 w.
 """
 
 import dataclasses
@@ -14,24 +15,27 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from gaussian_enhancer.enhance.alignment import Aligned
 from gaussian_enhancer.enhance.modulate import depth_unit, normalised_inverse_depth
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.weights import preparation_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import save_array, unwritable, whole_file
 from gaussian_enhancer.scene.photos import resize
-from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, Views
 
 LAYOUT = 5
 FIXED = 9
 EACH = 7
+FINE = 3
 NEAREST = 4.0
 
 
@@ -49,6 +53,7 @@ class Sample:
         has_alpha: whether opacity is known.
         held_out: whether the render was not fitted to the photo, so that the two are a pair to learn from.
         has_reference_renders: whether the splat's own renders of the references' views are known.
+        fine: path of the planes that are 4 times as fine; empty where there are none.
     """
 
     name: str
@@ -60,10 +65,15 @@ class Sample:
     has_alpha: bool
     held_out: bool = True
     has_reference_renders: bool = False
+    fine: str = ""
 
     def planes(self) -> np.ndarray:
         """The planes, mapped from the file."""
         return np.load(self.path, mmap_mode="r")
+
+    def fine_planes(self) -> np.ndarray | None:
+        """The planes that are 4 times as fine, mapped from their file; None where there are none."""
+        return np.load(self.fine, mmap_mode="r") if self.fine else None
 
 
 def prepare_samples(
@@ -108,7 +118,7 @@ def prepare_samples(
         with ThreadPoolExecutor(workers) as executor:
             samples = list(executor.map(prepared, range(len(rendered.targets))))
         with whole_file(index) as temporary:
-            temporary.write_text(json.dumps([dataclasses.asdict(sample) for sample in samples]))
+            temporary.write_text(json.dumps([_entry(sample) for sample in samples]))
     except OSError as error:
         raise unwritable(folder, error) from error
     return samples
@@ -126,10 +136,15 @@ def training_targets(rendered: RenderedSet) -> RenderedSet:
     return dataclasses.replace(rendered, targets=targets)
 
 
+def _entry(sample: Sample) -> dict[str, Any]:
+    """A sample's values; those of a sample without fine planes are what they were before there were any."""
+    return {name: value for name, value in dataclasses.asdict(sample).items() if name != "fine" or value}
+
+
 def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool: Pool, folder: Path) -> Sample:
     view = rendered.targets[number]
     target = read_target(view)
-    photo = _photo(view, *target.image.shape[-2:])
+    photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
     aligned = preparation.align(target, view, pool)
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
@@ -145,33 +160,51 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
     path = folder / f"{number:04d}.npy"
     save_array(path, planes.to(torch.uint8).numpy())
     height, width = planes.shape[-2:]
+    finer = ""
+    if preparation.fine:
+        finer = str(folder / f"{number:04d}-fine.npy")
+        truth = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
+        save_array(finer, _fine_planes(truth, aligned).to(torch.uint8).numpy())
     known = target.depth is not None, target.alpha is not None
     name, drawn = f"{rendered.name}/{view.name}", aligned.renders is not None
-    return Sample(name, str(path), height, width, len(aligned.names), *known, has_reference_renders=drawn)
+    return Sample(name, str(path), height, width, len(aligned.names), *known, has_reference_renders=drawn, fine=finer)
 
 
-def _photo(view: RenderedView, height: int, width: int) -> Float[Tensor, "3 {height} {width}"]:
-    if view.read_photo is None:
-        raise InputError(view.name, "has no photo to learn from", "train on renders of photographed views")
-    return resize(view.read_photo(), height, width)
+def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: Aligned) -> Tensor:
+    if aligned.fine is None:
+        return _bytes(photo)
+    return torch.cat([_bytes(photo), _bytes(aligned.fine.flatten(0, 1))])
+
+
+def _photo(
+    name: str, read: Callable[[], Float[Tensor, "3 _ _"]] | None, height: int, width: int
+) -> Float[Tensor, "3 {height} {width}"]:
+    if read is None:
+        raise InputError(name, f"has no photo of {width}x{height} to learn from", "train on renders of such photos")
+    return resize(read(), height, width)
 
 
 def _bytes(image: Float[Tensor, "p h w"]) -> Tensor:
     return (image.clamp(0, 1) * 255).round().int()
 
 
-def batch_of(planes: Sequence[UInt8[np.ndarray, "_ h w"]], samples: Sequence[Sample], references: int) -> Batch:
+def batch_of(
+    planes: Sequence[UInt8[np.ndarray, "_ h w"]],
+    samples: Sequence[Sample],
+    references: int,
+    fine: Sequence[UInt8[np.ndarray, "_ H W"] | None] = (),
+) -> Batch:
     """A batch from planes of equal size; missing references have visibility 0.
 
-    The references' renders are given where all samples have them.
+    The references' renders are given where all samples have them, and likewise the fine photo and references.
 
     Args:
         planes: crops or whole images.
         samples: what they belong to.
         references: places for references.
+        fine: the same, 4 times as fine.
     """
-    wide = [np.pad(p, ((0, FIXED + EACH * references - len(p)), (0, 0), (0, 0))) for p in planes]
-    values = torch.from_numpy(np.ascontiguousarray(np.stack(wide)))
+    values = _stacked(planes, FIXED + EACH * references)
     height, width = values.shape[-2:]
     images = values.float() / 255
     inverse = (values[:, 7:8].float() * 256 + values[:, 8:9].float()) * (NEAREST / 65535)
@@ -181,4 +214,14 @@ def batch_of(planes: Sequence[UInt8[np.ndarray, "_ h w"]], samples: Sequence[Sam
     renders = stack[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
     unit = torch.ones(len(samples))
     views = Views(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
-    return Batch(views, images[:, 3:6], tuple(sample.name for sample in samples))
+    photo, finer = images[:, 3:6], [layer for layer in fine if layer is not None]
+    if finer and len(finer) == len(samples):
+        layers = _stacked(finer, FINE * (1 + references)).float() / 255
+        photo, others = layers[:, :FINE], layers[:, FINE:].unflatten(1, (references, FINE))
+        views = dataclasses.replace(views, fine_references=others)
+    return Batch(views, photo, tuple(sample.name for sample in samples))
+
+
+def _stacked(planes: Sequence[UInt8[np.ndarray, "_ h w"]], count: int) -> UInt8[Tensor, "b p h w"]:
+    wide = [np.pad(p, ((0, count - len(p)), (0, 0), (0, 0))) for p in planes]
+    return torch.from_numpy(np.ascontiguousarray(np.stack(wide)))

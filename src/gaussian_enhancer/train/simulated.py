@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from gaussian_enhancer.degrade.draws import spawn
@@ -71,7 +72,10 @@ class Simulation:
         def known(plane: Tensor | None, is_known: bool) -> Tensor | None:
             return plane[index] if plane is not None and is_known else None
 
-        photos = View(batch.photo[index], known(views.depth, has_depth), known(views.alpha, has_alpha))
+        photo = batch.photo[index]
+        if photo.shape[-2:] != views.render.shape[-2:]:  # of super-resolution
+            photo = F.interpolate(photo, views.render.shape[-2:], mode="area")
+        photos = View(photo, known(views.depth, has_depth), known(views.alpha, has_alpha))
         with torch.no_grad():
             simulated = self.simulator(
                 photos, [_generators(seed)[1] for seed in seeds], views.render[index] if held_out else None

@@ -1,0 +1,149 @@
+"""Photos 4 times as fine as a fitted run's renders, from the scene that the run's configuration names.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import Float
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from gaussian_enhancer.apps.build import build, plain
+from gaussian_enhancer.apps.run import digest_of
+from gaussian_enhancer.enhance.images import write_image
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.finer import FINER, attach_fine_photos
+from gaussian_enhancer.scene.photos import read_header, read_photo
+from gaussian_enhancer.scene.procedural import procedural_scene
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.scene import Scene
+
+SCENES = "gaussian_enhancer.scene."
+PROCEDURAL = f"{procedural_scene.__module__}.{procedural_scene.__name__}"
+
+
+class FinePhotos:
+    """Attaches fine photos to the views of fitted runs.
+
+    Args:
+        folder: where drawn photos of procedural scenes are kept, since drawing them takes seconds each.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, run: Path, rendered: RenderedSet) -> RenderedSet:
+        """The set with ``read_fine_photo`` of all views.
+
+        Args:
+            run: folder of the run.
+            rendered: its views.
+
+        Raises:
+            InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
+        """
+        file = run / "config.yaml"
+        if not file.is_file():
+            raise InputError(run, "holds no config.yaml that names its scene", "give the scene with scene=")
+        content = OmegaConf.load(file)
+        scene = content.get("scene") if isinstance(content, DictConfig) else None
+        if not isinstance(scene, DictConfig):
+            raise InputError(file, "names no scene", "give a run that `fit` made")
+        finer = finer_config(scene)
+        if not _is_procedural(finer):
+            return attach_fine_photos(rendered, build(finer))
+        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(plain(finer))}"
+        return _drawn(rendered, cache(lambda: build(finer)), folder)
+
+
+def finer_config(scene: DictConfig) -> DictConfig:
+    """A scene's configuration on a grid 4 times as fine.
+
+    Args:
+        scene: configuration of a procedural scene or a capture.
+
+    Raises:
+        InputError: the photos are not that large, or the configuration names something else than a scene.
+    """
+    values = plain(scene)
+    _check(values)
+    if _is_procedural(scene):
+        size = {"height": FINER * values.get("height", 192), "width": FINER * values.get("width", 256)}
+        return OmegaConf.create({**values, **size, "points": 0})
+    downscale = values.get("downscale", 1) / FINER
+    if downscale < 1:
+        received = f"is rendered at 1/{values.get('downscale', 1)} of its photos' size"
+        subject = values.get("path", values["_target_"])
+        raise InputError(subject, received, f"fit it with scene.downscale={FINER} or more, so that finer photos exist")
+    return OmegaConf.create({**values, "downscale": int(downscale) if downscale == int(downscale) else downscale})
+
+
+def _check(values: Any) -> None:
+    """Refuse targets that are no scenes: a run's folder may come from elsewhere."""
+    if isinstance(values, dict):
+        target = values.get("_target_", SCENES)
+        if not str(target).startswith(SCENES):
+            raise InputError(
+                target, "is named by a run as a part of its scene", f"give runs whose scenes are {SCENES}*"
+            )
+        for value in values.values():
+            _check(value)
+
+
+def _is_procedural(scene: DictConfig) -> bool:
+    target = str(scene.get("_target_"))
+    return target == PROCEDURAL or target.startswith(f"{SCENES}procedural.")
+
+
+def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:
+    def attached(view: RenderedView) -> RenderedView:
+        if view.camera is None:
+            raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")
+        stem = Path(view.name).stem
+        size = FINER * view.camera.height, FINER * view.camera.width
+        return replace(view, read_fine_photo=ReadDrawn(scene, stem, folder / f"{stem}.png", *size))
+
+    return replace(
+        rendered, targets=tuple(map(attached, rendered.targets)), references=tuple(map(attached, rendered.references))
+    )
+
+
+@dataclass(frozen=True)
+class ReadDrawn:
+    """Reads a photo from its file, after drawing it where that is not there.
+
+    Args:
+        scene: gives the scene, which is built when a photo is drawn.
+        stem: the photo's name without ending.
+        path: its file.
+        height: in pixels.
+        width: in pixels.
+    """
+
+    scene: Callable[[], Scene]
+    stem: str
+    path: Path
+    height: int
+    width: int
+
+    def __call__(self) -> Float[Tensor, "3 h w"]:
+        """The photo, shape (3, height, width), [0, 1].
+
+        Raises:
+            InputError: the scene has no such photo, or one of another size.
+        """
+        if not self.path.is_file():
+            photos = {Path(photo.name).stem: photo for photo in self.scene().photos}
+            if self.stem not in photos:
+                raise InputError(self.path, "belongs to no photo of its scene", "give the run as `fit` wrote it")
+            write_image(self.path, photos[self.stem].read())
+        header = read_header(self.path)
+        if (header.height, header.width) != (self.height, self.width):
+            received = f"is {header.width}x{header.height} where {self.width}x{self.height} is expected"
+            raise InputError(self.path, received, "delete the folder, which is drawn again")
+        return read_photo(self.path)

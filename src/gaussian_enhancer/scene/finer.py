@@ -1,0 +1,88 @@
+"""Photos 4 times as fine as a set's renders: the truth of super-resolution and the pixels that it refers to.
+
+Axes: h height, w width.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.scene import Photo, Scene
+
+FINER = 4
+SLACK = 3
+"""Pixels by which a fine photo may miss 4 times the render's size: rounding when both were downscaled."""
+
+
+@dataclass(frozen=True)
+class ReadResized:
+    """Reads a photo and brings it to a size."""
+
+    read: Callable[[], Float[Tensor, "3 _ _"]]
+    height: int
+    width: int
+
+    def __call__(self) -> Float[Tensor, "3 h w"]:
+        """The photo, shape (3, height, width), [0, 1]."""
+        return resize(self.read(), self.height, self.width)
+
+
+def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
+    """The set with the photos of a finer scene as ``read_fine_photo``, matched by name without ending.
+
+    A photo whose size is off by rounding is resized to exactly 4 times the render's. It shows the same field of view,
+    as the render's camera was resized to the render's size in the same way.
+
+    Args:
+        rendered: renders with their references.
+        finer: the scene that was rendered, on a grid 4 times as fine.
+
+    Raises:
+        InputError: a view has no photo in the scene, or one of another size.
+    """
+    photos = {Path(photo.name).stem: photo for photo in finer.photos}
+
+    def attached(view: RenderedView) -> RenderedView:
+        photo = photos.get(Path(view.name).stem)
+        if photo is None:
+            raise InputError(finer.name, f"has no photo of {view.name}", "give the scene that was rendered")
+        return dataclasses.replace(view, read_fine_photo=_fine(view, photo))
+
+    targets, references = map(attached, rendered.targets), map(attached, rendered.references)
+    return dataclasses.replace(rendered, targets=tuple(targets), references=tuple(references))
+
+
+def is_finer(size: tuple[int, int], render: tuple[int, int]) -> bool:
+    """Whether a height and width are 4 times a render's, but for rounding."""
+    return all(abs(have - FINER * side) <= SLACK for have, side in zip(size, render, strict=True))
+
+
+def resized_reader(read: Callable[[], Float[Tensor, "3 _ _"]], height: int, width: int) -> Callable[[], Tensor]:
+    """A reader of the same photo at another size, resampled once where the file is known."""
+    if isinstance(read, ReadPhoto):
+        return dataclasses.replace(read, height=height, width=width)
+    return ReadResized(read, height, width)
+
+
+def _fine(view: RenderedView, photo: Photo) -> Callable[[], Float[Tensor, "3 _ _"]]:
+    if view.read is None:
+        return photo.read
+    sizes = [_size(source.camera, source.read) for source in (view, photo)]
+    if not is_finer(sizes[1], sizes[0]):
+        wanted = "x".join(str(FINER * side) for side in reversed(sizes[0]))
+        received = f"is {sizes[1][1]}x{sizes[1][0]} where 4 times its render {view.name} is {wanted}"
+        raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
+    return resized_reader(photo.read, FINER * sizes[0][0], FINER * sizes[0][1])
+
+
+def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]
+    height, width = read().shape[-2:] if camera is None else (camera.height, camera.width)
+    return int(height), int(width)
