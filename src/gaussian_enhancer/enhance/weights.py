@@ -16,10 +16,14 @@ from torch import nn
 
 from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
 from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped, Warp
+from gaussian_enhancer.enhance.baselines.bicubic import Bicubic
+from gaussian_enhancer.enhance.baselines.edvr import EDVR
+from gaussian_enhancer.enhance.baselines.identity import Identity
+from gaussian_enhancer.enhance.baselines.nafnet import NAFNet
 from gaussian_enhancer.enhance.combine import Combined, Uncombined
 from gaussian_enhancer.enhance.compose import Gated, Residual
 from gaussian_enhancer.enhance.deform import Deformable, Unrefined
-from gaussian_enhancer.enhance.fuse import Mean, Trust
+from gaussian_enhancer.enhance.fuse import Mean, Pair, Trust
 from gaussian_enhancer.enhance.modulate import DepthModulated, Unmodulated
 from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.prepare import Preparation
@@ -32,13 +36,15 @@ FORMAT = "gaussian-enhancer 1"
 WARPS = (Reprojected, Unwarped)
 STAGES: dict[str, tuple[type[Any], ...]] = {
     "refine": (Deformable, Unrefined),
-    "fusion": (Trust, Mean),
+    "fusion": (Trust, Mean, Pair),
     "modulation": (DepthModulated, Unmodulated),
     "combine": (Combined, Uncombined),
     "output": (Gated, Residual),
 }
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
-NETWORKS: dict[str, type[Any]] = {kind.__name__: kind for kind in (SIF, SSIFLR, SSIFSR)}
+NETWORKS: dict[str, type[Any]] = {
+    kind.__name__: kind for kind in (SIF, SSIFLR, SSIFSR, NAFNet, EDVR, Identity, Bicubic)
+}
 
 
 @dataclass(frozen=True)
