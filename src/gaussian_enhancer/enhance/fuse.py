@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.enhance.block import Block
+from gaussian_enhancer.errors import InputError
 
 
 class TrustFusion(nn.Module):
@@ -78,6 +79,38 @@ class MeanFusion(nn.Module):
         return target + self.join(torch.cat([target, mean], dim=1)), weights
 
 
+class PairFusion(nn.Module):
+    """The paper's way: a convolution over the features of the target and of exactly two references.
+
+    fused = join(target, reference_1, reference_2), in this order; a missing reference is zero.
+
+    Args:
+        channels: of the features.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.join = nn.Conv2d(3 * channels, channels, 3, padding=1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell where each reference was visible.
+
+        Raises:
+            InputError: there are more than two references.
+        """
+        count = references.shape[1]
+        if count > 2:
+            raise InputError("references", f"are {count} for a fusion of two", "ask for 2, or choose another fusion")
+        seen = [references[:, i] * visibility[:, i].to(references.dtype) for i in range(count)]
+        seen += [torch.zeros_like(target)] * (2 - count)
+        return self.join(torch.cat([target, *seen], dim=1)), visibility
+
+
 @dataclass(frozen=True)
 class Trust:
     """Choice of fusion by trust; see `TrustFusion`."""
@@ -96,3 +129,12 @@ class Mean:
     def build(self, channels: int) -> nn.Module:
         """The module for features of so many channels."""
         return MeanFusion(channels)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Choice of fusion of exactly two references in a fixed order; see `PairFusion`."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return PairFusion(channels)
