@@ -128,6 +128,13 @@ def captures(session: nox.Session) -> None:
     session.run("gaussian-enhancer", "study", *session.posargs)
 
 
+@nox.session(default=False)
+def quality(session: nox.Session) -> None:
+    """Make docs/quality.md: every row on every held-out scene (needs the captures); goes on where it was killed."""
+    install(session)
+    session.run("gaussian-enhancer", "quality", *session.posargs)
+
+
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""

@@ -4,6 +4,7 @@ Each step is the job that a user would start by hand, with a configuration compo
 run again where it was done before.
 """
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from omegaconf import DictConfig, open_dict
 from gaussian_enhancer.apps import enhance, fit
 from gaussian_enhancer.apps.measure import write_measurement
 from gaussian_enhancer.apps.run import Run, find_run
+from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.measure.records import Record
 
 
@@ -53,12 +55,21 @@ def fitted(job: DictConfig) -> Path:
 
 
 def enhanced(job: DictConfig) -> Path:
-    """Enhance a run; the folder with renders, enhanced images and photos side by side.
+    """Enhance a run, or find it enhanced; the folder with renders, enhanced images and photos side by side.
+
+    What the weights hold is part of what determines the run, so that a file which was trained further is used anew.
 
     Args:
         job: configuration of the job ``enhance``.
+
+    Raises:
+        InputError: there are no such weights, or they cannot be used.
     """
-    enhance.run(job)
+    with open_dict(job):
+        job.weights_digest = hashlib.sha256(find_checkpoint(job.weights).read_bytes()).hexdigest()
+    before = find_run(job, "enhance")
+    if before is None or not before.done:
+        enhance.run(job)
     return made(job, "enhance").folder
 
 

@@ -1,0 +1,144 @@
+"""One row in one cell of the quality study: its images and their records, each made once."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration
+from gaussian_enhancer.apps.run import find_run, open_run
+from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.images import Label, measure_files, pair_folders
+from gaussian_enhancer.measure.pair import PROTOCOL
+from gaussian_enhancer.measure.perceptual import perceptual_distance
+from gaussian_enhancer.measure.records import Record, read_records, write_records
+from gaussian_enhancer.scene.renders import run_steps
+
+
+@dataclass(frozen=True)
+class StudyCell:
+    """One scene fitted by one method from so many views.
+
+    Args:
+        scene: its name in the records.
+        splat: method and density, for instance "3dgs/sparse".
+        fit: overrides of the job fit.
+        every: every n-th held-out view is measured.
+    """
+
+    scene: str
+    splat: str
+    fit: tuple[str, ...]
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Images:
+    """Images of one row in one cell, and what they are measured against.
+
+    Args:
+        folder: the images.
+        photos: their photos, by the same names.
+        every: every n-th of them is measured.
+        run: name of the fitted run.
+    """
+
+    folder: Path
+    photos: Path
+    every: int
+    run: str
+
+
+def measured_row(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) -> tuple[Record, ...]:
+    """The records of a row in a cell, measured or found measured.
+
+    Args:
+        cfg: conf/quality.yaml, composed.
+        cell: where.
+        row: the row's name.
+        choice: the row's entry in the configuration: the raw render where it names no weights.
+
+    Raises:
+        InputError: the row cannot be made here; the error says why.
+    """
+    fit = fitted_cell(cfg, cell)
+    side = fit / f"test/ours_{run_steps(fit)[-1]}"
+    if "weights" not in choice and "train" not in choice:
+        images = Images(side / "renders", side / "gt", cell.every, fit.name)
+    else:
+        job = _composed("enhance", cfg, choice.get("enhance") or ())
+        job.run, job.every, job.weights = str(fit), cell.every, weights_of(cfg, choice)
+        images = Images(enhanced(job) / side.relative_to(fit) / "enhanced", side / "gt", 1, fit.name)
+    return measured_images(cfg, cell, row, images)
+
+
+def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
+    """The folder of a cell's fit.
+
+    Raises:
+        InputError: it is not fitted and shall not be, or cannot be.
+    """
+    job = _composed("fit", cfg, cell.fit)
+    found = find_run(job, "fit")
+    if found is not None and found.done:
+        return found.folder
+    if not cfg.fit_missing:
+        raise InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
+    return fitted(job)
+
+
+def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
+    """The weights of a row: those it names, or those that its training has left.
+
+    Raises:
+        InputError: the training is not finished, or names what does not exist.
+    """
+    if choice.get("weights"):
+        return str(choice.weights)
+    job = _composed("train", cfg, choice.train)
+    found = find_run(job, "train")
+    if found is None or not found.done:
+        command = f"gaussian-enhancer train {' '.join(choice.train)}"
+        raise InputError("weights", "are not trained yet" if found is None else "are being trained", command)
+    return str(found.folder / "weights.safetensors")
+
+
+def measured_images(cfg: DictConfig, cell: StudyCell, row: str, images: Images) -> tuple[Record, ...]:
+    """Measure images against their photos, unless these very images were measured before.
+
+    Raises:
+        InputError: names or sizes do not fit, or a file cannot be read.
+    """
+    label = Label(images.run, cell.scene, cell.splat, row)
+    wanted = {"label": vars(label), "images": str(images.folder), "photos": str(images.photos), "every": images.every}
+    how = {"protocol": PROTOCOL, "lpips": cfg.lpips, "backbones": cfg.backbones}
+    job = OmegaConf.create({"runs": cfg.runs, **wanted, **how})
+    before = find_run(job, "measure_row")
+    if before is not None and before.done:
+        return read_records(before.folder / "records.jsonl")
+    device = start(cfg.runtime)
+    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    files = pair_folders(images.folder, images.photos, label)[:: images.every]
+    records = tuple(measure_files(files, distances))
+    own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{row}")
+    write_records(own.folder / "records.jsonl", records)
+    own.finish()
+    return records
+
+
+def _composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
+    """Another job's configuration, its refusals as a user's mistake."""
+    try:
+        job = job_configuration(name, cfg, list(overrides))
+    except HydraException as error:
+        raise InputError(f"{name} {' '.join(overrides)}", f"is refused ({_first_line(error)})", "mend it") from error
+    require(job)
+    return job
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]
