@@ -1,0 +1,121 @@
+"""A smooth camera path through the cameras of a capture, for sequences of frames.
+
+Axes: c cameras, p path cameras.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Camera
+
+
+def smooth_path(cameras: Sequence[Camera], frames: int) -> tuple[Camera, ...]:
+    """Cameras along a smooth curve through the given ones, the first and the last included.
+
+    Centres follow a centripetal Catmull-Rom spline (Yuksel et al., Parameterization and Applications of Catmull-Rom
+    Curves, CAD 2011), which has neither cusps nor loops; rotations a spline of continuous angular acceleration
+    (scipy's `RotationSpline`) over the same times; intrinsics are linear between cameras. The time from one camera to
+    the next is the root of how far apart they are, distance in mean steps plus angle in radians, so that frames
+    neither crawl between near cameras nor leap between far ones.
+
+    Args:
+        cameras: what the path passes through, in this order, all of one size.
+        frames: number of cameras on the path, at least 2.
+
+    Raises:
+        InputError: there are fewer than 2 cameras or frames, or cameras differ in size.
+    """
+    if len(cameras) < 2 or frames < 2:
+        raise InputError(
+            "camera path", f"has {len(cameras)} cameras for {frames} frames", "give at least 2 cameras and 2 frames"
+        )
+    sizes = dict.fromkeys((camera.width, camera.height) for camera in cameras)
+    if len(sizes) > 1:
+        found = " and ".join(f"{width}x{height}" for width, height in sizes)
+        raise InputError("camera path", f"passes cameras of {found}", "resize them to one size")
+    centres = np.stack([camera.centre.double().cpu().numpy() for camera in cameras])
+    turns = Rotation.from_matrix(np.stack([camera.rotation.T.double().cpu().numpy() for camera in cameras]))
+    intrinsics = np.stack([camera.K.double().cpu().numpy() for camera in cameras])
+    times = _times(centres, turns)
+    asked = np.linspace(0.0, times[-1], frames)
+    at = CubicHermiteSpline(times, centres, _velocities(times, centres))(asked)
+    to_camera = RotationSpline(times, turns)(asked).inv().as_matrix()
+    K = np.stack([np.interp(asked, times, column) for column in intrinsics.reshape(len(cameras), 9).T], axis=1)
+    return tuple(_camera(cameras[0], K[i].reshape(3, 3), to_camera[i], at[i]) for i in range(frames))
+
+
+def _times(centres: Float[np.ndarray, "c 3"], turns: Rotation) -> Float[np.ndarray, " c"]:
+    """When the path passes each camera; two at the same place are passed a thousandth of a mean step apart."""
+    distances = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    angles = (turns[1:] * turns[:-1].inv()).magnitude()
+    mean = distances.mean()
+    steps = np.sqrt((distances / mean if mean > 0 else distances) + angles)
+    least = 1e-3 * steps.mean() if steps.any() else 1.0
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, least))])
+
+
+def _velocities(times: Float[np.ndarray, " c"], centres: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, "c 3"]:
+    """Catmull-Rom tangents: the parabola through each camera and its two neighbours, the chord at both ends."""
+    slopes = np.diff(centres, axis=0) / np.diff(times)[:, None]
+    before, after = np.diff(times)[:-1, None], np.diff(times)[1:, None]
+    inner = (slopes[:-1] * after + slopes[1:] * before) / (before + after)
+    return np.concatenate([slopes[:1], inner, slopes[-1:]])
+
+
+def _camera(like: Camera, K: np.ndarray, rotation: np.ndarray, centre: np.ndarray) -> Camera:
+    """A camera of the same size, type and device as another."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
+    values = (torch.from_numpy(value).to(like.K) for value in (K, pose))
+    return Camera(*values, like.height, like.width)
+
+
+def short_tour(cameras: Sequence[Camera]) -> tuple[int, ...]:
+    """The order of cameras given, untangled: exchanged by 2-opt until no reversal of a stretch shortens the way.
+
+    A video's order stays as it is; photos taken at random, whose order would send a path through the subject, come
+    near a tour from neighbour to neighbour. The length of a step is distance, in median steps of the given order, plus
+    angle in radians. The way is open: neither end is tied to the other.
+
+    Args:
+        cameras: in the capture's order.
+
+    Returns:
+        Indices of the cameras in the order of the tour.
+    """
+    if len(cameras) < 3:
+        return tuple(range(len(cameras)))
+    centres = torch.stack([camera.centre for camera in cameras]).double()
+    turns = torch.stack([camera.rotation for camera in cameras]).double()
+    distance = (centres[:, None] - centres[None]).norm(dim=-1)
+    unit = distance.diagonal(1).median()
+    cosine = ((turns[:, None] * turns[None]).sum((-1, -2)) - 1) / 2
+    steps = (distance / (unit if unit > 0 else 1.0) + cosine.clamp(-1, 1).arccos()).numpy()
+    np.fill_diagonal(steps, 0.0)
+    return tuple(_untangled(steps))
+
+
+def _untangled(steps: Float[np.ndarray, "c c"]) -> list[int]:
+    """2-opt of an open way from the order 0, 1, 2, ..., best reversal first."""
+    order = np.arange(len(steps))
+    while True:
+        best, found = -1e-9, (0, 0)
+        for i in range(len(order) - 1):
+            for j in range(i + 1, len(order)):
+                change = 0.0
+                if i > 0:
+                    change += steps[order[i - 1], order[j]] - steps[order[i - 1], order[i]]
+                if j < len(order) - 1:
+                    change += steps[order[i], order[j + 1]] - steps[order[j], order[j + 1]]
+                if change < best:
+                    best, found = change, (i, j)
+        if found == (0, 0):
+            return [int(index) for index in order]
+        i, j = found
+        order[i : j + 1] = order[i : j + 1][::-1]
