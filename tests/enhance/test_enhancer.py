@@ -2,8 +2,13 @@ import dataclasses
 
 import pytest
 import torch
-from test_sif import small, trained
+from test_sif import small, trained, views
+from test_ssif_lr import trained as trained_scales
 
+from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped
+from gaussian_enhancer.enhance.cache import ReferenceFeatures
+from gaussian_enhancer.enhance.deform import Deformable
+from gaussian_enhancer.enhance.encode import Encoder
 from gaussian_enhancer.enhance.enhancer import Enhancer, choose_precision
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.prepare import Preparation
@@ -77,3 +82,69 @@ def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="No space left"):
         write_image(tmp_path / "b.png", image)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]
+
+
+def many_targets(folder):
+    """The run's targets three times over, under names of their own."""
+    rendered = read_run(folder)
+    again = [dataclasses.replace(view, name=f"{turn}-{view.name}") for turn in range(3) for view in rendered.targets]
+    return dataclasses.replace(rendered, targets=tuple(again))
+
+
+def count_references(network) -> list[int]:
+    """Lists how many references each call of the network's encoders reads."""
+    seen: list[int] = []
+    for gather in (module for module in network.modules() if hasattr(module, "encode_reference")):
+        assert isinstance(gather.encode_reference, Encoder)
+        gather.encode_reference.register_forward_pre_hook(lambda _, inputs: seen.append(len(inputs[0])))
+    return seen
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.parametrize("make", [trained, trained_scales])
+def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, precision):
+    rendered = many_targets(plane_run)
+    network = make(refine=Deformable(kernel=1))
+    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), precision=precision)
+    seen = count_references(network)
+    kept = list(enhancer(rendered))
+    scales = len(network.encode(views()))
+    used = {name for one in kept for name in one.references}
+    del seen[-scales:]
+    assert seen == [1] * (scales * len(used))
+    assert len(used) < 2 * len(kept)
+    enhancer.enhance = lambda views, names, kept, plain=enhancer.enhance: plain(views)
+    plain = list(enhancer(rendered))
+    assert sum(seen) == scales * (len(used) + 2 * len(kept))
+    for one, other in zip(kept, plain, strict=True):
+        assert torch.equal(one.image, other.image)
+
+
+def test_warped_references_and_tiles_are_encoded_anew(plane_run):
+    rendered, network = many_targets(plane_run), trained()
+    seen = count_references(network)
+    warped = list(Enhancer(network, Preparation(Reprojected(), 2, 2))(rendered))
+    assert seen == [2] * len(warped)
+    seen.clear()
+    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), tile=64, halo=0)
+    for _ in range(2):
+        enhancer.enhance(views(height=64, width=96), ("a", "b"), ReferenceFeatures(network))
+    assert seen == [2] * 4
+
+
+def test_only_so_many_are_kept_and_sizes_and_knowledge_are_told_apart():
+    network, seen = trained(), views(references=3)
+    cache, calls = ReferenceFeatures(network, capacity=8), count_references(network)
+
+    def grows(views, names) -> int:
+        before = len(calls)
+        features = cache(views, names)
+        torch.testing.assert_close(features, network.encode(views), rtol=0, atol=1e-5)
+        return len(calls) - before - 1
+
+    assert [grows(seen, ("a", "b", "c")), grows(seen, ("a", "b", "c"))] == [3, 0]
+    assert grows(dataclasses.replace(seen, reference_renders=seen.references / 2), ("a", "b", "c")) == 3
+    assert grows(views(height=32, references=3), ("a", "b", "c")) == 3
+    assert len(cache.kept) == 8
+    assert grows(seen, ("a", "b", "c")) == 3
+    assert cache(views(references=0), ()) is None

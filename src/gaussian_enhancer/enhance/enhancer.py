@@ -1,19 +1,23 @@
 """From a set of renders to enhanced images.
 
-Axes: b batch, h height, w width.
+Axes: b batch, h height, w width, H, W the same times the network's scale.
 """
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
+from gaussian_enhancer.enhance.alignment import Unwarped
+from gaussian_enhancer.enhance.cache import ReferenceFeatures
 from gaussian_enhancer.enhance.modulate import usable
+from gaussian_enhancer.enhance.network import Network, Remembering
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
+from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -26,14 +30,14 @@ class Enhanced:
 
     Args:
         name: the render's file name.
-        image: of the render's size, [0, 1].
+        image: of the render's size, or finer by the network's scale, [0, 1].
         preparing: milliseconds spent on choosing, reading and warping references.
         enhancing: milliseconds spent in the network.
         references: names of the references that were used, best first.
     """
 
     name: str
-    image: Float[Tensor, "3 h w"]
+    image: Float[Tensor, "3 _ _"]
     preparing: float
     enhancing: float
     references: tuple[str, ...]
@@ -42,8 +46,10 @@ class Enhanced:
 class Enhancer:
     """Enhances the targets of a set one by one.
 
+    Where references are not warped and a target fits in one tile, references are encoded once for all targets.
+
     Args:
-        network: maps views to enhanced images of the same size.
+        network: maps views to enhanced images.
         preparation: how references are chosen and aligned.
         device: where the network runs.
         precision: of the network's convolutions; "auto" is bfloat16 on processors and float16 on graphics cards
@@ -58,7 +64,7 @@ class Enhancer:
 
     def __init__(
         self,
-        network: nn.Module,
+        network: Network,
         preparation: Preparation,
         device: torch.device | None = None,
         precision: str = "auto",
@@ -83,26 +89,41 @@ class Enhancer:
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
         pool = Pool(rendered.references)
+        kept = None
+        if isinstance(self.network, Remembering) and isinstance(self.preparation.warp, Unwarped):
+            kept = ReferenceFeatures(self.network)
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)
             aligned = self.preparation.align(target, view, pool)
             prepared = time.perf_counter()
-            image = self.enhance(join(target, aligned))[0]
+            image = self.enhance(join(target, aligned), aligned.names, kept)[0]
             ended = time.perf_counter()
             yield Enhanced(view.name, image, 1e3 * (prepared - started), 1e3 * (ended - prepared), aligned.names)
 
     @torch.inference_mode()
-    def enhance(self, views: Views) -> Float[Tensor, "b 3 h w"]:
-        """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1]."""
+    def enhance(
+        self, views: Views, names: Sequence[str] = (), kept: ReferenceFeatures | None = None
+    ) -> Float[Tensor, "b 3 H W"]:
+        """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1].
+
+        Args:
+            views: what is known of the target.
+            names: of the references.
+            kept: features of references that are kept between targets; without effect where there are several tiles.
+        """
         views = views.to(self.device)
         if views.depth is not None and not bool(usable(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
-            enhanced = enhance_tiled(self.network, views, self.tile, self.halo)
+            if kept is not None and max(views.render.shape[-2:]) <= self.tile:
+                enhanced = kept.network(views, kept(views, names))
+            else:
+                enhanced = enhance_tiled(self.network, views, self.tile, self.halo)
         enhanced = enhanced.float()
         if self.strength < 1:
-            enhanced = views.render + self.strength * (enhanced - views.render)
+            start = enlarged(views.render, self.network.scale)
+            enhanced = start + self.strength * (enhanced - start)
         return enhanced.clamp(0, 1).cpu()
 
 

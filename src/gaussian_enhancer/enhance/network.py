@@ -1,6 +1,6 @@
 """What every enhancement network offers, whatever it is made of.
 
-Axes: b batch, h height, w width, H = scale h, W = scale w.
+Axes: b batch, r references, h height, w width, H = scale h, W = scale w.
 """
 
 import abc
@@ -33,3 +33,25 @@ class Network(nn.Module, abc.ABC):
     def forward(self, views: Views) -> Float[Tensor, "b 3 H W"]:
         """Enhance."""
         return self.stages(views)[-1]
+
+
+class Remembering(Network):
+    """A network that reads references through features of their own, which may be kept and given again.
+
+    Where references are not warped to the target, a photo's features are the same for every target.
+    """
+
+    @abc.abstractmethod
+    def encode(self, views: Views) -> tuple[Float[Tensor, "b r _ _ _"], ...]:
+        """Features of the references, each of which depends on nothing but the reference, at all the scales."""
+
+    @abc.abstractmethod
+    def forward(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r _ _ _"], ...] | None = None
+    ) -> Float[Tensor, "b 3 H W"]:
+        """Enhance.
+
+        Args:
+            views: what is known of the targets.
+            encoded: what `encode` gave for these references, in this order.
+        """

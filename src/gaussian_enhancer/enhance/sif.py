@@ -1,6 +1,6 @@
 """SIF, the paper's spatial information fusion network: render, references and depth to an enhanced view.
 
-Axes: b batch, r references, h height, w width.
+Axes: b batch, r references, c channels, h height, w width, i = h / 2, j = w / 2.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from gaussian_enhancer.enhance.deform import Unrefined
 from gaussian_enhancer.enhance.fuse import Trust
 from gaussian_enhancer.enhance.gather import Choice, Gather
 from gaussian_enhancer.enhance.modulate import DepthModulated
-from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.network import Remembering
 from gaussian_enhancer.enhance.pyramid import padded
 from gaussian_enhancer.types import Views
 
 
-class SIF(Network):
+class SIF(Remembering):
     """Enhanced = compose(decode(gather(views))): one fusion at one scale.
 
     Residual and gates are zero at birth: the untrained network returns the render bit for bit. GaussianEnhancer's SIF,
@@ -66,11 +66,13 @@ class SIF(Network):
         self.decode = Decoder(widths, blocks, output.outputs)
         self.output = output
 
-    def encode(self, views: Views) -> Float[Tensor, "b r c i j"]:
+    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c i j"], ...]:
         """Features of the references, for `forward` to use again with other targets where they are not warped."""
-        return self.gather.encode(padded(views, self.stride))
+        return (self.gather.encode(padded(views, self.stride)),)
 
-    def forward(self, views: Views, encoded: Float[Tensor, "b r c i j"] | None = None) -> Float[Tensor, "b 3 h w"]:
+    def forward(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
+    ) -> Float[Tensor, "b 3 h w"]:
         """Enhance renders of any size with any number of references, none included.
 
         Args:
@@ -79,7 +81,7 @@ class SIF(Network):
         """
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)
-        features, trust = self.gather(views, encoded)
+        features, trust = self.gather(views, None if encoded is None else encoded[0])
         return self.output(self.decode(features), views, trust)[..., :height, :width]
 
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:

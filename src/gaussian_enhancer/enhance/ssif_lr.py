@@ -18,14 +18,14 @@ from gaussian_enhancer.enhance.deform import Unrefined
 from gaussian_enhancer.enhance.fuse import Trust
 from gaussian_enhancer.enhance.gather import Choice, Gather
 from gaussian_enhancer.enhance.modulate import DepthModulated
-from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.network import Remembering
 from gaussian_enhancer.enhance.pyramid import padded, shrunk
 from gaussian_enhancer.types import Views
 
 FACTORS = (4, 2, 1)
 
 
-class SSIFLR(Network):
+class SSIFLR(Remembering):
     """GaussianEnhancer++'s SSIF-LR (algorithm 3), coarse to fine.
 
     At each scale T = output(decode(gather(views))). At 1/4, references are aligned once more, to T in place of the
