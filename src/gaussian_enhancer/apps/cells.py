@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.apps.enlarged import bicubic, fine_photos, rendered_finer
+from gaussian_enhancer.apps.finer import finer_config
 from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.apps.runtime import start
@@ -28,12 +30,14 @@ class StudyCell:
         splat: method and density, for instance "3dgs/sparse".
         fit: overrides of the job fit.
         every: every n-th held-out view is measured.
+        finer: whether it is measured against photos 4 times as fine as the renders.
     """
 
     scene: str
     splat: str
     fit: tuple[str, ...]
     every: int = 1
+    finer: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,20 +64,45 @@ def measured_row(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig)
         cfg: conf/quality.yaml, composed.
         cell: where.
         row: the row's name.
-        choice: the row's entry in the configuration: the raw render where it names no weights.
+        choice: the row's entry in the configuration: the raw render where it names nothing.
 
     Raises:
         InputError: the row cannot be made here; the error says why.
     """
     fit = fitted_cell(cfg, cell)
-    side = fit / f"test/ours_{run_steps(fit)[-1]}"
-    if "weights" not in choice and "train" not in choice:
-        images = Images(side / "renders", side / "gt", cell.every, fit.name)
+    learnt = "weights" in choice or "train" in choice
+    raw = fit / f"test/ours_{run_steps(fit)[-1]}"
+    if choice.get("render"):
+        folder = (
+            _rendered_and_enhanced(cfg, cell, choice, fit) if learnt else rendered_finer(cfg, fit, _scene(cfg, cell))
+        )
     else:
-        job = _composed("enhance", cfg, choice.get("enhance") or ())
-        job.run, job.every, job.weights = str(fit), cell.every, weights_of(cfg, choice)
-        images = Images(enhanced(job) / side.relative_to(fit) / "enhanced", side / "gt", 1, fit.name)
-    return measured_images(cfg, cell, row, images)
+        folder = _enhanced(cfg, choice, run=str(fit), every=cell.every) if learnt else raw / "renders"
+    if choice.get("upscale"):
+        folder = bicubic(cfg, folder, f"{fit.name}-{row}")
+    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
+    every = 1 if learnt and not choice.get("render") else cell.every
+    return measured_images(cfg, cell, row, Images(folder, photos, every, fit.name))
+
+
+def _enhanced(cfg: DictConfig, choice: DictConfig, **given: object) -> Path:
+    """The folder of the images that a row's weights make of what is given."""
+    job = _composed("enhance", cfg, choice.get("enhance") or ())
+    with open_dict(job):
+        job.update({"weights": weights_of(cfg, choice), **given})
+    folder = enhanced(job)
+    return folder / f"test/ours_{run_steps(folder)[-1]}/enhanced"
+
+
+def _rendered_and_enhanced(cfg: DictConfig, cell: StudyCell, choice: DictConfig, fit: Path) -> Path:
+    """The splat rendered finer, and enhanced at that size with photos of that size."""
+    scene = finer_config(_scene(cfg, cell))
+    return _enhanced(cfg, choice, gaussians=str(fit / "splat.ply"), scene=scene)
+
+
+def _scene(cfg: DictConfig, cell: StudyCell) -> DictConfig:
+    scene: DictConfig = _composed("fit", cfg, cell.fit).scene
+    return scene
 
 
 def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:

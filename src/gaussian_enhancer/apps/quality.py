@@ -52,14 +52,20 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
-    """The cells of a table: its groups' scenes x methods x densities, as far as they are asked for."""
+    """The cells of a table: its groups' scenes x methods x densities, as far as the table and the user ask for them."""
+
+    def asked(name: str, *choices: Sequence[str] | None) -> bool:
+        return all(choice is None or name in choice for choice in choices)
+
     for name in table.groups:
         group = cfg.groups[name]
         for scene, overrides in group.scenes.items():
-            for splat in cfg.splats if cfg.scenes is None or scene in cfg.scenes else ():
+            for splat in cfg.splats:
                 for density, choice in group.densities.items():
-                    fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
-                    yield StudyCell(str(scene), f"{splat}/{density}", fit, choice.every)
+                    kept = asked(scene, cfg.scenes, table.get("scenes")) and asked(density, table.get("densities"))
+                    if kept and asked(splat, table.get("splats")):
+                        fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
+                        yield StudyCell(str(scene), f"{splat}/{density}", fit, choice.every, bool(table.get("finer")))
 
 
 def _measured(cfg: DictConfig, name: str, cells: Sequence[StudyCell], console: Console) -> Iterator[Record]:

@@ -63,7 +63,8 @@ def section_parts(section: Section) -> list[str]:
     if study.ours:
         parts += ["### Aims\n", aims_table(section).markdown()]
     parts += ["### By scene\n", _READING, scene_table(study).markdown()]
-    parts += ["### Frames made worse\n", _harm(section)]
+    if section.aims.allowed:
+        parts += ["### Frames made worse\n", _harm(section)]
     for metric in metrics_of(study):
         parts += [f"### By cell: {TITLES[metric]}\n", cell_table(study, metric).markdown()]
     return [*parts, "### Missing\n", _missing(study)]
