@@ -97,5 +97,13 @@ def test_rows_together_cover_all_that_the_modes_differ_in():
         assert any(name == row or name.startswith(f"{row}.") for row in named), name
 
 
+def test_variants_of_ssif_lr_compose_and_build():
+    """Each is SSIF-LR but for what its name says."""
+    usual = build(composed("fusion=ssif_lr").fusion)
+    for variant, name in (("unshared", "share"), ("uncombined", "combine")):
+        network = build(composed(f"fusion=ssif_lr_{variant}").fusion)
+        assert {key for key, value in network.design.items() if value != usual.design[key]} == {name}
+
+
 def test_ours_is_the_default():
     assert not differences(composed(), composed("mode=ours"))
