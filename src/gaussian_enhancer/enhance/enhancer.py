@@ -119,7 +119,7 @@ class Enhancer:
             if kept is not None and max(views.render.shape[-2:]) <= self.tile:
                 enhanced = kept.network(views, kept(views, names))
             else:
-                enhanced = enhance_tiled(self.network, views, self.tile, self.halo)
+                enhanced = enhance_tiled(self.network, views, self.tile, self.halo, scale=self.network.scale)
         enhanced = enhanced.float()
         if self.strength < 1:
             start = enlarged(views.render, self.network.scale)

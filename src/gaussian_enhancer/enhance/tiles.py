@@ -1,6 +1,6 @@
 """Enhancing large images by overlapping tiles, so that memory stays flat.
 
-Axes: b batch, h height, w width.
+Axes: b batch, h height, w width, H, W the same times the network's scale.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,12 +12,18 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Views
 
-Network = Callable[[Views], Float[Tensor, "b 3 h w"]]
+Network = Callable[[Views], Float[Tensor, "b 3 H W"]]
 
 
 def enhance_tiled(
-    network: Network, views: Views, tile: int = 768, halo: int = 64, blend: int = 32, stride: int = 16
-) -> Float[Tensor, "b 3 h w"]:
+    network: Network,
+    views: Views,
+    tile: int = 768,
+    halo: int = 64,
+    blend: int = 32,
+    stride: int = 16,
+    scale: int = 1,
+) -> Float[Tensor, "b 3 H W"]:
     """Run a network over tiles whose seams are blended.
 
     Each tile carries a halo that is thrown away and a ramp over which it fades into its neighbour. The result equals
@@ -25,12 +31,13 @@ def enhance_tiled(
     normalised by the whole image's ``depth_unit``, which must be given where depth is.
 
     Args:
-        network: what maps views to enhanced images of the same size.
+        network: what maps views to enhanced images.
         views: the whole image.
-        tile: side of a tile with halo, a multiple of stride.
+        tile: side of a tile with halo in pixels of the render, as all that follow; a multiple of stride.
         halo: pixels on each inner side that are computed and thrown away, a multiple of stride.
         blend: pixels over which neighbours fade into each other, a multiple of stride.
         stride: tiles start at multiples of this, as the network's own grid does.
+        scale: how many times finer the enhanced image is than the render.
 
     Raises:
         InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.
@@ -39,16 +46,19 @@ def enhance_tiled(
     height, width = views.render.shape[-2:]
     if height <= tile and width <= tile:
         return network(views)
-    result = torch.zeros_like(views.render)
-    total = views.render.new_zeros(1, 1, height, width)
+    result = views.render.new_zeros(len(views.render), 3, scale * height, scale * width)
+    total = result.new_zeros(1, 1, scale * height, scale * width)
     for top, bottom in _spans(height, tile, halo, blend):
         for left, right in _spans(width, tile, halo, blend):
-            weight = _ramp(top, bottom, height, halo, blend).to(result)[:, None] * _ramp(
-                left, right, width, halo, blend
-            ).to(result)
+            rows, columns = (
+                _ramp(*(scale * side for side in sides)).to(result)
+                for sides in ((top, bottom, height, halo, blend), (left, right, width, halo, blend))
+            )
+            weight = rows[:, None] * columns
             enhanced = network(_crop(views, top, bottom, left, right))
-            result[..., top:bottom, left:right] += weight * enhanced
-            total[..., top:bottom, left:right] += weight
+            place = (..., slice(scale * top, scale * bottom), slice(scale * left, scale * right))
+            result[place] += weight * enhanced
+            total[place] += weight
     return result / total
 
 
