@@ -14,18 +14,21 @@ from rich.progress import track
 from torch import Tensor
 
 from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.finer import FinePhotos, finer_config
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.enhance.alignment import Reprojected
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.tiles import check_tiles
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.depth_files import ReadDepth
+from gaussian_enhancer.scene.finer import attach_fine_photos
 from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -41,10 +44,12 @@ class Task:
     Args:
         rendered: targets and references.
         step: training step of the renders, 0 where there is none.
+        note: why photos 4 times as fine were asked for and are not there, in words.
     """
 
     rendered: RenderedSet
     step: int = 0
+    note: str = ""
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -59,7 +64,7 @@ def run(cfg: DictConfig) -> float | None:
     device = start(cfg.runtime)
     console = Console(stderr=True)
     pretrained = load_weights(cfg.weights)
-    task = _task(cfg, device.type)
+    task = _task(cfg, device.type, pretrained.preparation.fine)
     preparation, note = _fitting(_asked(pretrained, cfg), task.rendered)
     enhancer = Enhancer(
         pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=_strength(pretrained, cfg)
@@ -68,8 +73,8 @@ def run(cfg: DictConfig) -> float | None:
     hidden = not (cfg.runtime.progress and console.is_terminal)
     for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):
         read()
-    if note:
-        console.print(note, highlight=False, soft_wrap=True)
+    for line in filter(None, (task.note, note)):
+        console.print(line, highlight=False, soft_wrap=True)
     views = enhancer(task.rendered)
     shown = track(views, "enhancing", total=len(task.rendered.targets), console=console, disable=hidden)
     if cfg.output:
@@ -77,14 +82,17 @@ def run(cfg: DictConfig) -> float | None:
     job = open_run(cfg, "enhance", task.rendered.name)
     side = job.folder / "test" / f"ours_{task.step}"
     written = _write(shown, side / "enhanced")
-    _keep_sources(task.rendered, side)
+    if pretrained.network.scale == 1:
+        _keep_sources(task.rendered, side)
+    else:
+        _keep_fine_sources(task.rendered, side, pretrained.network.scale)
     write_records(job.folder / "records.jsonl", [_cost(one, job.folder.name, task) for one in written])
     job.finish()
     return _tell(written, job.folder, console)
 
 
-def _task(cfg: DictConfig, device: str) -> Task:
-    """Read the one form of input that was given."""
+def _task(cfg: DictConfig, device: str, fine: bool) -> Task:
+    """Read the one form of input that was given, with photos 4 times as fine where they are wanted and known."""
     given = [name for name in ("run", "gaussians", "renders") if cfg[name] is not None]
     if len(given) != 1:
         received = f"was given {' and '.join(given)}" if given else "was given nothing to enhance"
@@ -92,14 +100,26 @@ def _task(cfg: DictConfig, device: str) -> Task:
     capture: Scene | None = build(cfg.scene) if cfg.get("scene") else None
     if given == ["run"]:
         rendered = _every(read_run(cfg.run, cfg.step, capture=capture), cfg.every)
-        return Task(rendered, run_steps(Path(cfg.run))[-1] if cfg.step is None else cfg.step)
+        step = run_steps(Path(cfg.run))[-1] if cfg.step is None else cfg.step
+        return _finely(Task(rendered, step), cfg) if fine else Task(rendered, step)
     if given == ["gaussians"]:
         if capture is None:
             raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-        return Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device, cfg.invalid))
+        task = Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device, cfg.invalid))
+        return _finely(task, cfg) if fine else task
     references = capture if capture is not None else cfg.references
     folders = cfg.photos, references, cfg.depth, cfg.cameras
-    return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale))
+    return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale, finer=fine))
+
+
+def _finely(task: Task, cfg: DictConfig) -> Task:
+    """The task with photos 4 times as fine: of the scene that was given, else of the one that the run names."""
+    try:
+        if cfg.get("scene"):
+            return replace(task, rendered=attach_fine_photos(task.rendered, build(finer_config(cfg.scene))))
+        return replace(task, rendered=FinePhotos(Path(cfg.runs) / "photos")(Path(cfg.run), task.rendered))
+    except InputError as missing:
+        return replace(task, note=str(missing))
 
 
 def _every(rendered: RenderedSet, every: int) -> RenderedSet:
@@ -223,12 +243,16 @@ def _fitting(preparation: Preparation, rendered: RenderedSet) -> tuple[Preparati
     if preparation.references and not rendered.references:
         remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
         raise InputError(rendered.name, "has no photo to refer to", remedy)
+    note = ""
+    if preparation.fine and any(view.read_fine_photo is None for view in rendered.references):
+        preparation = replace(preparation, fine=False)
+        note = "photos 4 times as fine as the renders are not known: enlarging without their detail"
     if not isinstance(preparation.warp, Reprojected) or preparation.references == 0:
-        return preparation, ""
+        return preparation, note
     bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
     bare += [view.name for view in rendered.references if view.camera is None]
     if not bare:
-        return preparation, ""
+        return preparation, note
     lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
     return replace(preparation, references=0), f"{lack}: enhancing from the renders alone"
 
@@ -244,8 +268,9 @@ def _files(rendered: RenderedSet, preparation: Preparation, keep_photos: bool) -
     reads: list[Callable[[], Tensor] | None] = []
     for view in rendered.targets:
         reads += [view.read, view.read_depth, view.read_alpha, view.read_photo if keep_photos else None]
+        reads.append(view.read_fine_photo if keep_photos else None)
     for view in rendered.references if preparation.references else ():
-        reads += [view.read_photo, view.read_depth, view.read]
+        reads += [view.read_photo, view.read_depth, view.read, view.read_fine_photo]
     return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
 
 
@@ -270,6 +295,15 @@ def _keep_sources(rendered: RenderedSet, side: Path) -> None:
                     shutil.copyfile(read.path, temporary)
             else:
                 write_image(path, read())
+
+
+def _keep_fine_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
+    """Put renders, enlarged bicubically, and photos that are as fine beside images that are finer than the renders."""
+    for view in rendered.targets:
+        if view.read is not None:
+            write_image(side / "renders" / view.name, enlarged(view.read()[None], scale)[0])
+        if view.read_fine_photo is not None:
+            write_image(side / "gt" / view.name, view.read_fine_photo())
 
 
 def _as_stored(read: ReadPhoto) -> bool:

@@ -19,12 +19,10 @@ from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.finer import FINER, attach_fine_photos
 from gaussian_enhancer.scene.photos import read_header, read_photo
-from gaussian_enhancer.scene.procedural import procedural_scene
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
 
 SCENES = "gaussian_enhancer.scene."
-PROCEDURAL = f"{procedural_scene.__module__}.{procedural_scene.__name__}"
 
 
 class FinePhotos:
@@ -96,8 +94,7 @@ def _check(values: Any) -> None:
 
 
 def _is_procedural(scene: DictConfig) -> bool:
-    target = str(scene.get("_target_"))
-    return target == PROCEDURAL or target.startswith(f"{SCENES}procedural.")
+    return str(scene.get("_target_")).startswith(f"{SCENES}procedural.")
 
 
 def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:

@@ -6,13 +6,14 @@ of its cameras, test cameras first. Sizes are compared from file headers when th
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import ListedCamera, read_cameras, write_cameras, write_scene_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
+from gaussian_enhancer.scene.finer import FINER, is_finer
 from gaussian_enhancer.scene.photos import list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -87,6 +88,7 @@ def read_folder(
     depth_scale: float = 1.0,
     background: Colour = BLACK,
     name: str = "",
+    finer: bool = False,
 ) -> RenderedSet:
     """Renders from a bare folder, with whatever else is known of them. Files belong together by name without ending.
 
@@ -101,6 +103,7 @@ def read_folder(
         depth_scale: scene units of one stored unit of depth.
         background: colour under transparent images.
         name: the set's name; the folder's where empty.
+        finer: let photos be 4 times as fine as the renders, and read them as such too.
 
     Raises:
         InputError: no renders or no references, sizes of render, photo or depth differ, or a view lacks its camera.
@@ -114,13 +117,15 @@ def read_folder(
     for stem, path in files.items():
         found = _depth_of(depths, stem, path, depth_scale, needed=True)
         camera = _camera_of(listed, stem, path, Path(cameras or ""))
-        targets.append(_view(path, truths.get(stem), found, None, camera, background))
+        targets.append(_view(path, truths.get(stem), found, None, camera, background, finer))
     if isinstance(references, Scene):
         others = _references(references)
     else:
         named = list_images(Path(references)) if references is not None else list(truths.values())
         kept = [path for path in named if references is not None or path.stem not in files]
         others = tuple(_reference(p, listed, depths, depth_scale, Path(cameras or ""), background) for p in kept)
+    if finer:
+        others = tuple(replace(view, read_fine_photo=view.read_photo) for view in others)
     if not others:
         received = "leaves no photo to refer to" if photos is not None else "comes without photos"
         raise InputError(root, received, "name a folder of the capture's photos with photos= or references=")
@@ -216,12 +221,21 @@ def _view(
     alpha: Path | None,
     camera: Camera | None,
     background: Colour,
+    finer: bool = False,
 ) -> RenderedView:
-    """One target with its parts, whose sizes must agree; a camera of another size with the same aspect follows."""
+    """One target with its parts, whose sizes must agree; a camera of another size with the same aspect follows.
+
+    With ``finer`` the photo may be 4 times as fine instead.
+    """
     header = read_header(render)
     size = header.height, header.width
+    fine = None
     if photo is not None:
-        _same_size(render, size, photo, (read_header(photo).height, read_header(photo).width))
+        found = read_header(photo).height, read_header(photo).width
+        if finer and is_finer(found, size):
+            fine = ReadPhoto(photo, FINER * size[0], FINER * size[1], background)
+        else:
+            _same_size(render, size, photo, found)
     if depth is not None:
         _same_size(render, size, depth.path, depth_size(depth.path))
     if alpha is not None:
@@ -235,6 +249,7 @@ def _view(
         depth,
         ReadCoverage(coverage, *size) if coverage is not None else None,
         ReadPhoto(photo, *size, background) if photo is not None else None,
+        fine,
     )
 
 
