@@ -23,7 +23,7 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from true_depth import world_of
+from true_depth import at_one_size, world_of
 
 from gaussian_enhancer.apps.enhance import render_capture
 from gaussian_enhancer.enhance.enhancer import Enhancer
@@ -77,6 +77,7 @@ def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
 
 def rendered_sequence(rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = ()) -> Filmed:
     """Raw and enhanced frames of a path, and photos where they are known."""
+    at_one_size(enhancer)
     enhanced = list(enhancer(rendered))
     places, raw = [], []
     for view in rendered.targets:

@@ -84,6 +84,12 @@ def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     return torch.where(depth > 0, depth, FAR * depth.max().clamp_min(1.0))
 
 
+def at_one_size(enhancer: Enhancer) -> None:
+    """Refuse networks whose images are finer than the renders that they are compared with."""
+    if enhancer.network.scale != 1:
+        raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
+
+
 def preparations(base: Preparation, depths: Mapping[str, Tensor]) -> dict[str, Preparation]:
     """The preparation with each of the three depths.
 
@@ -155,6 +161,7 @@ def study(
     Raises:
         InputError: a target has no photo.
     """
+    at_one_size(enhancer)
     pool, kinds = Pool(rendered.references), preparations(enhancer.preparation, depths)
     for view in rendered.targets[::every]:
         if view.read_photo is None:

@@ -1,0 +1,131 @@
+import dataclasses
+from functools import partial
+from typing import ClassVar
+
+import pytest
+import torch
+from flicker import changes, exact_photos, path_cameras, records, rendered_sequence, strength_of, table
+from test_sif import small
+
+from gaussian_enhancer.enhance.enhancer import Enhancer
+from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.records import read_records, write_records
+from gaussian_enhancer.scene.path import smooth_path
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from synthetic_runs import plane_camera, plane_view
+
+
+def same(value):
+    return value
+
+
+def plane_path(frames: int = 5) -> RenderedSet:
+    """A textured plane along a path, with three other views of it as references."""
+    coarse = torch.rand(1, 3, 12, 12, generator=torch.Generator().manual_seed(0))
+    texture = torch.nn.functional.interpolate(coarse, size=(192, 192), mode="bicubic")[0].clamp(0, 1)
+
+    def view(name, camera):
+        photo, depth = plane_view(camera, texture)
+        parts = [partial(same, part) for part in (photo, depth, torch.ones_like(depth), photo)]
+        return RenderedView(name, parts[0], camera, *parts[1:])
+
+    cameras = smooth_path([plane_camera(0, 32, 48), plane_camera(1, 32, 48)], frames)
+    targets = tuple(view(f"path_{i:04d}.png", camera) for i, camera in enumerate(cameras))
+    references = tuple(view(f"view_{i}.png", plane_camera(i, 32, 48)) for i in range(4))
+    return RenderedSet("plane", targets, references)
+
+
+class Unsteady(Network):
+    """Brightens every other frame."""
+
+    def __init__(self, step: float) -> None:
+        super().__init__()
+        self.step, self.count = step, 0
+
+    def stages(self, views):
+        self.count += 1
+        return (views.render + self.step * (self.count % 2),)
+
+
+class Enlarging(Network):
+    scale = 4
+
+    def stages(self, views):
+        return (torch.nn.functional.interpolate(views.render, scale_factor=4),)
+
+
+def filmed(network):
+    return rendered_sequence(plane_path(), Enhancer(network, Preparation(), precision="float32"))
+
+
+def means(run, film):
+    found = list(records(run, film, "none"))
+    return {
+        variant: [r.metrics["warped_error"] for r in found if r.variant == variant] for variant in film.images
+    }, found
+
+
+def named(plane_run, tmp_path):
+    """The plane's run under a name as fits have it."""
+    run = tmp_path / "plane-3dgs-00000000"
+    run.symlink_to(plane_run)
+    return run
+
+
+def test_identity_flickers_as_its_input(plane_run, tmp_path):
+    found, _ = means(named(plane_run, tmp_path), filmed(small()))
+    assert found["raw"] == found["enhanced"]
+    assert max(found["change"]) < 0.003  # a constant image at half brightness, brought to 8 bits
+
+
+def test_unsteady_network_is_found_out(plane_run, tmp_path):
+    run = named(plane_run, tmp_path)
+    found, lines = means(run, filmed(Unsteady(10 / 255)))
+    for raw, enhanced, change in zip(found["raw"], found["enhanced"], found["change"], strict=True):
+        assert enhanced > raw + 0.015
+        assert change == pytest.approx(10 / 255, abs=0.004)
+    write_records(tmp_path / "flicker.jsonl", lines)
+    printed = table(read_records(tmp_path / "flicker.jsonl"))
+    cells = [cell.strip() for cell in printed.splitlines()[2].split("|")]
+    assert cells[1:3] == [run.name, "4"]
+    assert float(cells[6]) > 1.5
+
+
+def test_changes_of_references_are_counted():
+    names = [("a", "b", "c"), ("a", "b", "c"), ("b", "a", "c"), ("b", "d", "c"), ("x", "y", "c")]
+    assert changes(names) == [(0, False), (0, True), (1, False), (2, False)]
+
+
+def test_path_passes_neighbouring_cameras_of_the_run(plane_run):
+    path = path_cameras(plane_run, 3, 7)
+    assert len(path) == 7
+    assert {(camera.height, camera.width) for camera in path} == {(48, 64)}
+    with pytest.raises(InputError, match="--cameras"):
+        path_cameras(plane_run, 9, 7)
+
+
+def test_photos_of_a_capture_along_a_path_are_not_known(tmp_path):
+    (tmp_path / "config.yaml").write_text("scene: {path: somewhere}\n")
+    assert exact_photos(tmp_path, [plane_camera(0, 8, 8)]) == ()
+
+
+def test_frames_without_depth_are_refused():
+    path = plane_path(2)
+    bare = dataclasses.replace(path, targets=tuple(dataclasses.replace(v, read_depth=None) for v in path.targets))
+    with pytest.raises(InputError, match="lacks"):
+        rendered_sequence(bare, Enhancer(small(), Preparation(references=0)))
+
+
+def test_networks_that_enlarge_are_refused():
+    with pytest.raises(InputError, match="4 times"):
+        filmed(Enlarging())
+
+
+def test_strength_is_the_cards_unless_asked():
+    class Card:
+        card: ClassVar = {"strength": 0.4}
+
+    assert strength_of(Card, None) == 0.4
+    assert strength_of(Card, 1.0) == 1.0

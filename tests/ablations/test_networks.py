@@ -1,0 +1,45 @@
+import json
+from pathlib import Path
+
+import torch
+from benchmarks import networks
+from torch import nn
+
+from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.weights import NETWORKS
+
+ROOT = Path(__file__).parents[2]
+
+
+class OneConvolution(Network):
+    def __init__(self):
+        super().__init__()
+        self.conv = nn.Conv2d(3, 3, 3, padding=1, groups=3)
+
+    def stages(self, views):
+        return (self.conv(views.render), nn.functional.interpolate(self.conv(views.render), scale_factor=2))
+
+
+def test_multiply_adds_are_those_of_the_convolutions_per_enhanced_pixel():
+    assert networks.multiply_adds(OneConvolution(), references=0, side=8) == 2 * 27 / 4
+
+
+def test_times_are_one_for_each_network():
+    times = networks.microseconds([OneConvolution(), OneConvolution()], networks.example(8, 8, 1), rounds=2)
+    assert len(times) == 2
+    assert min(times) > 0
+
+
+def test_record_holds_every_network_that_weights_can_name():
+    rows = json.loads((ROOT / "docs" / "results" / "networks.json").read_text())["rows"]
+    names = {row["fusion"] for row in rows}
+    assert len(names) == len(NETWORKS)
+    page = (ROOT / "docs" / "networks.md").read_text()
+    assert networks.table(rows) in page
+
+
+def test_example_has_all_that_views_may_have():
+    views = networks.example(8, 12, 2)
+    assert all(value is not None for value in vars(views).values())
+    assert views.fine_references.shape == (1, 2, 3, 32, 48)
+    assert bool(torch.all(views.depth >= 1))

@@ -1,0 +1,150 @@
+import dataclasses
+
+import pytest
+import torch
+import true_depth
+from test_sif import small
+from true_depth import (
+    DEPTHS,
+    FAR,
+    ThroughTrueDepth,
+    exact_depths,
+    preparations,
+    propagated,
+    reference_quality,
+    study,
+    table,
+    with_sky,
+    world_of,
+)
+
+from gaussian_enhancer.enhance.alignment import Aligned, Reprojected, Unwarped
+from gaussian_enhancer.enhance.enhancer import Enhancer
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.types import identity_camera
+
+
+def wrong_by(factor: float, view: RenderedView) -> RenderedView:
+    return dataclasses.replace(view, read_depth=lambda: factor * view.read_depth())
+
+
+@pytest.fixture
+def misplaced(plane_run) -> tuple[RenderedSet, dict[str, torch.Tensor]]:
+    """A run whose rendered depth is 30% too large, and the depth that is right."""
+    rendered = read_run(plane_run)
+    exact = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
+    targets = tuple(wrong_by(1.3, view) for view in rendered.targets)
+    references = tuple(wrong_by(1.3, view) for view in rendered.references)
+    return dataclasses.replace(rendered, targets=targets, references=references), exact
+
+
+def test_true_depth_aligns_best(misplaced):
+    rendered, exact = misplaced
+    found = list(study(rendered, Enhancer(small(), Preparation(), precision="float32"), exact))
+    assert [variant for _, variant, _, _ in found] == ["raw", *DEPTHS] * len(rendered.targets)
+    by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *DEPTHS)}
+    for raw, coarse, refined, true in zip(*by.values(), strict=True):
+        assert true["psnr"] == refined["psnr"] == coarse["psnr"] == raw["psnr"]  # the network is an untrained one
+        assert true["reference_psnr"] > coarse["reference_psnr"] + 1
+        assert true["reference_psnr"] > refined["reference_psnr"]
+        assert true["propagated_psnr"] > coarse["propagated_psnr"]
+        assert true["propagated_psnr"] > raw["psnr"]
+
+
+def test_right_depth_changes_nothing(plane_run):
+    rendered = read_run(plane_run)
+    exact = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
+    kinds, pool = preparations(Preparation(), exact), Pool(rendered.references)
+    view = rendered.targets[0]
+    as_rendered, as_known = (kinds[name].align(read_target(view), view, pool) for name in ("rendered", "exact"))
+    assert as_rendered.names == as_known.names
+    assert torch.equal(as_rendered.references, as_known.references)
+    assert isinstance(kinds["exact"].warp, ThroughTrueDepth)
+    assert kinds["refined"].warp == Reprojected()
+
+
+def test_residuals_are_handed_on_as_stated():
+    render = torch.full((3, 16, 16), 0.5)
+    seen = torch.ones(2, 1, 16, 16)
+    renders = render.expand(2, 3, 16, 16).clone()
+    aligned = Aligned(renders + torch.tensor([0.1, 0.2])[:, None, None, None], seen, ("a", "b"), renders)
+    torch.testing.assert_close(propagated(render, aligned), render + 0.3 / 2.5)
+    off = dataclasses.replace(aligned, renders=renders + 0.02, references=aligned.references + 0.02)
+    weight = torch.exp(torch.tensor(-1.0))
+    torch.testing.assert_close(propagated(render, off), render + 0.3 * weight / (2 * weight + 0.5))
+    hidden = dataclasses.replace(aligned, visibility=torch.zeros_like(seen))
+    assert torch.equal(propagated(render, hidden), render)
+    with pytest.raises(InputError, match="splat's renders"):
+        propagated(render, dataclasses.replace(aligned, renders=None))
+
+
+def test_reference_is_judged_where_it_is_visible():
+    photo = torch.full((3, 8, 8), 0.5)
+    seen = torch.zeros(1, 1, 8, 8)
+    seen[..., :4] = 1
+    shown = torch.where(seen[0] > 0, photo + 0.1, torch.zeros(()))[None]
+    found = reference_quality(Aligned(shown, seen, ("a",)), photo + 0.01, photo)
+    assert found["reference_psnr"] == pytest.approx(20, abs=1e-4)
+    assert found["render_psnr_there"] == pytest.approx(40, abs=1e-3)
+    assert found["reference_visible"] == 0.5
+    nothing = reference_quality(Aligned(shown, torch.zeros_like(seen), ("a",)), photo, photo)
+    assert nothing == {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
+
+
+def test_sky_lies_behind_all_else():
+    depth = torch.tensor([[[0.0, 2.0], [5.0, 0.0]]])
+    assert torch.equal(with_sky(depth), torch.tensor([[[5 * FAR, 2.0], [5.0, 5 * FAR]]]))
+
+
+class PlaneWorld:
+    """Stands in for a world that takes a minute to make: z is the seed, on the left half, in the camera's size."""
+
+    def __init__(self, family, seed, camera, device):
+        assert (family, device) == ("object", "cpu")
+        self.seed, self.camera = seed, camera
+
+    def depth(self):
+        z = torch.full((1, self.camera.height, self.camera.width), float(self.seed))
+        z[..., self.camera.width // 2 :] = 0
+        return z
+
+
+def test_depth_of_a_world_is_its_own(monkeypatch):
+    monkeypatch.setattr(true_depth, "ProceduralView", PlaneWorld)
+    views = tuple(RenderedView(f"{i}.png", None, identity_camera(4 + i, 6, 6.0)) for i in range(3))
+    depths = exact_depths(("object", 3), RenderedSet("object", views[:1], views[1:]))
+    for i, view in enumerate(views):
+        assert depths[view.name].shape == (1, 4 + i, 6)
+        assert depths[view.name][0, 0].tolist() == [3.0] * 3 + [3 * FAR] * 3
+    with pytest.raises(InputError, match="no camera"):
+        exact_depths(("object", 3), RenderedSet("object", (RenderedView("bare.png", None),), ()))
+
+
+def test_only_procedural_runs_have_a_world(tmp_path):
+    (tmp_path / "config.yaml").write_text("scene: {family: object, seed: 3}\n")
+    assert world_of(tmp_path) == ("object", 3)
+    (tmp_path / "config.yaml").write_text("scene: {path: somewhere}\n")
+    assert world_of(tmp_path) is None
+
+
+def test_weights_that_do_not_reproject_are_refused():
+    with pytest.raises(InputError, match="reproject"):
+        preparations(Preparation(warp=Unwarped()), {})
+
+
+def test_table_states_gains_over_the_raw_render(misplaced):
+    rendered, exact = misplaced
+    records = [
+        Record("true_depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
+        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), Preparation()), exact)
+    ]
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table(records).splitlines()]
+    assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in DEPTHS]
+    by_depth = {line[1]: dict(zip(lines[0], line, strict=True)) for line in lines[2:5]}
+    assert by_depth["exact"]["gain in psnr"] == "+0.0000"
+    handed = {depth: float(line["gain of residuals handed on"]) for depth, line in by_depth.items()}
+    assert handed["exact"] > handed["rendered"]
