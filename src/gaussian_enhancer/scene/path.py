@@ -72,8 +72,7 @@ def _camera(like: Camera, K: np.ndarray, rotation: np.ndarray, centre: np.ndarra
     """A camera of the same size, type and device as another."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
-    values = (torch.from_numpy(value).to(like.K) for value in (K, pose))
-    return Camera(*values, like.height, like.width)
+    return Camera(torch.from_numpy(K).to(like.K), torch.from_numpy(pose).to(like.K), like.height, like.width)
 
 
 def short_tour(cameras: Sequence[Camera]) -> tuple[int, ...]:
