@@ -27,6 +27,17 @@ def test_gain_adds_the_enlarged_change_of_its_own_scale():
         torch.testing.assert_close(module(fine, fine, values), fine + 2 * value)
 
 
+def test_gain_hands_the_gradient_to_the_coarser_change():
+    module = Combination(1, 0, 4)
+    torch.nn.init.zeros_(module.join.weight)
+    module.head.bias.data[12] = 2.0
+    change = torch.rand(1, 3, 8, 8).requires_grad_()
+    fine = torch.rand(1, 3, 32, 32)
+    module(fine, fine, [change]).sum().backward()
+    assert change.grad is not None
+    torch.testing.assert_close(change.grad.sum(), torch.tensor(2.0 * 3 * 32 * 32))
+
+
 def test_a_ramp_stays_a_ramp():
     """Scales are registered at pixels' outer edges: a change that is linear in x is the same line at every scale."""
     module = Combination(1, 0, 4)
