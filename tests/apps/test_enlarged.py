@@ -100,6 +100,7 @@ def test_bicubic_enlarges_each_image_once_and_keeps_what_is_even(tmp_path, monke
     assert enlarged.bicubic(cfg, tmp_path / "in", "a") == folder
 
 
+@pytest.mark.slow
 def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fits, configured, tmp_path) -> None:
     torch.manual_seed(0)
     save_weights(tmp_path / "w.safetensors", SIF((8, 8), (1, 1)), Preparation(), {})
@@ -137,6 +138,7 @@ def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fit
     assert "| object | too_small | 0 of 1 | missing" in page
 
 
+@pytest.mark.slow
 def test_rows_at_four_times_the_resolution_are_found_again(fits, configured, monkeypatch, tmp_path) -> None:
     rows = {"render_4x": {"role": "other", "render": True}}
     started(configured(**rows))
