@@ -1,10 +1,10 @@
 """Which share of the network's change to apply: gains and losses on validation runs by strength.
 
-    python ablations/strength.py WEIGHTS RUN [RUN ...] [--lpips FOLDER] [--json FILE] [--ship FILE] [--choose S]
+    python ablations/strength.py WEIGHTS RUN [RUN ...] [--lpips FOLDER] [--json FILE]
 
-The change is computed once per view and applied in part, so all strengths are compared on the same images. ``--ship``
-writes the weights with a strength on their card, which `gaussian-enhancer enhance` then applies. Runs must be
-validation runs (docs/data.md): a strength chosen on test scenes would be worth nothing.
+The change is computed once per view and applied in part, so all strengths are compared on the same images. Runs must be
+validation runs (docs/data.md): a strength chosen on test scenes would be worth nothing. `ablations/ship.py` writes the
+strength that was chosen on the weights' card, and `gaussian-enhancer enhance` then applies it.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 
 from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.weights import Pretrained, load_weights, save_weights
+from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
@@ -70,14 +70,12 @@ def is_worse(row: dict) -> bool:
 
 
 def main() -> None:
-    """Read the command line, compare, print; ship if asked."""
+    """Read the command line, compare, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights")
     parser.add_argument("runs", nargs="+", type=Path)
     parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
     parser.add_argument("--json", type=Path, help="write every row there")
-    parser.add_argument("--choose", type=float, help="strength to put on the card")
-    parser.add_argument("--ship", type=Path, help="write the weights with that strength there")
     options = parser.parse_args()
     torch.set_flush_denormal(True)
     pretrained = load_weights(options.weights)
@@ -86,9 +84,6 @@ def main() -> None:
     print(table(rows))
     if options.json:
         options.json.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-    if options.ship and options.choose is not None:
-        card = {**pretrained.card, "strength": options.choose}
-        save_weights(options.ship, pretrained.network, pretrained.preparation, card)
 
 
 if __name__ == "__main__":

@@ -65,6 +65,7 @@ def run(cfg: DictConfig) -> float | None:
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "validation": gains,
+        "seed": int(cfg.seed),
         "run": job.digest,
     }
     save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
