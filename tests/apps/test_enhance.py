@@ -5,16 +5,19 @@ import torch
 
 from gaussian_enhancer.apps.enhance import run
 from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.sif import SIF
+from gaussian_enhancer.enhance.ssif_sr import SSIFSR
 from gaussian_enhancer.enhance.weights import save_weights
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.images import pair_run
 from gaussian_enhancer.measure.records import read_records
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
-from gaussian_enhancer.types import Gaussians
-from synthetic_runs import plane_camera
+from gaussian_enhancer.types import Gaussians, quantised
+from synthetic_runs import plane_camera, write_plane_run
 
 CONF = str(Path(__file__).resolve().parents[2] / "conf")
 
@@ -134,3 +137,54 @@ def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
     with pytest.raises(InputError, match="neither a file nor a shipped name"):
         run(configured(f"run={plane_run}", "weights=absent", f"runs={tmp_path}"))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def fine_weights(tmp_path_factory) -> Path:
+    """An untrained network, which returns the bicubically enlarged render."""
+    path = tmp_path_factory.mktemp("weights") / "fine.safetensors"
+    save_weights(path, SSIFSR((8, 8, 8), (1, 1, 1)), Preparation(fine=True), {})
+    return path
+
+
+def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_path, monkeypatch):
+    finer = read_run(write_plane_run(tmp_path / "fine", size=(192, 256)))
+    photos = tuple(Photo(v.name, v.camera, v.read_photo) for v in (*finer.targets, *finer.references))
+    scene = Scene("plane", photos, tuple(range(1, 8)), (0,))
+    monkeypatch.setattr("gaussian_enhancer.apps.enhance.build", lambda node: scene)
+    monkeypatch.setattr("gaussian_enhancer.apps.enhance.finer_config", lambda node: node)
+    options = ["scene=capture", "scene.path=unused", f"weights={fine_weights}", f"runs={tmp_path / 'runs'}"]
+    run(configured(f"run={plane_run}", *options))
+    (folder,) = (tmp_path / "runs/enhance").iterdir()
+    side = folder / "test/ours_100"
+    assert same(side / "enhanced", side / "renders")
+    for view in finer.targets:
+        assert torch.equal(read_photo(side / "gt" / view.name), view.read_photo())
+    render = read_photo(plane_run / "test/ours_100/renders/view_000.png")
+    expected = quantised(enlarged(render[None], 4)[0])
+    torch.testing.assert_close(read_photo(side / "renders/view_000.png"), expected)
+    files = pair_run(folder, None)
+    assert {file.label.variant for file in files} == {"raw", "enhanced"}
+
+
+def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_run, fine_weights, tmp_path, capsys):
+    run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert "no config.yaml" in told
+    assert "enlarging without" in told
+    assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
+
+
+def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, weights, tmp_path):
+    fine = write_plane_run(tmp_path / "fine", size=(192, 256))
+    (tmp_path / "photos").mkdir()
+    for path in sorted(fine.glob("t*/ours_100/gt/*.png")):
+        (tmp_path / "photos" / path.name).write_bytes(path.read_bytes())
+    folders = [f"renders={plane_run / 'test/ours_100/renders'}", f"photos={tmp_path / 'photos'}", f"runs={tmp_path}"]
+    geometry = [f"depth={plane_run / 'test/ours_100/depth'}", f"cameras={plane_run / 'cameras.json'}"]
+    run(configured(*folders, *geometry, f"weights={fine_weights}"))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert same(folder / "test/ours_0/gt", fine / "test/ours_100/gt")
+    assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
+    with pytest.raises(InputError, match="is 256x192 but its render"):
+        run(configured(*folders, f"weights={weights}"))

@@ -9,12 +9,12 @@ from gaussian_enhancer.errors import InputError
 from synthetic_runs import plane_camera, plane_view
 
 
-def pixels(index: int, gain: float = 1.0) -> Pixels:
+def pixels(index: int, gain: float = 1.0, size: tuple[int, int] = (48, 64), cells: int = 24) -> Pixels:
     generator = torch.Generator().manual_seed(0)
-    texture = torch.nn.functional.interpolate(torch.rand(1, 3, 24, 24, generator=generator), size=192, mode="bicubic")[
-        0
-    ]
-    camera = plane_camera(index, 48, 64)
+    texture = torch.nn.functional.interpolate(
+        torch.rand(1, 3, cells, cells, generator=generator), size=192, mode="bicubic"
+    )[0]
+    camera = plane_camera(index, *size)
     photo, depth = plane_view(camera, texture.clamp(0, 1))
     return Pixels(f"{index}.png", (photo * gain).clamp(0, 1), camera, depth, torch.ones_like(depth))
 
@@ -64,3 +64,44 @@ def test_ranking_prefers_what_agrees_and_what_is_new():
     assert rank(image, [wrong, good_right, good_left], keep=2) == [2, 1]
     assert rank(image, [everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
     assert rank(image, [], keep=2) == []
+
+
+@pytest.mark.parametrize("own_render", [True, False])
+def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_render):
+    def fine(index: int) -> torch.Tensor:
+        return pixels(index, size=(192, 256), cells=96).image
+
+    target, references = pixels(0, cells=96), []
+    for index, gain in ((1, 0.8), (2, 0.9)):
+        render = pixels(index, cells=96).image if own_render else None
+        photo = pixels(index, gain, cells=96)
+        references.append(dataclasses.replace(photo, render=render, fine=fine(index) * gain))
+    errors = []
+    for match_colour in (True, False):
+        aligned = Reprojected(refine_depth=False, match_colour=match_colour)(target, references, keep=2)
+        assert aligned.fine is not None
+        assert aligned.fine.shape == (2, 3, 192, 256)
+        pooled = torch.nn.functional.avg_pool2d(aligned.fine, 4)
+        assert (pooled - aligned.references).abs().mean(1)[aligned.visibility[:, 0] > 0.9].mean() < 0.03
+        shown = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] > 0.9
+        errors.append((aligned.fine - fine(0)).abs().mean(1)[shown].mean())
+    assert errors[0] < 0.4 * errors[1]
+    blurred = torch.nn.functional.interpolate(target.image[None], scale_factor=4, mode="bicubic")[0]
+    clean = [dataclasses.replace(pixels(i, cells=96), fine=fine(i)) for i in (1, 2)]
+    aligned = Reprojected(refine_depth=False, match_colour=False)(target, clean, keep=2)
+    shown = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] > 0.9
+    assert (aligned.fine - fine(0)).abs().mean(1)[shown].mean() < 0.3 * (blurred - fine(0)).abs().mean()
+    hidden = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] == 0
+    assert bool((aligned.fine.abs().amax(1)[hidden] == 0).all())
+
+
+def test_fine_references_change_nothing_else_and_are_absent_unless_asked_for():
+    target, reference = pixels(0), pixels(1)
+    finer = dataclasses.replace(reference, fine=pixels(1, size=(192, 256)).image)
+    for warp in (Reprojected(), Unwarped()):
+        plain, both = warp(target, [reference], 1), warp(target, [finer], 1)
+        assert plain.fine is None
+        assert both.fine is not None
+        assert torch.equal(plain.references, both.references)
+        assert torch.equal(plain.visibility, both.visibility)
+    assert torch.equal(both.fine[0], finer.fine)

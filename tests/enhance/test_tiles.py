@@ -1,9 +1,13 @@
+import dataclasses
+
 import pytest
 import torch
 from test_sif import trained, views
 
 from gaussian_enhancer.enhance.deform import Deformable
 from gaussian_enhancer.enhance.modulate import depth_unit
+from gaussian_enhancer.enhance.pyramid import enlarged
+from gaussian_enhancer.enhance.ssif_sr import SSIFSR
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Views
@@ -40,3 +44,26 @@ def test_identity_of_any_size_is_kept():
 def test_impossible_tiles_are_refused(sides):
     with pytest.raises(InputError, match="tile"):
         enhance_tiled(lambda v: v.render, large(200, 200), **sides)
+
+
+def test_tiles_of_a_network_that_enlarges():
+    seen = large(150, 97)
+    sides = {"tile": 64, "halo": 16, "blend": 16, "scale": 4}
+    tiled = enhance_tiled(lambda v: enlarged(v.render, 4), seen, **sides)
+    torch.testing.assert_close(tiled, enlarged(seen.render, 4))
+    fine = dataclasses.replace(seen, fine_references=torch.rand(1, 2, 3, 600, 388))
+    shown = enhance_tiled(lambda v: v.fine_references[:, 1], fine, **sides)
+    torch.testing.assert_close(shown, fine.fine_references[:, 1])
+
+
+def test_no_seam_in_a_super_resolved_image():
+    network = SSIFSR((8, 8, 8), (1, 1, 1)).eval()
+    torch.manual_seed(1)
+    for parameter in network.parameters():
+        parameter.data += 0.05 * torch.randn_like(parameter)
+    seen = dataclasses.replace(large(136, 144), fine_references=torch.rand(1, 2, 3, 544, 576))
+    with torch.no_grad():
+        whole = network(seen)
+        error = (enhance_tiled(network, seen, tile=128, halo=48, blend=16, scale=4) - whole).abs()
+    assert error.max() < 0.01
+    assert (whole - enlarged(seen.render, 4)).abs().max() > 0.1

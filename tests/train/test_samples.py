@@ -1,12 +1,22 @@
 import dataclasses
+import hashlib
+import json
 
+import pytest
 import torch
 
 from gaussian_enhancer.enhance.alignment import Unwarped
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
+from gaussian_enhancer.enhance.weights import preparation_of
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.finer import attach_fine_photos
 from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.train.augment import Augmentation
+from gaussian_enhancer.train.crops import Collate, Crops
+from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.samples import EACH, FIXED, batch_of, prepare_samples
+from synthetic_runs import write_plane_run
 
 
 def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):
@@ -75,3 +85,81 @@ def test_light_is_shared_and_references_differ(plane_run, tmp_path):
     assert not torch.allclose(lit.photo, batch.photo, atol=0.02)
     unlit = Augmentation(light=0.0, exposure=0.0).relight(batch, torch.Generator().manual_seed(0))
     torch.testing.assert_close(unlit.views.references, batch.views.references)
+
+
+@pytest.fixture(scope="module")
+def fine_set(tmp_path_factory):
+    """A run at 48x64 whose photos are known at 192x256 too."""
+    folders = tmp_path_factory.mktemp("runs")
+    coarse = read_run(write_plane_run(folders / "coarse"))
+    fine = read_run(write_plane_run(folders / "fine", size=(192, 256)))
+    photos = [Photo(v.name, v.camera, v.read_photo) for v in (*fine.targets, *fine.references)]
+    return attach_fine_photos(coarse, Scene("plane", tuple(photos), (), ()))
+
+
+def test_a_fine_sample_is_what_the_enhancer_sees(fine_set, tmp_path):
+    preparation = Preparation(fine=True)
+    samples = prepare_samples(fine_set, preparation, tmp_path, "a")
+    batch = batch_of([samples[0].planes()], samples[:1], 3, [samples[0].fine_planes()])
+    view = fine_set.targets[0]
+    target = read_target(view)
+    seen = join(target, preparation.align(target, view, Pool(fine_set.references)))
+    torch.testing.assert_close(batch.photo[0], view.read_fine_photo())
+    assert seen.fine_references is not None
+    assert batch.views.fine_references is not None
+    assert batch.views.fine_references.shape == (1, 3, 3, 192, 256)
+    torch.testing.assert_close(batch.views.fine_references, seen.fine_references, rtol=0, atol=0.5 / 255 + 1e-6)
+    assert prepare_samples(fine_set, preparation, tmp_path, "a") == samples
+
+
+def test_fine_crops_lie_where_the_crops_lie(fine_set, tmp_path):
+    samples = prepare_samples(fine_set, Preparation(fine=True), tmp_path, "a")
+    calm = Augmentation(crop=32, light=0.0, exposure=0.0)
+    crops, counts = Crops(samples, calm), set()
+    for seed in range(12):
+        item = crops[seed % len(samples), seed]
+        batch = Collate(3, calm)([item])
+        pooled = torch.nn.functional.avg_pool2d(batch.photo, 4)
+        low = torch.from_numpy(item[0][3:6])[None].float() / 255
+        assert batch.photo.shape == (1, 3, 128, 128)
+        assert (pooled - low).abs().mean() < 0.5 * (pooled.flip(-1) - low).abs().mean()
+        views = batch.views
+        shown = views.visibility > 0.99
+        again = torch.nn.functional.avg_pool2d(views.fine_references[0], 4)[None]
+        assert ((again - views.references).abs() * shown).mean() < 0.05
+        counts.add(int((views.visibility.amax((2, 3, 4)) > 0).sum()))
+        assert bool(
+            (views.fine_references[0].amax((1, 2, 3)) > 0).sum() == (views.references[0].amax((1, 2, 3)) > 0).sum()
+        )
+    assert len(counts) > 1
+
+
+def test_ordinary_samples_keep_their_names_and_their_index(plane_run, tmp_path):
+    content = {"layout": 5, "identity": "a", "preparation": preparation_of(Preparation()), "held_out": True}
+    assert set(content["preparation"]) == {"warp", "references", "candidates"}
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+    (sample, *_) = prepare_samples(read_run(plane_run), Preparation(), tmp_path, "a")
+    assert digest in sample.path
+    (index,) = tmp_path.glob("*/index.json")
+    assert "fine" not in json.loads(index.read_text())[0]
+    assert sample.fine_planes() is None
+    assert preparation_of(Preparation(fine=True))["fine"] is True
+
+
+def test_a_fine_preparation_needs_fine_photos(plane_run, tmp_path):
+    with pytest.raises(InputError, match="no photo finer"):
+        prepare_samples(read_run(plane_run), Preparation(fine=True), tmp_path, "a")
+    with pytest.raises(InputError, match="finer="):
+        RunsData([], [], Preparation(fine=True), tmp_path)
+
+
+def test_a_run_gives_at_most_so_many_views_spread_evenly(tmp_path_factory, other_plane_run, tmp_path):
+    many = write_plane_run(tmp_path_factory.mktemp("runs") / "many", views=20, size=(16, 16))
+    bare = Preparation(references=0)
+    data = RunsData([str(many)], [str(other_plane_run)], bare, tmp_path, progress=False, views_per_run=2)
+    data.setup()
+    names = [sample.name.split("/")[1] for sample in data.sources[0]]
+    assert names == ["view_004.png", "view_012.png"]
+    whole = RunsData([str(many)], [str(other_plane_run)], bare, tmp_path, progress=False)
+    whole.setup()
+    assert len(whole.sources[0]) == 5
