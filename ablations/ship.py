@@ -2,8 +2,8 @@
 
     python ablations/ship.py WEIGHTS NAME --strength S --helps TEXT --harms TEXT
 
-Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. What training wrote on the card (data, steps,
-seed, hash of the configuration, validation) stays; the two texts are a reader's summary of docs/quality.md.
+Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. What training wrote on the card (data,
+steps, seed, hash of the configuration, validation) stays; the two texts are a reader's summary of docs/quality.md.
 """
 
 import argparse

@@ -47,21 +47,21 @@ def dissimilarity(
         sigma: of the window, pixels.
         side: of the window, pixels, odd.
     """
-    taps = torch.arange(side, dtype=enhanced.dtype, device=enhanced.device) - side // 2
-    window = torch.exp(-(taps**2) / (2 * sigma**2))
-    window = window / window.sum()
     x, y = enhanced, photo
-    batch = torch.cat([x, y, x * x, y * y, x * y])
-    channels = batch.shape[1]
-    blurred = F.conv2d(
-        batch, window.view(1, 1, 1, -1).repeat(channels, 1, 1, 1), padding=(0, side // 2), groups=channels
-    )
-    blurred = F.conv2d(
-        blurred, window.view(1, 1, -1, 1).repeat(channels, 1, 1, 1), padding=(side // 2, 0), groups=channels
-    )
+    rows, columns = (_window(length, sigma, side, enhanced) for length in enhanced.shape[-2:])
+    blurred = rows @ (torch.cat([x, y, x * x, y * y, x * y]) @ columns)
     mean_x, mean_y, xx, yy, xy = blurred.chunk(5)
     contrast = (2 * (xy - mean_x * mean_y) + 0.03**2) / (xx - mean_x**2 + yy - mean_y**2 + 0.03**2)
     return 1 - contrast * (2 * mean_x * mean_y + 0.01**2) / (mean_x**2 + mean_y**2 + 0.01**2)
+
+
+def _window(length: int, sigma: float, side: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
+    """A zero-padded Gaussian window as a symmetric band matrix: on crops, a product costs a fifth of a convolution."""
+    distance = torch.arange(length, dtype=like.dtype, device=like.device)
+    distance = (distance[:, None] - distance).abs()
+    taps = torch.arange(side, dtype=like.dtype, device=like.device) - side // 2
+    total = torch.exp(-(taps**2) / (2 * sigma**2)).sum()
+    return torch.exp(-(distance**2) / (2 * sigma**2)) * (distance <= side // 2) / total
 
 
 def gradient_difference(
