@@ -67,9 +67,9 @@ def wheel(session: nox.Session) -> None:
 def pairs(session: nox.Session) -> None:
     """Fit what the shipped weights learn from (needs the captures; hours on two cores); goes on where it was killed."""
     install(session)
-    captures = ("captures_half", "captures_quarter", "captures_third", "captures_validation")
-    procedural = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting", "procedural_dense")
-    for name in (*captures, *procedural):
+    captures = ("captures_half", "captures_quarter", "captures_validation")
+    methods = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting")
+    for name in (*captures, *methods, "procedural_dense", "procedural_more", "procedural_validation"):
         session.run("gaussian-enhancer", "fit", f"+sweep=[pairs_{name},two_jobs]", *session.posargs)
 
 
@@ -114,18 +114,24 @@ def realism(session: nox.Session) -> None:
         session.run("python", "ablations/renders.py", "--rows", *trained, "--runs", *runs, *options)
 
 
+WEIGHTS = (
+    "+recipe=lr fusion=ssif_lr size=base trainer.max_steps=6000 label=lr_base +card.name=lr_base",
+    "+recipe=ssif_sr size=base label=sr_base",
+    "+recipe=lr fusion=sif label=row_sif",
+    "+recipe=lr fusion=ssif_lr label=row_ssif_lr",
+    "+recipe=lr fusion=nafnet alignment=none label=row_nafnet",
+    "+recipe=lr fusion=edvr alignment=none label=row_edvr",
+    "+recipe=lr fusion=ssif_lr mode=paper label=row_paper",
+)
+"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget."""
+
+
 @nox.session(default=False)
 def weights(session: nox.Session) -> None:
-    """Train the shipped weights on the fits of `pairs`; the same command goes on where it was killed."""
+    """Train the shipped weights and the rows they are compared with (after `pairs`); goes on where it was killed."""
     install(session)
-    session.run("gaussian-enhancer", "train", "+recipe=sif", *session.posargs)
-
-
-@nox.session(default=False)
-def captures(session: nox.Session) -> None:
-    """Make docs/results/captures.md: two real captures, three methods (needs the captures)."""
-    install(session)
-    session.run("gaussian-enhancer", "study", *session.posargs)
+    for row in WEIGHTS:
+        session.run("gaussian-enhancer", "train", *row.split(), *session.posargs)
 
 
 @nox.session(default=False)

@@ -210,4 +210,4 @@ def test_unknown_names_are_refused_before_anything_is_done(fits, configured, ove
 
 def test_a_row_without_a_role_is_refused(configured) -> None:
     with pytest.raises(InputError, match="choose other or ours"):
-        started(configured(ours={"weights": "sif"}))
+        started(configured(ours={"weights": "lr_tiny"}))

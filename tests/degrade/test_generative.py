@@ -106,7 +106,7 @@ def test_weights_of_another_kind_or_design_are_refused(tmp_path):
     from safetensors.torch import load_file, save_file
 
     with pytest.raises(InputError, match="format"):
-        load_model("sif")
+        load_model("lr_tiny")
     path = tmp_path / "a.safetensors"
     save_model(path, model(), {})
     design = {"vector": 10**9, "grid": 2, "widths": [8, 8], "blocks": 1, "code_width": 8, "code_blocks": 1}

@@ -23,7 +23,6 @@ JOBS = {
     "train": "train an enhancement network on fitted runs",
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
-    "study": "scenes x methods, each fitted, enhanced and measured, on one page of tables",
     "quality": "every method on every held-out scene: the table of docs/quality.md, and whether its aims are met",
     "report": "make a page to look at from a measured run",
 }
