@@ -13,6 +13,7 @@ from gaussian_enhancer.apps.finer import finer_config
 from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.apps.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.images import Label, measure_files, pair_folders
 from gaussian_enhancer.measure.pair import PROTOCOL
@@ -128,7 +129,7 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     """
     if choice.get("weights"):
         return str(choice.weights)
-    job = _composed("train", cfg, choice.train)
+    job = with_effect(_composed("train", cfg, choice.train))
     found = find_run(job, "train")
     if found is None or not found.done:
         command = f"gaussian-enhancer train {' '.join(choice.train)}"
