@@ -211,3 +211,18 @@ def test_unknown_names_are_refused_before_anything_is_done(fits, configured, ove
 def test_a_row_without_a_role_is_refused(configured) -> None:
     with pytest.raises(InputError, match="choose other or ours"):
         started(configured(ours={"weights": "lr_tiny"}))
+
+
+def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(configured) -> None:
+    from gaussian_enhancer.apps.train import with_effect
+
+    trained = ["+recipe=lr", "size=tiny"]
+    cfg = configured(ours={"role": "ours", "train": trained})
+    with initialize_config_dir(CONF, version_base="1.3"):
+        with pytest.raises(InputError, match="not trained yet"):
+            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+        run = open_run(with_effect(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
+        with pytest.raises(InputError, match="being trained"):
+            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+        run.finish()
+        assert Path(cells.weights_of(cfg, cfg.tables.lr.rows.ours)).parent == run.folder
