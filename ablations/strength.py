@@ -40,13 +40,14 @@ def gains(pretrained: Pretrained, run: Path, distances: list[PerceptualDistance]
             mixed = torch.lerp(raw, enhanced.image, strength)
             after = measure_pair(mixed, photo, distances).metrics
             gain = {k: after[k] - before[k] for k in after if after[k] is not None and before[k] is not None}
-            rows.append({"run": run.name, "view": view.name, "strength": strength, **gain})
+            trained = {"weights": pretrained.card.get("run"), "steps": pretrained.card.get("steps")}
+            rows.append({**trained, "run": run.name, "view": view.name, "strength": strength, **gain})
     return rows
 
 
 def table(rows: list[dict], strengths: tuple[float, ...] = STRENGTHS) -> str:
     """Mean gains, the worst colour-aligned frame and the number of frames made worse, by strength."""
-    metrics = [k for k in rows[0] if k not in ("run", "view", "strength")]
+    metrics = [k for k in rows[0] if k not in ("weights", "steps", "run", "view", "strength")]
     lines = [
         "| strength | " + " | ".join(metrics) + " | worst psnr_aligned | frames made worse |",
         "|---" * (len(metrics) + 3) + "|",
