@@ -105,3 +105,20 @@ def test_fine_references_change_nothing_else_and_are_absent_unless_asked_for():
         assert torch.equal(plain.references, both.references)
         assert torch.equal(plain.visibility, both.visibility)
     assert torch.equal(both.fine[0], finer.fine)
+
+
+def test_what_does_not_look_like_the_render_is_no_reference_there():
+    image = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0)) * 0.4
+    camera = identity_camera(40, 60, 50.0)
+    target = Pixels("t", image, camera, torch.full((1, 40, 60), 2.0))
+    mirror = image.clone()
+    mirror[:, 10:30, 20:40] = 1.0
+    reference = Pixels("r", mirror, camera, torch.full((1, 40, 60), 2.0), render=image)
+    settings = {"refine_depth": False, "match_colour": False}
+    unchecked = Reprojected(**settings)(target, [reference], 1)
+    checked = Reprojected(**settings, agreement=0.2)(target, [reference], 1)
+    assert bool((unchecked.visibility > 0.9).all())
+    assert not bool(checked.visibility[0, :, 12:28, 22:38].any())
+    assert not bool(checked.references[0, :, 12:28, 22:38].any())
+    assert not bool(checked.renders[0, :, 12:28, 22:38].any())
+    torch.testing.assert_close(checked.visibility[0, :, :5], unchecked.visibility[0, :, :5])

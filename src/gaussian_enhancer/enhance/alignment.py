@@ -100,12 +100,16 @@ class Reprojected:
         match_colour: bring each reference's exposure to the splat's (`fit_colour`).
         tolerance: relative depth difference that the occlusion check forgives (`reproject`).
         softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
+        agreement: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference does not
+            count as showing the same: glass that mirrors the sky from one place and not from another, or what the depth
+            check missed. None leaves that unchecked.
     """
 
     refine_depth: bool = True
     match_colour: bool = True
     tolerance: float = 0.05
     softness: float = 0.08
+    agreement: float | None = None
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Warp all references and keep those that together show most.
@@ -133,7 +137,7 @@ class Reprojected:
             if self.match_colour and exposure is None:
                 exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
-            warped.append(one)
+            warped.append(one if self.agreement is None else _agreeing(one, target.image, self.agreement))
             exposures.append(exposure)
         order = rank(target.image, warped, keep, self.softness)
         finer = [(i, references[i].fine) for i in order]
@@ -156,11 +160,7 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
     """
     if not warped:
         return []
-    difference = torch.stack([(one.colour - image).abs().mean(0) for one in warped])[:, None]
-    seen = torch.stack([one.visibility for one in warped])
-    weighted = F.avg_pool2d(torch.cat([difference * seen, seen]), 7, 1, 3, count_include_pad=False)
-    mean = weighted[: len(warped)] / weighted[len(warped) :].clamp_min(1e-6)
-    worth = (seen * torch.exp(-mean / softness)).flatten(1)
+    worth = torch.stack([o.visibility * torch.exp(-_disagreement(o, image) / softness) for o in warped]).flatten(1)
     order: list[int] = []
     best = torch.zeros_like(worth[0])
     while len(order) < min(keep, len(warped)):
@@ -169,6 +169,21 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
         order.append(int(gain.argmax()))
         best = torch.maximum(best, worth[order[-1]])
     return order
+
+
+def _disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+    """Mean absolute colour difference of a reference to the render where it is visible, over 7x7 pixels."""
+    seen = warped.visibility
+    difference = (warped.colour - image).abs().mean(0, keepdim=True)
+    weighted, total = F.avg_pool2d(torch.cat([difference * seen, seen]), 7, 1, 3, count_include_pad=False).split(1)
+    return weighted / total.clamp_min(1e-6)
+
+
+def _agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
+    """The reference without what differs from the render by more than a limit."""
+    kept = _disagreement(warped, image) <= limit
+    render = None if warped.render is None else warped.render * kept
+    return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)
 
 
 def _own_exposure(reference: Pixels) -> Float[Tensor, "3 2"] | None:

@@ -139,9 +139,10 @@ def _value(name: str, value: Any) -> Any:
 def preparation_of(preparation: Preparation) -> dict[str, Any]:
     """The plain values of a preparation."""
     counts = {"references": preparation.references, "candidates": preparation.candidates}
-    # Only where it says something: samples and weights from before there was any keep their names.
+    # Only where they say something: samples and weights from before they were there keep their names.
     fine = {"fine": True} if preparation.fine else {}
-    return {"warp": _plain(preparation.warp), **counts, **fine}
+    warp = {name: value for name, value in _plain(preparation.warp).items() if name != "agreement" or value is not None}
+    return {"warp": warp, **counts, **fine}
 
 
 def build_preparation(values: Mapping[str, Any]) -> Preparation:
