@@ -6,6 +6,7 @@ import torch
 from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, Unwarped, rank
 from gaussian_enhancer.enhance.reproject import Warped
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import identity_camera
 from synthetic_runs import plane_camera, plane_view
 
 
