@@ -77,7 +77,7 @@ def pairs(session: nox.Session) -> None:
 def simulator(session: nox.Session) -> None:
     """Train the simulator's second stage on the fits of `pairs`; the same command goes on where it was killed."""
     install(session)
-    scenes = ("unbounded_?", "outdoor_?", "indoor_?", "object_?", "panel17", "boruszyn", "lewis", "axe")
+    scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
         runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
         session.run("python", "ablations/fingerprints.py", *runs, "--gates", "runs/gates")
