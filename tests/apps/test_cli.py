@@ -142,3 +142,13 @@ def test_unset_environment_variable_is_named(monkeypatch):
     cfg = OmegaConf.create({"scene": {"path": "${oc.env:NOT_SET_HERE}/fox"}})
     with pytest.raises(InputError, match=r"scene\.path.*NOT_SET_HERE"):
         require(cfg)
+
+
+def test_no_group_takes_the_name_of_a_jobs_own_key() -> None:
+    """Hydra would read ``variant=x`` as a choice of the group ``variant``, and refuse it."""
+    conf = Path(__file__).parents[2] / "conf"
+    groups = {folder.name for folder in conf.iterdir() if folder.is_dir()}
+    for job in conf.glob("*.yaml"):
+        values = OmegaConf.load(job)
+        chosen = str(values.get("defaults", ""))  # a group that the job chooses from may be added to below
+        assert not [key for key in groups & set(values) if f"'{key}'" not in chosen], job.name
