@@ -26,7 +26,7 @@ from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_
 from gaussian_enhancer.measure.provenance import this_commit, this_machine
 from gaussian_enhancer.measure.realism import finished_runs, scene_of
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import Views, quantised
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
@@ -61,18 +61,26 @@ def preparation_key(preparation: Preparation) -> str:
     return json.dumps(preparation_of(preparation), sort_keys=True)
 
 
-def gains(made: Mapping[str, Enhancer], run: Path, distances: list[PerceptualDistance]) -> list[dict[str, object]]:
-    """Gain of every metric over the raw render, by view of the run's last step and row; views are prepared once."""
+def gains(
+    made: Mapping[str, Enhancer], run: Path, distances: list[PerceptualDistance], every: int = 1
+) -> list[dict[str, object]]:
+    """Gain of every metric over the raw render, by every n-th view of the run's last step and row.
+
+    A view is prepared once for all rows that prepare it alike.
+    """
     rendered, found = read_run(run, run_steps(run)[-1]), []
-    pool, preparation = Pool(rendered.references), next(iter(made.values())).preparation
-    for view in rendered.targets:
+    pool = Pool(rendered.references)
+    for view in rendered.targets[::every]:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        prepared = join(target, preparation.align(target, view, pool))
+        prepared: dict[str, Views] = {}
         before = measure_pair(target.image, photo, distances).metrics
         for row, enhancer in made.items():
-            after = measure_pair(quantised(enhancer.enhance(prepared)[0]), photo, distances).metrics
+            key = preparation_key(enhancer.preparation)
+            if key not in prepared:
+                prepared[key] = join(target, enhancer.preparation.align(target, view, pool))
+            after = measure_pair(quantised(enhancer.enhance(prepared[key])[0]), photo, distances).metrics
             gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
             where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
             found.append({**where, **gain, "raw_psnr": before["psnr"]})
@@ -86,11 +94,11 @@ def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
     return means[round(0.025 * draws)], means[round(0.975 * draws) - 1]
 
 
-def table(rows: list[dict]) -> str:
+def table(rows: list[dict], head: str = "training renders") -> str:
     """Mean gains by row over all views, with the interval of the colour-aligned gain, then that gain by scene."""
     names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
     metrics = [name for name in METRICS if name in rows[0]]
-    heads = ["training renders", *metrics, "95% of psnr_aligned", "views worse", *scenes]
+    heads = [head, *metrics, "95% of psnr_aligned", "views worse", *scenes]
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name in names:
         mine = [r for r in rows if r["row"] == name]

@@ -4,6 +4,7 @@ Axes: b batch, r references, h height, w width, H = scale h, W = scale w.
 """
 
 import abc
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from jaxtyping import Float
@@ -25,6 +26,16 @@ class Network(nn.Module, abc.ABC):
     """Tiles start at multiples of this many pixels of the render."""
     design: dict[str, Any]
     """The plain values that it is built from: ``network``, the class's name, and its parameters."""
+
+    def describe(self, arguments: Mapping[str, Any]) -> None:
+        """Set ``design`` to the class's name and the constructor's arguments, sequences as lists of whole numbers.
+
+        Args:
+            arguments: ``locals()`` of the constructor, before it binds anything else.
+        """
+        own = {name: value for name, value in arguments.items() if name not in ("self", "__class__")}
+        plain = {n: [int(v) for v in value] if isinstance(value, Sequence) else value for n, value in own.items()}
+        self.design = {"network": type(self).__name__, **plain}
 
     @abc.abstractmethod
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:

@@ -49,18 +49,8 @@ class SIF(Remembering):
         reference_renders: bool = True,
     ) -> None:
         super().__init__()
+        self.describe(locals())
         widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
-        self.design = {
-            "network": "SIF",
-            "widths": widths,
-            "blocks": blocks,
-            "encoder_blocks": encoder_blocks,
-            "refine": refine,
-            "fusion": fusion,
-            "modulation": modulation,
-            "output": output,
-            "reference_renders": reference_renders,
-        }
         self.stride = 2 ** max(len(widths), 2)
         self.gather = Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
         self.decode = Decoder(widths, blocks, output.outputs)

@@ -61,20 +61,8 @@ class SSIFLR(Remembering):
         share: bool = True,
     ) -> None:
         super().__init__()
+        self.describe(locals())
         widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
-        self.design = {
-            "network": "SSIFLR",
-            "widths": widths,
-            "blocks": blocks,
-            "encoder_blocks": encoder_blocks,
-            "refine": refine,
-            "fusion": fusion,
-            "modulation": modulation,
-            "combine": combine,
-            "output": output,
-            "reference_renders": reference_renders,
-            "share": share,
-        }
         self.output = output
         fewer = [(n + 1) // 2 for n in blocks[:2]]
         self.stride = max(4 * FACTORS[0], 2 ** len(widths))

@@ -20,7 +20,7 @@ class Bicubic(Network):
 
     def __init__(self) -> None:
         super().__init__()
-        self.design = {"network": "Bicubic"}
+        self.describe({})
 
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 H W"], ...]:
         """The enlarged render."""

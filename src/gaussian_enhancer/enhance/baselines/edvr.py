@@ -47,12 +47,12 @@ class EDVR(Network):
         reach: int = 10,
     ) -> None:
         super().__init__()
+        self.describe(locals())
         widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
         channels, half = widths[-1] // 2, widths[-1] // 4
         front, back = blocks[-1], (blocks[0] + 1) * blocks[-1]
         if channels % groups or channels % 2:
             raise ValueError(f"the coarsest width is {widths[-1]}, no multiple of 4 and of {2 * groups}")
-        self.design = {"network": "EDVR", "widths": widths, "blocks": blocks, "groups": groups, "reach": reach}
         self.stride = 16
         self.stem = nn.Conv2d(16, half, 3, padding=1)
         self.shrink = nn.Conv2d(half, channels, 3, stride=2, padding=1)

@@ -15,7 +15,7 @@ class Identity(Network):
 
     def __init__(self) -> None:
         super().__init__()
-        self.design = {"network": "Identity"}
+        self.describe({})
 
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The render, as it is."""

@@ -43,16 +43,10 @@ class NAFNet(Network):
         window: int = 32,
     ) -> None:
         super().__init__()
+        self.describe(locals())
         widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
         if window < 1 or window % 2 ** len(widths):
             raise ValueError(f"window is {window}, no multiple of {2 ** len(widths)}")
-        self.design = {
-            "network": "NAFNet",
-            "widths": widths,
-            "blocks": blocks,
-            "encoder_blocks": encoder_blocks,
-            "window": window,
-        }
         self.stride = window
         counts = [2 * count for count in blocks]
         counts[0] += 3 * encoder_blocks
