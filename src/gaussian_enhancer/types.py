@@ -117,6 +117,17 @@ class Render(Movable):
     median_depth: Float[Tensor, "1 h w"] | None = None
     normals: Float[Tensor, "3 h w"] | None = None
 
+    @property
+    def surface(self) -> Float[Tensor, "1 h w"]:
+        """Where the surface is: median z, expected z where less than half is covered or no median is known.
+
+        Expected z lies between the surfaces that a pixel mixes; references warped through the median fit better
+        (docs/networks.md).
+        """
+        if self.median_depth is None:
+            return self.depth
+        return torch.where(self.median_depth > 0, self.median_depth, self.depth)
+
 
 @dataclass(frozen=True)
 class Views(Movable):

@@ -177,11 +177,11 @@ def render_capture(
         return _Drawing(lambda: render(gaussians, camera, methods[method], capture.background).to("cpu"), parts)
 
     def target(photo: Photo) -> RenderedView:
-        draw = drawn(photo, ("colour", "depth", "alpha"))
+        draw = drawn(photo, ("colour", "surface", "alpha"))
         return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
 
     def reference(photo: Photo) -> RenderedView:
-        draw = drawn(photo, ("colour", "depth"))
+        draw = drawn(photo, ("colour", "surface"))
         return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, None, photo.read)
 
     targets, references = map(target, sides[views]), map(reference, capture.train_photos)
@@ -200,8 +200,8 @@ class _Drawing:
         return (self._part("colour").clamp(0, 1) * 255).round() / 255
 
     def depth(self) -> Float[Tensor, "1 h w"]:
-        """Expected z."""
-        return self._part("depth")
+        """z of the surface."""
+        return self._part("surface")
 
     def alpha(self) -> Float[Tensor, "1 h w"]:
         """Opacity."""

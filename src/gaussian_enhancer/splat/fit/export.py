@@ -1,7 +1,7 @@
 """A fit's results on disk: the splat, its cameras, and what it shows of every photo, in 3DGS's layout.
 
 Axes: h height, w width. ``{train,test}/ours_<step>/{renders,gt,alpha}/<stem>.png`` with 8 bits and
-``depth/<stem>.npy`` (z in scene units, float32, 0 where nothing was hit).
+``depth/<stem>.npy`` (z of the surface in scene units, float32, 0 where nothing was hit).
 """
 
 from pathlib import Path
@@ -69,7 +69,7 @@ def _export_view(folder: Path, stem: str, photo: Photo, scene: Scene, gaussians:
     _write_png(folder / "renders" / f"{stem}.png", view.colour)
     _write_png(folder / "gt" / f"{stem}.png", photo.read())
     _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
-    save_array(folder / "depth" / f"{stem}.npy", view.depth[0].cpu().numpy().astype(np.float32))
+    save_array(folder / "depth" / f"{stem}.npy", view.surface[0].cpu().numpy().astype(np.float32))
 
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
