@@ -200,7 +200,7 @@ class _Drawing:
         return (self._part("colour").clamp(0, 1) * 255).round() / 255
 
     def depth(self) -> Float[Tensor, "1 h w"]:
-        """z of the surface."""
+        """Depth of the surface."""
         return self._part("surface")
 
     def alpha(self) -> Float[Tensor, "1 h w"]:
