@@ -8,10 +8,9 @@ steps, seed, hash of the configuration, validation) stays; the two texts are a r
 
 import argparse
 import json
-from dataclasses import replace
 
 from gaussian_enhancer.checkpoint import SHIPPED
-from gaussian_enhancer.enhance.weights import load_weights, preparation_of, save_weights
+from gaussian_enhancer.enhance.weights import load_weights, save_weights
 from gaussian_enhancer.files import whole_file
 
 
@@ -21,18 +20,13 @@ def main() -> None:
     parser.add_argument("weights")
     parser.add_argument("name")
     parser.add_argument("--strength", type=float, default=1.0, help="share of the change to apply, from 0 to 1")
-    parser.add_argument("--agreement", type=float, help="references count only up to this difference (`Reprojected`)")
     parser.add_argument("--helps", required=True, help="where it helps")
     parser.add_argument("--harms", required=True, help="where it does not")
     options = parser.parse_args()
     found = load_weights(options.weights)
     card = {**found.card, "name": options.name, "strength": options.strength}
     card |= {"helps": options.helps, "harms": options.harms}
-    preparation = found.preparation
-    if options.agreement is not None:
-        preparation = replace(preparation, warp=replace(preparation.warp, agreement=options.agreement))
-        card["preparation"] = preparation_of(preparation)
-    save_weights(SHIPPED / f"{options.name}.safetensors", found.network, preparation, card)
+    save_weights(SHIPPED / f"{options.name}.safetensors", found.network, found.preparation, card)
     with whole_file(SHIPPED / f"{options.name}.json") as temporary:
         temporary.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
 

@@ -99,10 +99,10 @@ def preparations(base: Preparation, depths: Mapping[str, Tensor]) -> dict[str, P
     warp = base.warp
     if not isinstance(warp, Reprojected):
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
-    unrefined = replace(warp, refine_depth=False)
+    unrefined = replace(warp, depth="exact")
     kinds: dict[str, Warp] = {
         "rendered": unrefined,
-        "refined": replace(warp, refine_depth=True),
+        "refined": replace(warp, depth="surface"),
         "exact": ThroughTrueDepth(depths, unrefined),
     }
     return {name: replace(base, warp=kinds[name]) for name in DEPTHS}

@@ -188,3 +188,8 @@ def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, we
     assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
     with pytest.raises(InputError, match="is 256x192 but its render"):
         run(configured(*folders, f"weights={weights}"))
+
+
+def test_a_kind_of_depth_that_is_none_is_refused(plane_run, weights, tmp_path):
+    with pytest.raises(InputError, match="surface, expected, exact"):
+        run(configured(f"run={plane_run}", "depth_kind=mean", f"weights={weights}", f"output={tmp_path / 'out'}"))

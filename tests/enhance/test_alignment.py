@@ -79,7 +79,7 @@ def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_ren
         references.append(dataclasses.replace(photo, render=render, fine=fine(index) * gain))
     errors = []
     for match_colour in (True, False):
-        aligned = Reprojected(refine_depth=False, match_colour=match_colour)(target, references, keep=2)
+        aligned = Reprojected(depth="exact", match_colour=match_colour)(target, references, keep=2)
         assert aligned.fine is not None
         assert aligned.fine.shape == (2, 3, 192, 256)
         pooled = torch.nn.functional.avg_pool2d(aligned.fine, 4)
@@ -89,7 +89,7 @@ def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_ren
     assert errors[0] < 0.4 * errors[1]
     blurred = torch.nn.functional.interpolate(target.image[None], scale_factor=4, mode="bicubic")[0]
     clean = [dataclasses.replace(pixels(i, cells=96), fine=fine(i)) for i in (1, 2)]
-    aligned = Reprojected(refine_depth=False, match_colour=False)(target, clean, keep=2)
+    aligned = Reprojected(depth="exact", match_colour=False)(target, clean, keep=2)
     shown = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] > 0.9
     assert (aligned.fine - fine(0)).abs().mean(1)[shown].mean() < 0.3 * (blurred - fine(0)).abs().mean()
     hidden = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] == 0
@@ -115,9 +115,9 @@ def test_what_does_not_look_like_the_render_is_no_reference_there():
     mirror = image.clone()
     mirror[:, 10:30, 20:40] = 1.0
     reference = Pixels("r", mirror, camera, torch.full((1, 40, 60), 2.0), render=image)
-    settings = {"refine_depth": False, "match_colour": False}
-    unchecked = Reprojected(**settings)(target, [reference], 1)
-    checked = Reprojected(**settings, agreement=0.2)(target, [reference], 1)
+    settings = {"depth": "exact", "match_colour": False}
+    unchecked = Reprojected(**settings, agreement=None)(target, [reference], 1)
+    checked = Reprojected(**settings)(target, [reference], 1)
     assert bool((unchecked.visibility > 0.9).all())
     assert not bool(checked.visibility[0, :, 12:28, 22:38].any())
     assert not bool(checked.references[0, :, 12:28, 22:38].any())

@@ -16,10 +16,11 @@ from gaussian_enhancer.enhance.prepare import Preparation
 
 CONF = Path(__file__).parents[2] / "conf"
 ROWS = {
+    "agreement": {"alignment.warp.agreement", "preparation.warp.agreement", "data.preparation.warp.agreement"},
     "alignment": {"alignment", "fusion.refine", "preparation.warp", "data.preparation.warp"},
     "coarse": {"coarse"},
     "colour": {"alignment.warp.match_colour", "preparation.warp.match_colour", "data.preparation.warp.match_colour"},
-    "depth": {"alignment.warp.refine_depth", "preparation.warp.refine_depth", "data.preparation.warp.refine_depth"},
+    "depth": {"alignment.warp.depth", "preparation.warp.depth", "data.preparation.warp.depth"},
     "fusion": {"fusion.fusion", "preparation.references", "data.preparation.references"},
     "objective": {"objective.terms"},
     "occlusion": {"alignment.warp.tolerance", "preparation.warp.tolerance", "data.preparation.warp.tolerance"},

@@ -101,10 +101,11 @@ def test_wrong_depth_is_refined():
     cameras = [REFERENCE, turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0))]
     photos = [plane(camera, 3.0)[0].float() for camera in cameras]
     wrong = (truth * 1.12).float()
-    better = refine_depth(TARGET, wrong, render.float(), cameras, photos)
+    better = refine_depth(TARGET, wrong, render.float(), cameras, photos, "expected")
     error = (better.double() / truth).log().abs().flatten()
     assert error.median() < 0.25 * math.log(1.12)
-    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], []), wrong)
+    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], [], "expected"), wrong)
+    assert torch.equal(refine_depth(TARGET, wrong, render.float(), cameras, photos, "exact"), wrong)
 
 
 def test_compiled_search_equals_its_readable_twin():
@@ -113,7 +114,7 @@ def test_compiled_search_equals_its_readable_twin():
     photo = plane(camera, 3.0)[0].float() * 0.9
     z, image = (truth * 1.05).float(), render.float()
     z[..., :20, :30] = 0.05
-    how = depth_search.Search(0.15, 9, 1)
+    how = depth_search.Search(0.15, 9)
     seen = [depth_search._seen(TARGET, z, image, camera, photo)]
     compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
     assert (compiled - plain).abs().median() < 1e-5

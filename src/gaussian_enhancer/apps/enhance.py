@@ -18,6 +18,7 @@ from gaussian_enhancer.apps.finer import FinePhotos, finer_config
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.enhance.alignment import Reprojected
+from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.prepare import Preparation
@@ -45,11 +46,13 @@ class Task:
         rendered: targets and references.
         step: training step of the renders, 0 where there is none.
         note: why photos 4 times as fine were asked for and are not there, in words.
+        depth: what the targets' depth is.
     """
 
     rendered: RenderedSet
     step: int = 0
     note: str = ""
+    depth: DepthKind = "surface"
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -65,7 +68,7 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     pretrained = load_weights(cfg.weights)
     task = _task(cfg, device.type, pretrained.preparation.fine)
-    preparation, note = _fitting(_asked(pretrained, cfg), task.rendered)
+    preparation, note = _fitting(_asked(pretrained, cfg, task.depth), task.rendered)
     enhancer = Enhancer(
         pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=_strength(pretrained, cfg)
     )
@@ -105,11 +108,12 @@ def _task(cfg: DictConfig, device: str, fine: bool) -> Task:
     if given == ["gaussians"]:
         if capture is None:
             raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-        task = Task(render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device, cfg.invalid))
+        rendered = render_capture(cfg.gaussians, capture, cfg.method, cfg.views, device, cfg.invalid)
+        task = Task(rendered, depth="surface" if device == "cpu" else "expected")
         return _finely(task, cfg) if fine else task
     references = capture if capture is not None else cfg.references
     folders = cfg.photos, references, cfg.depth, cfg.cameras
-    return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale, finer=fine))
+    return Task(read_folder(cfg.renders, *folders, depth_scale=cfg.depth_scale, finer=fine), depth="expected")
 
 
 def _finely(task: Task, cfg: DictConfig) -> Task:
@@ -215,13 +219,27 @@ class _Drawing:
         return self.parts.pop(name)
 
 
-def _asked(pretrained: Pretrained, cfg: DictConfig) -> Preparation:
-    """The preparation that the network was trained with, with the number of references that the user asks for."""
+def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Preparation:
+    """The preparation that the network was trained with, for the depth and the number of references that there are.
+
+    Args:
+        pretrained: the weights.
+        cfg: the job's configuration.
+        depth: what the input's depth is where the user does not tell.
+
+    Raises:
+        InputError: the user names no kind of depth.
+    """
+    kind = depth if cfg.depth_kind == "auto" else cfg.depth_kind
+    if kind not in SEARCHES:
+        raise InputError("depth_kind", f"is {kind!r}", f"choose auto, {', '.join(SEARCHES)}")
+    preparation = pretrained.preparation
+    if isinstance(preparation.warp, Reprojected):
+        preparation = replace(preparation, warp=replace(preparation.warp, depth=kind))
     if cfg.max_references is None:
-        return pretrained.preparation
+        return preparation
     count = cfg.max_references
-    candidates = max(count, pretrained.preparation.candidates)
-    return replace(pretrained.preparation, references=count, candidates=candidates)
+    return replace(preparation, references=count, candidates=max(count, preparation.candidates))
 
 
 def _strength(pretrained: Pretrained, cfg: DictConfig) -> float:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
-from gaussian_enhancer.enhance.depth import refine_depth
+from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, refine_depth
 from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
@@ -96,7 +96,7 @@ class Reprojected:
     one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
 
     Args:
-        refine_depth: better the depth photometrically before the warp (`refine_depth`).
+        depth: what the target's depth is; says how far it is bettered photometrically before the warp (`refine_depth`).
         match_colour: bring each reference's exposure to the splat's (`fit_colour`).
         tolerance: relative depth difference that the occlusion check forgives (`reproject`).
         softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
@@ -105,11 +105,15 @@ class Reprojected:
             check missed. None leaves that unchecked.
     """
 
-    refine_depth: bool = True
+    depth: DepthKind = "surface"
     match_colour: bool = True
     tolerance: float = 0.05
     softness: float = 0.08
-    agreement: float | None = None
+    agreement: float | None = 0.2
+
+    def __post_init__(self) -> None:
+        if self.depth not in SEARCHES:
+            raise ValueError(f"depth is {self.depth!r}, none of {', '.join(SEARCHES)}")
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Warp all references and keep those that together show most.
@@ -123,11 +127,9 @@ class Reprojected:
             raise InputError(
                 target.name, "has no depth to reproject references through", "give depth, or alignment=none"
             )
-        camera, depth = _camera_of(target), target.depth
-        cameras = [_camera_of(reference) for reference in references]
-        if self.refine_depth:
-            shown = [reference.image if reference.render is None else reference.render for reference in references]
-            depth = refine_depth(camera, depth, target.image, cameras, shown)
+        camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
+        shown = [reference.image if reference.render is None else reference.render for reference in references]
+        depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth)
         warped, exposures = [], []
         for other, reference in zip(cameras, references, strict=True):
             exposure = _own_exposure(reference) if self.match_colour else None

@@ -6,6 +6,7 @@ Axes: h height, w width of the target; p height, q width of a reference; m hypot
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -25,19 +26,25 @@ class Search:
     Args:
         span: largest relative change, > 0.
         hypotheses: number of multipliers, odd.
-        shrink: factor by which images are shrunk for the search.
-        window: side of the square that is compared, in pixels of the shrunk image, odd.
+        window: side of the square that is compared, in pixels, odd.
         penalty: cost of the largest change, in colour units.
     """
 
     span: float
     hypotheses: int
-    shrink: int
     window: int = 5
     penalty: float = 0.005
 
 
-COARSE_TO_FINE = (Search(0.15, 13, 2), Search(0.02, 7, 1))
+DepthKind = Literal["surface", "expected", "exact"]
+"""What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
+
+SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
+    "surface": (Search(0.02, 7),),
+    "expected": (Search(0.15, 25), Search(0.01, 7)),
+    "exact": (),
+}
+"""How far each kind is searched; a wide search around what is nearly right finds more that is wrong than right."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ def refine_depth(
     render: Float[Tensor, "3 h w"],
     cameras: Sequence[Camera],
     photos: Sequence[Float[Tensor, "3 _ _"]],
-    searches: Sequence[Search] = COARSE_TO_FINE,
+    kind: DepthKind = "surface",
 ) -> Float[Tensor, "1 h w"]:
     """Depth at which the references agree best with the render, within a span around what was rendered.
 
@@ -70,18 +77,13 @@ def refine_depth(
         render: the target's colours, [0, 1].
         cameras: the references' cameras.
         photos: the references' colours, [0, 1], at any resolution.
-        searches: one after the other, each around the last one's result.
+        kind: of the depth; decides which searches are made, one after the other, each around the last one's result.
     """
-    if not cameras:
-        return depth
-    for how in searches:
-        height, width = (max(1, side // how.shrink) for side in render.shape[-2:])
-        small, image = target.resized(height, width), _resized(render, height, width)
-        z = _resized(fill_depth(depth), height, width).to(image.dtype)
-        seen = [_seen(small, z, image, camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
+    for how in SEARCHES[kind] if cameras else ():
+        z = fill_depth(depth).to(render.dtype)
+        seen = [_seen(target, z, render, camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
         compiled = z.device.type == "cpu" and z.dtype == torch.float32
-        change = (_search_compiled if compiled else search)(z, image, seen, how)
-        change = F.interpolate(change[None], size=depth.shape[-2:], mode="bilinear", align_corners=False)[0]
+        change = (_search_compiled if compiled else search)(z, render, seen, how)
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
     return depth
 

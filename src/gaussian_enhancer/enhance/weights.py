@@ -141,8 +141,7 @@ def preparation_of(preparation: Preparation) -> dict[str, Any]:
     counts = {"references": preparation.references, "candidates": preparation.candidates}
     # Only where they say something: samples and weights from before they were there keep their names.
     fine = {"fine": True} if preparation.fine else {}
-    warp = {name: value for name, value in _plain(preparation.warp).items() if name != "agreement" or value is not None}
-    return {"warp": warp, **counts, **fine}
+    return {"warp": _plain(preparation.warp), **counts, **fine}
 
 
 def build_preparation(values: Mapping[str, Any]) -> Preparation:
@@ -166,13 +165,14 @@ def _plain(part: Any) -> dict[str, Any]:
 
 
 def _part(values: Mapping[str, Any], kinds: tuple[type[Any], ...]) -> Any:
-    """A part from its kind, one of a closed set, and plain numbers."""
+    """A part from its kind, one of a closed set, and plain values."""
     values = dict(values)
     kind = KINDS.get(values.pop("kind"))
     if kind not in kinds or kind is None:
         raise ValueError(f"kind is none of {', '.join(k.__name__ for k in kinds)}")
     for name, value in values.items():
-        if not (value is None or isinstance(value, bool | int | float)) or not math.isfinite(value or 0):
+        known = value is None or isinstance(value, bool | int | float | str)
+        if not known or not (isinstance(value, str) or math.isfinite(value or 0)):
             raise ValueError(f"{name} is {value!r}")
     return kind(**values)
 

@@ -65,11 +65,13 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
 def _export_view(folder: Path, stem: str, photo: Photo, scene: Scene, gaussians: Gaussians, method: Method) -> None:
     if photo.camera is None:
         raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-    view = render(gaussians, photo.camera, method, scene.background)
+    view = drawn = render(gaussians, photo.camera, method, scene.background)
+    if view.median_depth is None:  # gsplat has none of ellipsoids
+        drawn = render(gaussians.to("cpu"), photo.camera.to("cpu"), method, scene.background)
     _write_png(folder / "renders" / f"{stem}.png", view.colour)
     _write_png(folder / "gt" / f"{stem}.png", photo.read())
     _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
-    save_array(folder / "depth" / f"{stem}.npy", view.surface[0].cpu().numpy().astype(np.float32))
+    save_array(folder / "depth" / f"{stem}.npy", drawn.surface[0].cpu().numpy().astype(np.float32))
 
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
