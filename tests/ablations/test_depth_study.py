@@ -1,13 +1,12 @@
 import dataclasses
 
+import depth as depth_study
 import pytest
 import torch
-import true_depth
-from test_sif import small
-from true_depth import (
-    DEPTHS,
+from depth import (
     FAR,
-    ThroughTrueDepth,
+    SEARCHED,
+    Through,
     exact_depths,
     preparations,
     propagated,
@@ -17,8 +16,9 @@ from true_depth import (
     with_sky,
     world_of,
 )
+from test_sif import small
 
-from gaussian_enhancer.enhance.alignment import Aligned, Reprojected, Unwarped
+from gaussian_enhancer.enhance.alignment import Aligned, Unwarped
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.errors import InputError
@@ -32,39 +32,44 @@ def wrong_by(factor: float, view: RenderedView) -> RenderedView:
     return dataclasses.replace(view, read_depth=lambda: factor * view.read_depth())
 
 
+ROWS = [name for name, _, _ in SEARCHED]
+
+
 @pytest.fixture
-def misplaced(plane_run) -> tuple[RenderedSet, dict[str, torch.Tensor]]:
-    """A run whose rendered depth is 30% too large, and the depth that is right."""
+def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]]]:
+    """A run whose stored depth is 30% too large, and depth of each kind: 10% too large, 1% too large, right."""
     rendered = read_run(plane_run)
     exact = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
     targets = tuple(wrong_by(1.3, view) for view in rendered.targets)
     references = tuple(wrong_by(1.3, view) for view in rendered.references)
-    return dataclasses.replace(rendered, targets=targets, references=references), exact
+    wrong = {"expected": 1.1, "surface": 1.01, "exact": 1.0}
+    depths = {kind: {name: factor * z for name, z in exact.items()} for kind, factor in wrong.items()}
+    return dataclasses.replace(rendered, targets=targets, references=references), depths
 
 
-def test_true_depth_aligns_best(misplaced):
-    rendered, exact = misplaced
-    found = list(study(rendered, Enhancer(small(), Preparation(), precision="float32"), exact))
-    assert [variant for _, variant, _, _ in found] == ["raw", *DEPTHS] * len(rendered.targets)
-    by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *DEPTHS)}
-    for raw, coarse, refined, true in zip(*by.values(), strict=True):
-        assert true["psnr"] == refined["psnr"] == coarse["psnr"] == raw["psnr"]  # the network is an untrained one
-        assert true["reference_psnr"] > coarse["reference_psnr"] + 1
-        assert true["reference_psnr"] > refined["reference_psnr"]
-        assert true["propagated_psnr"] > coarse["propagated_psnr"]
-        assert true["propagated_psnr"] > raw["psnr"]
+def test_the_better_the_depth_the_better_the_references(misplaced):
+    rendered, depths = misplaced
+    found = list(study(rendered, Enhancer(small(), Preparation(), precision="float32"), depths))
+    assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
+    by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
+    for raw, expected, searched, _, surface, exact in zip(*by.values(), strict=True):
+        assert {m["psnr"] for m in (expected, searched, surface, exact)} == {raw["psnr"]}  # the network is untrained
+        assert exact["reference_psnr"] > expected["reference_psnr"] + 1
+        assert searched["reference_psnr"] > expected["reference_psnr"]
+        assert surface["reference_psnr"] > expected["reference_psnr"]
+        assert exact["propagated_psnr"] > max(expected["propagated_psnr"], raw["psnr"])
 
 
-def test_right_depth_changes_nothing(plane_run):
+def test_stored_depth_given_again_changes_nothing(plane_run):
     rendered = read_run(plane_run)
-    exact = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
-    kinds, pool = preparations(Preparation(), exact), Pool(rendered.references)
-    view = rendered.targets[0]
-    as_rendered, as_known = (kinds[name].align(read_target(view), view, pool) for name in ("rendered", "exact"))
-    assert as_rendered.names == as_known.names
-    assert torch.equal(as_rendered.references, as_known.references)
-    assert isinstance(kinds["exact"].warp, ThroughTrueDepth)
-    assert kinds["refined"].warp == Reprojected()
+    stored = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
+    kinds = preparations(Preparation(), {"surface": stored})
+    assert kinds.keys() == {"surface", "surface, searched"}
+    assert isinstance(kinds["surface"].warp, Through)
+    view, pool = rendered.targets[0], Pool(rendered.references)
+    given, usual = (p.align(read_target(view), view, pool) for p in (kinds["surface, searched"], Preparation()))
+    assert given.names == usual.names
+    assert torch.equal(given.references, usual.references)
 
 
 def test_residuals_are_handed_on_as_stated():
@@ -114,14 +119,14 @@ class PlaneWorld:
 
 
 def test_depth_of_a_world_is_its_own(monkeypatch):
-    monkeypatch.setattr(true_depth, "ProceduralView", PlaneWorld)
+    monkeypatch.setattr(depth_study, "ProceduralView", PlaneWorld)
     views = tuple(RenderedView(f"{i}.png", None, identity_camera(4 + i, 6, 6.0)) for i in range(3))
-    depths = exact_depths(("object", 3), RenderedSet("object", views[:1], views[1:]))
+    depths = exact_depths(("object", 3), views)
     for i, view in enumerate(views):
         assert depths[view.name].shape == (1, 4 + i, 6)
         assert depths[view.name][0, 0].tolist() == [3.0] * 3 + [3 * FAR] * 3
     with pytest.raises(InputError, match="no camera"):
-        exact_depths(("object", 3), RenderedSet("object", (RenderedView("bare.png", None),), ()))
+        exact_depths(("object", 3), [RenderedView("bare.png", None)])
 
 
 def test_only_procedural_runs_have_a_world(tmp_path):
@@ -137,14 +142,14 @@ def test_weights_that_do_not_reproject_are_refused():
 
 
 def test_table_states_gains_over_the_raw_render(misplaced):
-    rendered, exact = misplaced
+    rendered, depths = misplaced
     records = [
-        Record("true_depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), Preparation()), exact)
+        Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
+        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), Preparation()), depths)
     ]
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table(records).splitlines()]
-    assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in DEPTHS]
-    by_depth = {line[1]: dict(zip(lines[0], line, strict=True)) for line in lines[2:5]}
+    assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]
+    by_depth = {line[1]: dict(zip(lines[0], line, strict=True)) for line in lines[2 : 2 + len(ROWS)]}
     assert by_depth["exact"]["gain in psnr"] == "+0.0000"
     handed = {depth: float(line["gain of residuals handed on"]) for depth, line in by_depth.items()}
-    assert handed["exact"] > handed["rendered"]
+    assert handed["exact"] > handed["expected"]

@@ -1,13 +1,14 @@
-"""Whether alignment limits the gain: enhancement through rendered, refined and exact depth on procedural scenes.
+"""How much hangs on depth: the same weights with references warped through five kinds of it.
 
-    python ablations/true_depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
-        [--json docs/results/true_depth.jsonl]
+    python ablations/depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
+        [--json docs/results/depth.jsonl]
 
-References are warped through the depth that the splat rendered, through that depth refined by what the references
-show (the default), and through the depth that the world itself has, of target and references alike. Candidates are
-the same, and the network sees the rendered depth in all three. Beside the network's gain stand two figures that no
-network has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what
-handing on the splat's mistakes gives, render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
+References are warped through the splat's expected depth and through its surface (median depth), each as it is and
+searched as its kind asks for (`enhance.depth`), and, in procedural scenes, through the depth that the world itself has,
+of target and references alike. Candidates are the same, and the network sees the stored depth in all of them. Beside
+the network's gain stand two figures that no network has a part in: how close the best warped reference is to the
+photo, on the pixels that it shows, and what handing on the splat's mistakes gives,
+render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
 and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
 """
 
@@ -23,7 +24,9 @@ from jaxtyping import Float
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from gaussian_enhancer.enhance.alignment import Aligned, Pixels, Reprojected, Warp
+from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.enhance.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.enhance.depth import DepthKind
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.enhance.weights import load_weights
@@ -36,23 +39,36 @@ from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.procedural.source import ProceduralView
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.splat.io.open import read_splat
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Camera, quantised
 
-DEPTHS = ("rendered", "refined", "exact")
+SEARCHED: tuple[tuple[str, str, DepthKind], ...] = (
+    ("expected", "expected", "exact"),
+    ("expected, searched", "expected", "expected"),
+    ("surface", "surface", "exact"),
+    ("surface, searched", "surface", "surface"),
+    ("exact", "exact", "exact"),
+)
+"""Name of a row, which depth it warps through, and how that is searched."""
 FAR = 1e4
 """How many times further than all else the sky lies, which has no depth of its own."""
 
 
+Depths = Mapping[str, Float[Tensor, "1 h w"]]
+"""Z by the view's name."""
+
+
 @dataclass(frozen=True)
-class ThroughTrueDepth:
-    """A warp through depth that is known better than what was rendered.
+class Through:
+    """A warp through other depth than what is stored.
 
     Args:
-        depths: z by the view's name, above 0 everywhere.
-        warp: how, other than for the depth.
+        depths: of targets and references.
+        warp: how.
     """
 
-    depths: Mapping[str, Float[Tensor, "1 h w"]]
+    depths: Depths
     warp: Reprojected
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
@@ -61,22 +77,38 @@ class ThroughTrueDepth:
         return self.warp(views[0], views[1:], keep)
 
 
+def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
+    """Every kind of depth of a run's views: drawn from its splat, and the world's own where that is known."""
+    gaussians, method = read_splat(run / "splat.ply"), build(OmegaConf.load(run / "config.yaml").splat)
+    views = [*rendered.targets, *rendered.references]
+    with torch.no_grad():
+        drawn = {view.name: render(gaussians, camera_of(view), method) for view in views}
+    found: dict[str, Depths] = {
+        "expected": {name: view.depth for name, view in drawn.items()},
+        "surface": {name: view.surface for name, view in drawn.items()},
+    }
+    world = world_of(run)
+    if world is not None:
+        found["exact"] = exact_depths(world, views)
+    return found
+
+
+def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depths:
+    """The world's own z in views; the sky lies far behind all else."""
+    return {view.name: with_sky(ProceduralView(*world, camera_of(view), "cpu").depth()) for view in views}
+
+
 def world_of(run: Path) -> tuple[str, int] | None:
     """Family and seed of the procedural world that a run was fitted to; None for captures."""
     scene = OmegaConf.load(run / "config.yaml").scene
     return (str(scene.family), int(scene.seed)) if "family" in scene else None
 
 
-def exact_depths(world: tuple[str, int], rendered: RenderedSet) -> dict[str, Tensor]:
-    """The world's own z in every view of a run; the sky lies far behind all else."""
-    return {view.name: exact_depth(world, view) for view in (*rendered.targets, *rendered.references)}
-
-
-def exact_depth(world: tuple[str, int], view: RenderedView) -> Float[Tensor, "1 h w"]:
-    """The world's own z in one view."""
+def camera_of(view: RenderedView) -> Camera:
+    """A view's camera, which must be known."""
     if view.camera is None:
         raise InputError(view.name, "has no camera to look from", "give a run with cameras")
-    return with_sky(ProceduralView(*world, view.camera, "cpu").depth())
+    return view.camera
 
 
 def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
@@ -90,8 +122,8 @@ def at_one_size(enhancer: Enhancer) -> None:
         raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
 
 
-def preparations(base: Preparation, depths: Mapping[str, Tensor]) -> dict[str, Preparation]:
-    """The preparation with each of the three depths.
+def preparations(base: Preparation, depths: Mapping[str, Depths]) -> dict[str, Preparation]:
+    """The preparation with each kind of depth that is known.
 
     Raises:
         InputError: it does not warp by depth.
@@ -99,13 +131,8 @@ def preparations(base: Preparation, depths: Mapping[str, Tensor]) -> dict[str, P
     warp = base.warp
     if not isinstance(warp, Reprojected):
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
-    unrefined = replace(warp, depth="exact")
-    kinds: dict[str, Warp] = {
-        "rendered": unrefined,
-        "refined": replace(warp, depth="surface"),
-        "exact": ThroughTrueDepth(depths, unrefined),
-    }
-    return {name: replace(base, warp=kinds[name]) for name in DEPTHS}
+    known = [row for row in SEARCHED if row[1] in depths]
+    return {name: replace(base, warp=Through(depths[kind], replace(warp, depth=how))) for name, kind, how in known}
 
 
 def propagated(
@@ -145,16 +172,16 @@ def reference_quality(
 def study(
     rendered: RenderedSet,
     enhancer: Enhancer,
-    depths: Mapping[str, Tensor],
+    depths: Mapping[str, Depths],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
 ) -> Iterator[tuple[RenderedView, str, dict[str, float | None], dict[str, str]]]:
-    """Metrics and reasons for missing ones by view and variant: "raw", then each of `DEPTHS`.
+    """Metrics and reasons for missing ones by view and variant: "raw", then the rows of `SEARCHED`.
 
     Args:
         rendered: a run's held-out renders and training views.
-        enhancer: the network; its preparation is taken with three depths.
-        depths: exact z by the views' names.
+        enhancer: the network; its preparation is taken with every kind of depth.
+        depths: by kind.
         distances: LPIPS distances to measure as well.
         every: take every n-th target.
 
@@ -191,8 +218,10 @@ def table(found: Sequence[Record]) -> str:
     raw = {(record.run, record.view): record for record in found if record.variant == "raw"}
     runs = list(dict.fromkeys(record.run for record in found))
     for label, chosen in [*((run, {run}) for run in runs), ("all", set(runs))]:
-        for depth in DEPTHS:
+        for depth, _, _ in SEARCHED:
             mine = [record for record in found if record.variant == depth and record.run in chosen]
+            if not mine:
+                continue
             before = [raw[record.run, record.view] for record in mine]
             cells = [label, depth, str(len(mine))]
             cells += [_mean(_gains(mine, before, name, name), "+.4f") for name in names]
@@ -215,7 +244,7 @@ def _mean(values: Sequence[float], form: str) -> str:
 def main() -> None:
     """Read the command line, enhance, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", help="folders of finished fits of procedural scenes, or patterns")
+    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
     parser.add_argument("--weights", default="lr_base")
     parser.add_argument("--every", type=int, default=1, help="take every n-th held-out view")
     parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
@@ -229,17 +258,13 @@ def main() -> None:
     note = f"{PROTOCOL}; weights {Path(options.weights).name}, strength {options.strength:g}"
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:
-        world = world_of(run)
-        if world is None:
-            raise InputError(run, "was not fitted to a procedural scene", "name runs whose exact depth is known")
         step = run_steps(run)[-1]
         rendered = read_run(run, step)
-        targets = rendered.targets[:: options.every]
-        depths = exact_depths(world, replace(rendered, targets=targets))
+        depths = depths_of(run, replace(rendered, targets=rendered.targets[:: options.every]))
         for view, variant, metrics, reasons in study(rendered, enhancer, depths, distances, options.every):
             size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
             what = (run.name, scene_of(run), f"ours_{step}", view.name, variant)
-            found.append(Record("true_depth", *what, metrics, reasons, size, note))
+            found.append(Record("depth", *what, metrics, reasons, size, note))
         if options.json:
             write_records(options.json, found)
     print(table(found))
