@@ -128,3 +128,13 @@ def test_directions_are_data() -> None:
     assert HIGHER_IS_BETTER["psnr"] is True
     assert HIGHER_IS_BETTER["lpips_vgg_raw"] is False
     assert HIGHER_IS_BETTER["gaussians"] is None
+
+
+def test_fields_that_came_later_are_written_where_they_say_something(tmp_path):
+    plain = Record("quality", "r", "s", "3dgs", "0.png", "raw", {"psnr": 30.0})
+    known = dataclasses.replace(plain, seed=0, sources={"train": "ge-01234567"})
+    write_records(tmp_path / "r.jsonl", [plain, known])
+    first, second = (tmp_path / "r.jsonl").read_text().splitlines()
+    assert "seed" not in first
+    assert '"seed": 0' in second
+    assert read_records(tmp_path / "r.jsonl") == (plain, known)

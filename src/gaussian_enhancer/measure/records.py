@@ -30,6 +30,9 @@ HIGHER_IS_BETTER = {
 }
 """Which way a metric improves; None where neither way is better."""
 
+LATER: dict[str, Any] = {"seed": None, "sources": {}}
+"""Fields that came later, with what they are where a line lacks them: older lines keep their checksums."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -49,6 +52,8 @@ class Record:
         commit: version of this code.
         machine: processor, cores and accelerator in words.
         time: when it was measured, ISO 8601, UTC.
+        seed: of the training behind it; None where nothing was trained for it.
+        sources: the runs that it came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
     """
 
     kind: str
@@ -64,6 +69,8 @@ class Record:
     commit: str = field(default_factory=this_commit)
     machine: str = field(default_factory=this_machine)
     time: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    seed: int | None = None
+    sources: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         unexplained = [name for name, value in self.metrics.items() if value is None and name not in self.reasons]
@@ -126,6 +133,7 @@ def read_records(path: str | Path) -> tuple[Record, ...]:
 def _line(record: Record) -> str:
     """A record as one line of JSON with the checksum of the rest."""
     values = _jsonable(dataclasses.asdict(record))
+    values = {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -135,8 +143,8 @@ def _parsed(place: str, line: str) -> Record:
         values = json.loads(line)
     except json.JSONDecodeError as error:
         raise InputError(place, f"is no record ({error.msg})", remedy) from None
-    names = {item.name for item in dataclasses.fields(Record)}
-    if not isinstance(values, dict) or set(values) != names | {"sha256"}:
+    names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
+    if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)
     if values.pop("sha256") != _checksum(values):
         raise InputError(place, "was changed or damaged (its checksum differs)", remedy)
