@@ -2,8 +2,8 @@
 
 A table's records lie beside its description, so that every report is made from these two alone:
 ``<folder>/<name>.json`` (`write_description`) and ``<folder>/<name>.jsonl`` (`measure.records`). In the records
-``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the row, ``seed`` that of the row's
-training; a row that could not be made in a scene leaves one record of kind ``measure.study.MISSING`` with
+``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the row, ``seed`` that of the
+row's training; a row that could not be made in a scene leaves one record of kind ``measure.study.MISSING`` with
 ``reasons["row"]``.
 """
 
