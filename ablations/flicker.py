@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 from true_depth import at_one_size, world_of
 
-from gaussian_enhancer.apps.enhance import render_capture
+from gaussian_enhancer.apps.task import render_capture
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError

@@ -12,10 +12,10 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.apps.enhance import render_capture
 from gaussian_enhancer.apps.finer import FinePhotos, finer_config
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.apps.task import render_capture
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.errors import InputError
