@@ -24,7 +24,10 @@ JOBS = {
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
     "quality": "every method on every held-out scene: the table of docs/quality.md, and whether its aims are met",
+    "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
+    "status": "what became of every run, or of those that tables need",
     "report": "make a page to look at from a measured run",
+    "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
@@ -101,9 +104,12 @@ def task(job: str) -> Callable[[Any], Any]:
         from hydra.core.hydra_config import HydraConfig
         from hydra.types import RunMode
 
+        from gaussian_enhancer.apps.marks import attempt
+
         module = importlib.import_module(f"gaussian_enhancer.apps.{job}")
         try:
-            return module.run(cfg)
+            with attempt():
+                return module.run(cfg)
         except InputError as error:
             if HydraConfig.get().mode == RunMode.MULTIRUN:
                 raise

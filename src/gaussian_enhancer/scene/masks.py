@@ -1,0 +1,38 @@
+"""The object's coverage as files, for PSNR over the object alone.
+
+On a white background most pixels are background, and an image that only gets the white right gains decibels.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.scene.scene import Scene
+
+
+def write_masks(scene: Scene, folder: str | Path) -> tuple[Path, ...]:
+    """Write the coverage of a scene's held-out photos, 8-bit grey, by the photos' names.
+
+    Args:
+        scene: a scene whose photos have an alpha channel, as NeRF-Synthetic's and procedural objects have.
+        folder: where to write; the job measure takes it as ``masks``.
+
+    Returns:
+        The files, in the order of the held-out photos.
+
+    Raises:
+        InputError: a held-out photo has no alpha channel, or a file cannot be written.
+    """
+    files = []
+    for photo in scene.test_photos:
+        if photo.read_alpha is None:
+            raise InputError(f"photo {photo.name} of {scene.name}", "has no alpha channel", "measure it without masks")
+        path = Path(folder) / f"{Path(photo.name).stem}.png"
+        grey = (photo.read_alpha()[0].numpy() * 255).round().astype(np.uint8)
+        with whole_file(path) as temporary:
+            Image.fromarray(grey).save(temporary)
+        files.append(path)
+    return tuple(files)

@@ -1,0 +1,174 @@
+"""Fetching from a server that cuts connections, ignores ranges, sends other files or none."""
+
+import hashlib
+import socket
+
+import numpy as np
+import pytest
+from archive_server import serving, sha256
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene import fetch as module
+from gaussian_enhancer.scene.datasets import Archive
+from gaussian_enhancer.scene.fetch import Patience, fetch
+
+CONTENT = np.random.default_rng(0).integers(0, 256, 300_000, dtype=np.uint8).tobytes()
+QUICK = Patience(retries=2, pause=0.001, timeout=5)
+
+
+def archive(url: str, **values: object) -> Archive:
+    return Archive("file.zip", url, **values)  # type: ignore[arg-type]
+
+
+def leftovers(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_file_arrives_whole_with_its_checksum_beside_it(tmp_path):
+    told = []
+    with serving(CONTENT) as served:
+        known = archive(served.url, bytes=len(CONTENT), sha256=sha256(CONTENT))
+        digest = fetch(known, tmp_path / "a" / "file.zip", patience=QUICK, advance=lambda *state: told.append(state))
+    assert (tmp_path / "a/file.zip").read_bytes() == CONTENT
+    assert digest == sha256(CONTENT)
+    assert leftovers(tmp_path / "a") == ["file.zip", "file.zip.sha256"]
+    assert (tmp_path / "a/file.zip.sha256").read_text() == f"{digest}  file.zip\n"
+    assert told[0] == (0, len(CONTENT))
+    assert told[-1] == (len(CONTENT), len(CONTENT))
+
+
+def test_cut_connections_are_resumed_from_where_they_broke(tmp_path):
+    with serving(CONTENT, cut_after=[100_000, 50_000, 1]) as served:
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        assert served.asked == [None, "bytes=100000-", "bytes=150000-", "bytes=150001-"]
+    assert (tmp_path / "file.zip").read_bytes() == CONTENT
+
+
+def test_a_later_run_goes_on_where_an_earlier_one_gave_up(tmp_path):
+    with serving(CONTENT, cut_after=[70_000, 0, 0, 0]) as served:
+        known = archive(served.url, bytes=len(CONTENT))
+        with pytest.raises(InputError, match=r"broke off 3 times in a row, 70000 bytes.*start again"):
+            fetch(known, tmp_path / "file.zip", patience=QUICK)
+        assert not (tmp_path / "file.zip").exists()
+        fetch(known, tmp_path / "file.zip", patience=QUICK)
+        assert served.asked[-1] == "bytes=70000-"
+    assert (tmp_path / "file.zip").read_bytes() == CONTENT
+
+
+def test_a_file_that_changed_meanwhile_starts_anew(tmp_path):
+    other = CONTENT[::-1]
+    with serving(CONTENT, cut_after=[70_000, 0, 0, 0]) as served:
+        with pytest.raises(InputError):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        served.content, served.tag = other, '"two"'
+        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+    assert (tmp_path / "file.zip").read_bytes() == other
+
+
+def test_a_server_that_ignores_ranges_sends_everything_again(tmp_path):
+    with serving(CONTENT, ranges=False, cut_after=[100_000, 200_000]) as served:
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        assert len(served.asked) == 3
+    assert (tmp_path / "file.zip").read_bytes() == CONTENT
+
+
+def test_a_server_that_never_gets_further_is_given_up(tmp_path):
+    with serving(CONTENT, ranges=False, cut_after=[1000] * 20) as served:
+        with pytest.raises(InputError, match="broke off 3 times"):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        assert len(served.asked) == 4
+
+
+def test_a_part_that_is_complete_already_is_taken(tmp_path):
+    (tmp_path / "file.zip.part").write_bytes(CONTENT)
+    with serving(CONTENT) as served:
+        fetch(archive(served.url, sha256=sha256(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+        assert served.asked == [f"bytes={len(CONTENT)}-"]
+    assert leftovers(tmp_path) == ["file.zip", "file.zip.sha256"]
+
+
+def test_a_part_longer_than_the_file_starts_anew(tmp_path):
+    (tmp_path / "file.zip.part").write_bytes(CONTENT + b"more")
+    with serving(CONTENT) as served:
+        fetch(archive(served.url, bytes=len(CONTENT)), tmp_path / "file.zip", patience=QUICK)
+    assert (tmp_path / "file.zip").read_bytes() == CONTENT
+
+
+@pytest.mark.parametrize("kind", ["sha256", "md5"])
+def test_a_wrong_file_is_refused_and_removed(tmp_path, kind):
+    wrong = hashlib.new(kind, b"another file").hexdigest()
+    with serving(CONTENT) as served, pytest.raises(InputError, match=rf"{wrong} is recorded"):
+        fetch(archive(served.url, **{kind: wrong}), tmp_path / "file.zip", patience=QUICK)
+    assert leftovers(tmp_path) == []
+
+
+def test_a_file_of_another_size_is_refused_before_it_is_fetched(tmp_path):
+    with serving(CONTENT) as served:
+        with pytest.raises(InputError, match=r"300000 bytes where 7 are recorded.*https://authors"):
+            fetch(archive(served.url, bytes=7), tmp_path / "file.zip", page="https://authors", patience=QUICK)
+        assert len(served.asked) == 1
+    assert (tmp_path / "file.zip.part").stat().st_size == 0
+
+
+def test_without_a_published_checksum_the_first_copy_is_the_measure(tmp_path):
+    path = tmp_path / "file.zip"
+    with serving(CONTENT) as served:
+        fetch(archive(served.url), path, patience=QUICK)
+        path.unlink()
+        served.content = b"something else"
+        with pytest.raises(
+            InputError, match=rf"{sha256(b'something else')} where {sha256(CONTENT)} is in file.zip.sha256"
+        ):
+            fetch(archive(served.url), path, patience=QUICK)
+    assert leftovers(tmp_path) == ["file.zip.sha256"]
+
+
+def test_the_servers_own_checksum_is_compared(tmp_path):
+    with serving(CONTENT, md5=hashlib.md5(b"x").digest()) as served:
+        with pytest.raises(InputError, match="stated by the server"):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        served.md5 = hashlib.md5(CONTENT).digest()
+        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+    assert (tmp_path / "file.zip").read_bytes() == CONTENT
+
+
+def test_passing_errors_are_waited_out(tmp_path):
+    with serving(CONTENT, fail_first=2) as served:
+        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        assert len(served.asked) == 3
+
+
+@pytest.mark.parametrize("status", [403, 404, 410])
+def test_a_moved_file_is_named_at_once_with_what_to_do(tmp_path, status):
+    with serving(CONTENT, status=status) as served:
+        with pytest.raises(InputError, match=rf"answers {status} .*dataset\.archives.*by hand"):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        assert len(served.asked) == 1
+
+
+def test_a_web_page_is_no_archive(tmp_path):
+    with serving(b"<html>log in</html>", kind="text/html; charset=utf-8") as served:
+        with pytest.raises(InputError, match="a web page in place of the archive"):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+
+
+def test_nobody_answers(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        url = f"http://127.0.0.1:{free.getsockname()[1]}/file.zip"
+    with pytest.raises(InputError, match="broke off 3 times in a row, 0 bytes"):
+        fetch(archive(url), tmp_path / "file.zip", patience=QUICK)
+
+
+def test_a_full_disk_is_told_before_anything_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(module.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000}))
+    with serving(CONTENT) as served, pytest.raises(InputError, match=r"0\.00 GB free where file\.zip needs"):
+        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+    assert (tmp_path / "file.zip.part").stat().st_size == 0
+
+
+def test_two_processes_do_not_write_the_same_file(tmp_path):
+    with module._locked(tmp_path / "file.zip.part"), serving(CONTENT) as served:
+        with pytest.raises(InputError, match="by another process"):
+            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+        assert served.asked == []
