@@ -1,10 +1,13 @@
 """HTML by construction: whatever is not `Markup` is text, and text is escaped."""
 
 import html
+import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from string import Template
+from typing import Any
 
 
 class Markup(str):
@@ -59,6 +62,22 @@ def fill(template: str, values: Mapping[str, str]) -> Markup:
         values: exactly the names that the template asks for.
     """
     return Markup(Template(resource(template)).substitute({key: escaped(value) for key, value in values.items()}))
+
+
+def json_block(value: Any) -> Markup:
+    """JSON for a script element: no character that could end it; numbers that are not finite as words."""
+    text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
 
 
 @cache

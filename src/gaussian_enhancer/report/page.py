@@ -3,8 +3,6 @@
 No address outside the page is ever loaded; a content security policy in the page makes the browser enforce it.
 """
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import Any
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.cards import Pictures, card, pictured
 from gaussian_enhancer.report.compared import ComparedView, check_names
-from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
+from gaussian_enhancer.report.markup import Markup, fill, joined, json_block, resource, tag
 from gaussian_enhancer.report.overview import overview_table, summary_tiles
 from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
 
@@ -58,7 +56,7 @@ def document(
         "title": title,
         "subtitle": _subtitle(views, len(shown)),
         "style": Markup(resource("report.css")),
-        "script": Markup(resource("report.js")),
+        "script": Markup(resource("stage.js") + resource("report.js")),
         "ramp": pictures.ramp,
         "summary": summary_tiles(views, summaries),
         "overview": overview_table(views, quantities, worst, set(shown)),
@@ -66,7 +64,7 @@ def document(
         "least": "320px" if pictures.portrait else "400px",
         "cards": joined(*(card(i, views[i], quantities, pictures, worst=i == worst) for i in shown)),
         "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
-        "data": _json(report_data(title, views, summaries, provenance)),
+        "data": json_block(report_data(title, views, summaries, provenance)),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
     return fill("report.html", values)
@@ -112,19 +110,3 @@ def _subtitle(views: Sequence[ComparedView], shown: int) -> str:
     against = f"measured against {'their' if photos == len(views) else str(photos)} photos" if photos else "no photos"
     left = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
     return f"{count} · {against}{left}"
-
-
-def _json(value: Any) -> Markup:
-    """JSON for a script element: no character that could end it; numbers that are not finite as words."""
-    text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False)
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return repr(value)
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return value

@@ -63,6 +63,9 @@ KNOWN = (
     Quantity("lpips_squeeze", "LPIPS squeeze", 4, "", "perceptual distance, SqueezeNet; lower is better"),
     Quantity("lpips_vgg", "LPIPS vgg", 4, "", "perceptual distance, VGG; lower is better"),
     Quantity("lpips_vgg_raw", "LPIPS vgg raw", 4, "", "VGG on [0, 1] as in 3DGS's tables; lower is better"),
+    Quantity("milliseconds", "time", 1, "ms", "run time of one image; lower is better"),
+    Quantity("peak_memory_mb", "memory", 0, "MB", "peak memory; lower is better"),
+    Quantity("gaussians", "Gaussians", 0, "", "number of Gaussians in the splat"),
 )
 """Metrics of the pinned protocol, in the order in which they are shown."""
 

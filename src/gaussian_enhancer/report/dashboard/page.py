@@ -1,0 +1,77 @@
+"""The dashboard's page: one file with all numbers and its script inside, pictures in a folder beside it."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.measure.provenance import this_commit
+from gaussian_enhancer.measure.study import MISSING
+from gaussian_enhancer.report.dashboard.folder import Listed, all_records
+from gaussian_enhancer.report.dashboard.packed import packed_tables
+from gaussian_enhancer.report.dashboard.pictures import Pictures
+from gaussian_enhancer.report.dashboard.runs import SourceRun, packed_runs
+from gaussian_enhancer.report.markup import Markup, fill, json_block, resource
+
+SCRIPTS = (
+    "elements",
+    "records",
+    "grid",
+    "provenance",
+    "tables",
+    "curves",
+    "distributions",
+    "pictures",
+    "settings",
+    "measurements",
+    "tabs",
+)
+"""The page's script in its order, one file a part, in ``report/templates/dashboard``."""
+
+
+def write_dashboard(
+    path: str | Path,
+    title: str,
+    listed: Sequence[Listed],
+    runs: Sequence[SourceRun] = (),
+    pictures: Pictures | None = None,
+) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file; written whole or not at all.
+        title: the page's title.
+        listed: tables and records.
+        runs: the runs that the records name.
+        pictures: what lies beside the page.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    text = document(title, listed, runs, pictures)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def document(
+    title: str,
+    listed: Sequence[Listed],
+    runs: Sequence[SourceRun] = (),
+    pictures: Pictures | None = None,
+) -> Markup:
+    """The page's HTML; arguments as for `write_dashboard`."""
+    data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
+    scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js") for name in SCRIPTS)]
+    records = all_records(listed)
+    missing = sum(record.kind == MISSING for record in records)
+    lacking = f" · {missing} records of what is missing" if missing else ""
+    values = {
+        "title": title,
+        "subtitle": f"{len(listed)} tables · {len(records)} records{lacking}",
+        "style": Markup(resource("report.css") + resource("dashboard/dashboard.css")),
+        "data": json_block(data),
+        "script": Markup("(() => {\n" + "".join(scripts) + "})();"),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "commit": this_commit(),
+    }
+    return fill("dashboard/dashboard.html", values)
