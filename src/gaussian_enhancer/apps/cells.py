@@ -1,16 +1,20 @@
-"""One row in one cell of the quality study: its images and their records, each made once."""
+"""One row in one cell of a study: its images and their records, each made once."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import copy
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from hydra import compose
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf.errors import OmegaConfBaseException
 
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.enlarged import bicubic, fine_photos, rendered_finer
 from gaussian_enhancer.apps.finer import finer_config
-from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration
+from gaussian_enhancer.apps.pipeline import enhanced, fitted
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.train import with_effect
@@ -50,12 +54,14 @@ class Images:
         photos: their photos, by the same names.
         every: every n-th of them is measured.
         run: name of the fitted run.
+        sources: the runs that they came from, by job.
     """
 
     folder: Path
     photos: Path
     every: int
     run: str
+    sources: Mapping[str, str] = field(default_factory=dict)
 
 
 def measured_row(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) -> tuple[Record, ...]:
@@ -70,39 +76,54 @@ def measured_row(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig)
     Raises:
         InputError: the row cannot be made here; the error says why.
     """
+    return measured_images(cfg, cell, row, images_of(cfg, cell, row, choice))
+
+
+def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) -> Images:
+    """The images of a row in a cell, made or found made.
+
+    Args:
+        cfg: the calling job's configuration: ``runs``, ``runtime``, ``fit_missing``.
+        cell: where.
+        row: the row's name.
+        choice: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; the raw render where it names nothing.
+
+    Raises:
+        InputError: the row cannot be made here; the error says why.
+    """
     fit = fitted_cell(cfg, cell)
-    learnt = "weights" in choice or "train" in choice
+    learnt = bool(choice.get("weights") or choice.get("train"))
     raw = fit / f"test/ours_{run_steps(fit)[-1]}"
-    if choice.get("render"):
-        folder = (
-            _rendered_and_enhanced(cfg, cell, choice, fit) if learnt else rendered_finer(cfg, fit, _scene(cfg, cell))
-        )
-    else:
-        folder = _enhanced(cfg, choice, run=str(fit), every=cell.every) if learnt else raw / "renders"
+    sources = {"fit": fit.name}
+    folder = raw / "renders"
+    if choice.get("render") and learnt:
+        given = {"gaussians": str(fit / "splat.ply"), "scene": finer_config(_scene(cfg, cell))}
+        folder = _enhanced(cfg, choice, sources, **given)
+    elif choice.get("render"):
+        folder = rendered_finer(cfg, fit, _scene(cfg, cell))
+        sources["render_finer"] = folder.parent.name
+    elif learnt:
+        folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
     if choice.get("upscale"):
         folder = bicubic(cfg, folder, f"{fit.name}-{row}")
+        sources["bicubic"] = folder.parent.name
     photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     every = 1 if learnt and not choice.get("render") else cell.every
-    return measured_images(cfg, cell, row, Images(folder, photos, every, fit.name))
+    return Images(folder, photos, every, fit.name, sources)
 
 
-def _enhanced(cfg: DictConfig, choice: DictConfig, **given: object) -> Path:
-    """The folder of the images that a row's weights make of what is given."""
-    job = _composed("enhance", cfg, choice.get("enhance") or ())
+def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
+    """The folder of the images that a row's weights make of what is given; the run is added to the sources."""
+    job = composed("enhance", cfg, choice.get("enhance") or ())
     with open_dict(job):
         job.update({"weights": weights_of(cfg, choice), **given})
     folder = enhanced(job)
+    sources["enhance"] = folder.name
     return folder / f"test/ours_{run_steps(folder)[-1]}/enhanced"
 
 
-def _rendered_and_enhanced(cfg: DictConfig, cell: StudyCell, choice: DictConfig, fit: Path) -> Path:
-    """The splat rendered finer, and enhanced at that size with photos of that size."""
-    scene = finer_config(_scene(cfg, cell))
-    return _enhanced(cfg, choice, gaussians=str(fit / "splat.ply"), scene=scene)
-
-
 def _scene(cfg: DictConfig, cell: StudyCell) -> DictConfig:
-    scene: DictConfig = _composed("fit", cfg, cell.fit).scene
+    scene: DictConfig = composed("fit", cfg, cell.fit).scene
     return scene
 
 
@@ -112,7 +133,7 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
     Raises:
         InputError: it is not fitted and shall not be, or cannot be.
     """
-    job = _composed("fit", cfg, cell.fit)
+    job = composed("fit", cfg, cell.fit)
     found = find_run(job, "fit")
     if found is not None and found.done:
         return found.folder
@@ -129,7 +150,7 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     """
     if choice.get("weights"):
         return str(choice.weights)
-    job = with_effect(_composed("train", cfg, choice.train))
+    job = with_effect(composed("train", cfg, choice.train))
     found = find_run(job, "train")
     if found is None or not found.done:
         command = f"gaussian-enhancer train {' '.join(choice.train)}"
@@ -150,24 +171,66 @@ def measured_images(cfg: DictConfig, cell: StudyCell, row: str, images: Images) 
     before = find_run(job, "measure_row")
     if before is not None and before.done:
         return read_records(before.folder / "records.jsonl")
-    device = start(cfg.runtime)
-    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
-    files = pair_folders(images.folder, images.photos, label)[:: images.every]
-    records = tuple(measure_files(files, distances))
+    records = measure_now(cfg, label, images)
     own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{row}")
     write_records(own.folder / "records.jsonl", records)
     own.finish()
     return records
 
 
-def _composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
-    """Another job's configuration, its refusals as a user's mistake."""
-    try:
-        job = job_configuration(name, cfg, list(overrides))
-    except HydraException as error:
-        raise InputError(f"{name} {' '.join(overrides)}", f"is refused ({_first_line(error)})", "mend it") from error
+def measure_now(cfg: DictConfig, label: Label, images: Images) -> tuple[Record, ...]:
+    """Measure images against their photos.
+
+    Args:
+        cfg: the calling job's configuration: ``runtime``, ``lpips``, ``backbones``.
+        label: what the records say of them.
+        images: what is measured.
+
+    Raises:
+        InputError: names or sizes do not fit, or a file cannot be read.
+    """
+    device = start(cfg.runtime)
+    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    files = pair_folders(images.folder, images.photos, label)[:: images.every]
+    return tuple(measure_files(files, distances))
+
+
+def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
+    """Another job's configuration, its refusals as a user's mistake.
+
+    Args:
+        name: the other job.
+        cfg: the calling job's configuration: ``runs`` and ``runtime``.
+        overrides: as on the command line.
+
+    Raises:
+        InputError: the overrides are refused, or leave a mandatory value open.
+    """
+    job = sketched(name, cfg, overrides)
     require(job)
     return job
+
+
+def sketched(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
+    """Another job's configuration, in which mandatory values may still be open.
+
+    Raises:
+        InputError: the overrides are refused.
+    """
+    words = tuple(overrides)
+    try:
+        job = copy.deepcopy(_once(name, words))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(f"{name} {' '.join(words)}", f"is refused ({_first_line(error)})", "mend it") from error
+    with open_dict(job):
+        job.update({"runs": cfg.runs, "runtime": cfg.runtime})
+    return job
+
+
+@functools.lru_cache(maxsize=512)
+def _once(name: str, overrides: tuple[str, ...]) -> DictConfig:
+    """Composing takes a tenth of a second, and the cells of a study ask for the same again and again."""
+    return compose(name, overrides=list(overrides))
 
 
 def _first_line(error: Exception) -> str:

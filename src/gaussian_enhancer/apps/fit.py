@@ -7,6 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.apps import marks
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import Run, open_run
 from gaussian_enhancer.apps.runtime import start
@@ -90,6 +91,8 @@ def _held_out(folder: Path) -> float | None:
 
 def _discard(job: Run) -> None:
     """Remove the folder of a fit that was refused before it wrote anything of its own."""
-    if {path.name for path in job.folder.iterdir()} == {"config.yaml"}:
-        (job.folder / "config.yaml").unlink()
+    files = list(job.folder.iterdir())
+    if {path.name for path in files} <= {"config.yaml", marks.RUNNING}:
+        for path in files:
+            path.unlink()
         job.folder.rmdir()

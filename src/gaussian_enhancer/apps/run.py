@@ -13,6 +13,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from gaussian_enhancer.apps import marks
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
@@ -41,10 +42,11 @@ class Run:
     def finish(self) -> None:
         """Mark the run as completed; the last thing that a job does."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
+        marks.end(self.folder)
 
 
 def open_run(cfg: DictConfig, job: str, label: str) -> Run:
-    """Create or find the folder of a run and write its configuration there.
+    """Create or find the folder of a run and write its configuration there; if it is not done, mark it as running.
 
     Args:
         cfg: the job's whole configuration.
@@ -64,6 +66,8 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
             folder, f"holds another finished run ({finished})", "give another output, or delete the folder"
         )
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
+    if finished is None:
+        marks.begin(folder)
     return Run(folder, digest)
 
 
@@ -74,10 +78,15 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
         cfg: the job's whole configuration.
         job: the job's name.
     """
-    digest = digest_of({"job": job, **effective(cfg)})
+    digest = run_digest(cfg, job)
     given = Path(cfg.output) if cfg.get("output") else None
     folders = [given] if given else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
     return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
+
+
+def run_digest(cfg: DictConfig, job: str) -> str:
+    """The digest of a job's run, whether it was begun or not."""
+    return digest_of({"job": job, **effective(cfg)})
 
 
 def finished_digest(folder: Path) -> str | None:

@@ -1,0 +1,199 @@
+"""The runs behind a table's rows: which they are, and making those that are missing.
+
+Every run is addressed by what determines it, so that its place is known before anything was made: a training by its
+fits' digests, a row in a cell by those of its fit and its training. Equal rows of different tables are one run.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.apps import fit, marks, train
+from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.apps.cells import StudyCell, composed, images_of, measure_now, sketched
+from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest
+from gaussian_enhancer.apps.suite import Experiment
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.images import Label
+from gaussian_enhancer.measure.pair import PROTOCOL
+from gaussian_enhancer.measure.perceptual import perceptual_distance
+from gaussian_enhancer.measure.records import Record, read_records, write_records
+
+T = TypeVar("T")
+
+
+class Runs:
+    """The runs of a suite.
+
+    Args:
+        cfg: ``runs``, ``runtime``, ``scale``, ``backbones``, ``fit_missing``, ``train_missing``.
+    """
+
+    def __init__(self, cfg: DictConfig) -> None:
+        self.cfg = cfg
+        self.failures: dict[str, Exception] = {}
+        self._measurable: dict[str, bool] | None = None
+        self._digests: dict[tuple[Any, ...], str] = {}
+
+    def fit_job(self, overrides: Sequence[str]) -> DictConfig:
+        """Configuration of the job fit.
+
+        Raises:
+            InputError: it is refused, or refers to what is not set.
+        """
+        return composed("fit", self.cfg, overrides)
+
+    def fit_digest(self, overrides: Sequence[str]) -> str:
+        """The digest of a fit."""
+        return self._digest(("fit", *overrides), lambda: self.fit_job(overrides))
+
+    def pairs(self, training: str) -> dict[str, list[tuple[str, ...]]]:
+        """The fits that a training learns from, and those that it is validated on, as overrides of the job fit.
+
+        Args:
+            training: one of the scale's trainings.
+        """
+        scale = self.cfg.scale
+        chosen = scale.trainings[training]
+        sides = {"train": chosen.pairs, "validation": chosen.validation}
+        return {
+            side: [tuple(map(str, (*own, *scale.fit, *scale.sparse))) for own in fits] for side, fits in sides.items()
+        }
+
+    def train_job(self, experiment: Experiment, row: str, seed: int) -> DictConfig:
+        """Configuration of the job train, on exactly the fits that the scale names.
+
+        Raises:
+            InputError: it is refused, or leaves a mandatory value open.
+        """
+        job = sketched("train", self.cfg, [*experiment.table.rows[row].train, f"seed={seed}"])
+        for side, fits in self.pairs(experiment.learns[row]).items():
+            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
+        require(job)
+        return train.with_effect(job)
+
+    def train_digest(self, experiment: Experiment, row: str, seed: int) -> str:
+        """The digest of a row's training."""
+        key = ("train", experiment.learns[row], *experiment.table.rows[row].train, seed)
+        return self._digest(key, lambda: self.train_job(experiment, row, seed))
+
+    def row_job(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> DictConfig:
+        """What determines a row's records in a cell; ``seed`` is None where it learns nothing."""
+        choice = experiment.table.rows[row]
+        learnt = "" if seed is None else self.train_digest(experiment, row, seed)
+        where = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
+        how = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
+        measured = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
+        values = {**where, "train": learnt, "weights": choice.weights, **how, **measured}
+        return OmegaConf.create({"runs": self.cfg.runs, **values})
+
+    def measurable(self) -> dict[str, bool]:
+        """The LPIPS distances of the scale, and whether there is a backbone for each."""
+        if self._measurable is None:
+            found = {str(name): perceptual_distance(name, self.cfg.backbones) for name in self.cfg.scale.lpips}
+            self._measurable = {name: one.network is not None for name, one in found.items()}
+        return self._measurable
+
+    def weights(self, experiment: Experiment, row: str, seed: int | None) -> str:
+        """The weights of a row, trained now where they are missing, with the fits that they learn from.
+
+        Raises:
+            InputError: they are missing and shall not be trained, or cannot be.
+            KeyboardInterrupt: the user stopped the training.
+        """
+        if seed is None:
+            return experiment.table.rows[row].weights
+        job = self.train_job(experiment, row, seed)
+        found = find_run(job, "train")
+        if found is None or not found.done:
+            if not self.cfg.train_missing:
+                command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
+                raise InputError(f"weights of {row}, seed {seed}", "are not trained yet", command)
+            found = self._tried(run_digest(job, "train"), lambda: self._trained(experiment, row, job))
+        return str(found.folder / "weights.safetensors")
+
+    def make(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> None:
+        """Make a row's records in a cell, with all that they need, where they are missing.
+
+        Raises:
+            InputError: the row cannot be made here.
+        """
+        job = self.row_job(experiment, cell, row, seed)
+        found = find_run(job, "row")
+        if found is None or not found.done:
+            self._made(experiment, cell, row, seed, job)
+
+    def records(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> tuple[Record, ...]:
+        """A row's records in a cell, which were made before.
+
+        Raises:
+            InputError: they are not there, or were damaged.
+        """
+        found = find_run(self.row_job(experiment, cell, row, seed), "row")
+        if found is None or not found.done:
+            raise InputError(f"{row} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
+        return tuple(replace(one, variant=row, seed=seed) for one in read_records(found.folder / "records.jsonl"))
+
+    def _made(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None, job: DictConfig) -> None:
+        choice = experiment.table.rows[row]
+        with marks.attempt():
+            own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{row}")
+            cell_fit = self._tried(job.fit, partial(self._fitted, cell.fit))
+            weights = self.weights(experiment, row, seed)
+            settings = {"weights": weights, "enhance": list(choice.enhance)}
+            settings |= {"upscale": choice.upscale, "render": choice.render}
+            images = images_of(self.cfg, cell, row, OmegaConf.create(settings))
+            label = Label(images.run, cell.scene, cell.splat, row)
+            how = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
+            how.runtime = self.cfg.runtime
+            sources = {**images.sources, "fit": cell_fit.folder.name}
+            if seed is not None:
+                sources["train"] = Path(weights).parent.name
+            found = [replace(one, seed=seed, sources=sources) for one in measure_now(how, label, images)]
+            write_records(own.folder / "records.jsonl", found)
+            own.finish()
+
+    def _fitted(self, overrides: Sequence[str]) -> Run:
+        """A finished fit."""
+        job = self.fit_job(overrides)
+        found = find_run(job, "fit")
+        if found is None or not found.done:
+            if not self.cfg.fit_missing:
+                raise InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
+            with marks.attempt():
+                fit.run(job)
+            found = find_run(job, "fit")
+        if found is None or not found.done:
+            raise RuntimeError("the job fit left no finished run behind")
+        return found
+
+    def _trained(self, experiment: Experiment, row: str, job: DictConfig) -> Run:
+        """A finished training, its fits before it."""
+        for overrides in (one for fits in self.pairs(experiment.learns[row]).values() for one in fits):
+            self._tried(self.fit_digest(overrides), partial(self._fitted, overrides))
+        with marks.attempt():
+            train.run(job)
+        found = find_run(job, "train")
+        if found is None or not found.done:
+            raise KeyboardInterrupt
+        return found
+
+    def _tried(self, digest: str, make: Callable[[], T]) -> T:
+        """What a run gives; one that failed is not tried again by every row that needs it."""
+        if digest in self.failures:
+            raise self.failures[digest]
+        try:
+            return make()
+        except Exception as error:
+            self.failures[digest] = error
+            raise
+
+    def _digest(self, key: tuple[Any, ...], configured: Callable[[], DictConfig]) -> str:
+        """A digest, reckoned once: many rows need the same fits and trainings."""
+        if key not in self._digests:
+            self._digests[key] = run_digest(configured(), str(key[0]))
+        return self._digests[key]

@@ -1,0 +1,107 @@
+"""``gaussian-enhancer tables``: any table, figure or study, from nothing to its reports, by one command.
+
+Fits, trainings and measurements are runs of their own, made where they are missing and shared by all tables: a killed
+job goes on where it stopped. The table's description and records are written together; reports come from these alone.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from omegaconf import DictConfig, open_dict
+from rich.console import Console
+
+from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.apps.cells import StudyCell
+from gaussian_enhancer.apps.costs import cost_records
+from gaussian_enhancer.apps.plan import planned, told
+from gaussian_enhancer.apps.rows import Runs
+from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.measure.records import Record, read_records, write_records
+from gaussian_enhancer.measure.study import MISSING
+from gaussian_enhancer.measure.tables import read_description, write_description
+
+
+def run(cfg: DictConfig) -> None:
+    """Make tables, or tell what making them takes.
+
+    Args:
+        cfg: conf/tables.yaml, composed.
+
+    Raises:
+        InputError: a name is unknown, a record was damaged, or a file cannot be read or written.
+    """
+    cfg = with_backbones(cfg)
+    require(cfg)
+    experiments = [experiment(name, cfg.scale) for name in asked_names(cfg.table)]
+    if cfg.dry_run:
+        print(told(planned(cfg, experiments)))
+        return
+    console, folder, runs = Console(stderr=True), Path(cfg.results) / cfg.scale.name, Runs(cfg)
+    for one in experiments:
+        console.rule(f"{one.table.name}: {one.table.title}", align="left")
+        if not cfg.records_only:
+            found = list(made(runs, one, console))
+            write_description(folder / f"{one.table.name}.json", one.table)
+            write_records(folder / f"{one.table.name}.jsonl", found)
+        report(folder, one.table.name, console)
+
+
+def with_backbones(cfg: DictConfig) -> DictConfig:
+    """The configuration with LPIPS's backbones where the captures' folder holds some and none are named."""
+    beside = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", ".")) / "lpips"
+    if cfg.backbones is None and beside.is_dir():
+        with open_dict(cfg):
+            cfg.backbones = str(beside)
+    return cfg
+
+
+def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
+    """The records of a table; a row that cannot be made in a cell leaves a record with the reason."""
+    if one.table.kind == "cost":
+        yield from cost_records(runs, one, console)
+        return
+    for number, cell in enumerate(one.cells, 1):
+        console.print(f"{number} of {len(one.cells)}: {cell.scene}, {cell.splat}", highlight=False)
+        views: dict[str, tuple[str, ...]] = {}
+        for row in one.table.rows:
+            for seed in one.seeds(row):
+                found = _row(runs, one, cell, row, seed, console)
+                if found[0].kind != MISSING:
+                    views[f"{row}, seed {seed}"] = tuple(sorted(record.view for record in found))
+                yield from found
+        if len(set(views.values())) > 1:
+            raise RuntimeError(
+                f"{cell.scene}, {cell.splat}: rows were measured on different views ({', '.join(views)})"
+            )
+
+
+def _row(
+    runs: Runs, one: Experiment, cell: StudyCell, row: str, seed: int | None, console: Console
+) -> tuple[Record, ...]:
+    """A row's records in a cell, or the one that says why there are none; damaged records are refused."""
+    try:
+        runs.make(one, cell, row, seed)
+    except (
+        Exception
+    ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
+        reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        console.print(f"{row} is missing: {reason}", highlight=False, soft_wrap=True)
+        if not isinstance(error, InputError):
+            console.print_exception()
+        return (Record(MISSING, "", cell.scene, cell.splat, "", row, {}, {"row": reason}, seed=seed),)
+    return runs.records(one, cell, row, seed)
+
+
+def report(folder: Path, name: str, console: Console) -> None:
+    """Write a table's reports from its description and records.
+
+    Raises:
+        InputError: they are missing or damaged.
+    """
+    from gaussian_enhancer.report.tables import write_reports
+
+    table, records = read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")
+    for path in write_reports(folder, table, records):
+        console.print(str(path), highlight=False, soft_wrap=True)
