@@ -1,4 +1,4 @@
-"""An HTTP server on this machine that behaves as badly as asked: cuts connections, ignores ranges, sends other files."""
+"""An HTTP server that behaves as badly as asked: cuts connections, ignores ranges, sends other files."""
 
 import base64
 import hashlib

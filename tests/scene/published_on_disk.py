@@ -1,4 +1,4 @@
-"""Small copies of the published datasets' layouts: COLMAP binaries with downscaled folders, Blender files with alpha."""
+"""Small copies of published layouts: COLMAP binaries with downscaled folders, Blender files with alpha."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ from PIL import Image
 
 
 def write_pyramid(root: Path, factors: tuple[int, ...] = (1, 2, 4)) -> None:
-    """A scene as Mip-NeRF 360 comes: a binary model of the full size, photos at several sizes in folders of their own."""
+    """A scene as Mip-NeRF 360 comes: a binary model of the full size, photos at several sizes."""
     names = write_colmap(root)
     colmap_to_binary(root / "sparse/0")
     for factor in factors:
@@ -37,7 +37,7 @@ def write_pyramid(root: Path, factors: tuple[int, ...] = (1, 2, 4)) -> None:
 
 
 def write_synthetic(root: Path, size: int = 16, counts: tuple[int, int, int] = (4, 2, 3)) -> None:
-    """An object as NeRF-Synthetic comes: RGBA photos, a file of cameras a side, depth and normals beside test photos."""
+    """An object as NeRF-Synthetic comes: RGBA photos, a file of cameras a side, depth beside test photos."""
     for side, count in zip(("train", "val", "test"), counts, strict=True):
         frames = []
         for index in range(count):

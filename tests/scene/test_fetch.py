@@ -147,9 +147,9 @@ def test_a_moved_file_is_named_at_once_with_what_to_do(tmp_path, status):
 
 
 def test_a_web_page_is_no_archive(tmp_path):
-    with serving(b"<html>log in</html>", kind="text/html; charset=utf-8") as served:
-        with pytest.raises(InputError, match="a web page in place of the archive"):
-            fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
+    page = serving(b"<html>log in</html>", kind="text/html; charset=utf-8")
+    with page as served, pytest.raises(InputError, match="a web page in place of the archive"):
+        fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
 
 
 def test_nobody_answers(tmp_path):
