@@ -141,6 +141,23 @@ def quality(session: nox.Session) -> None:
     session.run("gaussian-enhancer", "quality", *session.posargs)
 
 
+@nox.session(default=False)
+def ablation(session: nox.Session) -> None:
+    """Make one table, figure or study: table 10 in minutes, or `-- table=2 scale=desk`; goes on where it was killed."""
+    install(session)
+    usual = {"table": "10", "scale": "smoke"}
+    named = {word.split("=")[0] for word in session.posargs}
+    words = [f"{key}={value}" for key, value in usual.items() if key not in named]
+    session.run("gaussian-enhancer", "tables", *words, *session.posargs)
+
+
+@nox.session(default=False)
+def tables(session: nox.Session) -> None:
+    """Make all tables and figures of the paper, `-- scale=desk` in hours; goes on where it was killed."""
+    install(session)
+    session.run("gaussian-enhancer", "tables", "table=all", *session.posargs)
+
+
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""

@@ -56,7 +56,7 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
             console.print(f"{row} is missing: {reasons[row]}", highlight=False, soft_wrap=True)
     for size, (height, width) in runs.cfg.scale.outputs.items():
         for row, reason in reasons.items():
-            yield Record(MISSING, "", str(size), "", "", row, {}, {"row": reason}, seed=seed)
+            yield Record(MISSING, "", str(size), "", str(size), row, {}, {"row": reason}, seed=seed)
         if weights:
             console.print(f"{size}: {width}x{height}", highlight=False)
             job = cost_job(runs, learnt, str(size), (int(height), int(width)))
@@ -100,7 +100,7 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     for row, timing in times.items():
         peak = peak_memory(calls[row], device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}
-        yield Record("cost", name, size, "", "", row, metrics, size=(shape[1], shape[0]), protocol=protocol)
+        yield Record("cost", name, size, "", size, row, metrics, size=(shape[1], shape[0]), protocol=protocol)
 
 
 def _call(path: str, shape: tuple[int, int], device: torch.device) -> Callable[[], object]:

@@ -4,6 +4,7 @@ Every run is addressed by what determines it, so that its place is known before 
 fits' digests, a row in a cell by those of its fit and its training. Equal rows of different tables are one run.
 """
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.apps import fit, marks, train
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.cells import StudyCell, composed, images_of, measure_now, sketched
-from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest
+from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest, write_text
 from gaussian_enhancer.apps.suite import Experiment
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.images import Label
@@ -73,6 +74,7 @@ class Runs:
         job = sketched("train", self.cfg, [*experiment.table.rows[row].train, f"seed={seed}"])
         for side, fits in self.pairs(experiment.learns[row]).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
+        job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
         require(job)
         return train.with_effect(job)
 
@@ -133,10 +135,24 @@ class Runs:
         Raises:
             InputError: they are not there, or were damaged.
         """
+        folder = self._row_folder(experiment, cell, row, seed)
+        return tuple(replace(one, variant=row, seed=seed) for one in read_records(folder / "records.jsonl"))
+
+    def images(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> tuple[Path, Path]:
+        """The folders of a row's images in a cell and of their photos.
+
+        Raises:
+            InputError: they were not made.
+        """
+        file = self._row_folder(experiment, cell, row, seed) / "images.json"
+        where = json.loads(file.read_text(encoding="utf-8"))
+        return Path(where["images"]), Path(where["photos"])
+
+    def _row_folder(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> Path:
         found = find_run(self.row_job(experiment, cell, row, seed), "row")
         if found is None or not found.done:
             raise InputError(f"{row} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
-        return tuple(replace(one, variant=row, seed=seed) for one in read_records(found.folder / "records.jsonl"))
+        return found.folder
 
     def _made(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None, job: DictConfig) -> None:
         choice = experiment.table.rows[row]
@@ -155,6 +171,8 @@ class Runs:
                 sources["train"] = Path(weights).parent.name
             found = [replace(one, seed=seed, sources=sources) for one in measure_now(how, label, images)]
             write_records(own.folder / "records.jsonl", found)
+            where = {"images": str(images.folder), "photos": str(images.photos)}
+            write_text(own.folder / "images.json", json.dumps(where) + "\n")
             own.finish()
 
     def _fitted(self, overrides: Sequence[str]) -> Run:

@@ -5,7 +5,8 @@ job goes on where it stopped. The table's description and records are written to
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig, open_dict
@@ -16,11 +17,14 @@ from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.costs import cost_records
 from gaussian_enhancer.apps.plan import planned, told
 from gaussian_enhancer.apps.rows import Runs
-from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment
+from gaussian_enhancer.apps.run import write_text
+from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment, known_names
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
-from gaussian_enhancer.measure.tables import read_description, write_description
+from gaussian_enhancer.measure.tables import Dataset, read_description, write_description
+from gaussian_enhancer.report.grids import PHOTO, write_grid
+from gaussian_enhancer.report.tables import summary_page, write_reports
 
 
 def run(cfg: DictConfig) -> None:
@@ -45,7 +49,10 @@ def run(cfg: DictConfig) -> None:
             found = list(made(runs, one, console))
             write_description(folder / f"{one.table.name}.json", one.table)
             write_records(folder / f"{one.table.name}.jsonl", found)
+            if one.table.kind == "images":
+                draw(runs, one, found, folder)
         report(folder, one.table.name, console)
+    index(folder)
 
 
 def with_backbones(cfg: DictConfig) -> DictConfig:
@@ -94,14 +101,48 @@ def _row(
     return runs.records(one, cell, row, seed)
 
 
+def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -> None:
+    """Write a figure's grid, a line for each scene and splat: the first view that was measured of it.
+
+    Args:
+        runs: the suite's.
+        one: the figure.
+        records: its records; what they lack is a grey tile.
+        folder: where it is written, as ``NAME.png``.
+    """
+    pictures: dict[tuple[str, str], Path] = {}
+    lines: list[str] = []
+    for cell in one.cells:
+        lines.append(f"{cell.scene}, {cell.splat}")
+        for row in one.table.rows:
+            own = [r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, row) and r.view]
+            if own:
+                images, photos = runs.images(one, cell, row, one.seeds(row)[0])
+                pictures[lines[-1], row] = images / min(own)
+                pictures[lines[-1], PHOTO] = next(photos.glob(f"{Path(min(own)).stem}.*"))
+    if pictures:
+        shown = replace(one.table, datasets={"all": Dataset("", tuple(lines))})
+        write_grid(folder / f"{one.table.name}.png", shown, pictures)
+
+
+def index(folder: Path) -> None:
+    """Write the index of all tables of a scale that are there.
+
+    Raises:
+        InputError: one of them was damaged.
+    """
+    names = [name for group in known_names().values() for name in group]
+    there = [name for name in names if all((folder / f"{name}{end}").is_file() for end in (".json", ".jsonl"))]
+    found = [(read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")) for name in there]
+    write_text(folder / "README.md", summary_page(found))
+
+
 def report(folder: Path, name: str, console: Console) -> None:
     """Write a table's reports from its description and records.
 
     Raises:
         InputError: they are missing or damaged.
     """
-    from gaussian_enhancer.report.tables import write_reports
-
     table, records = read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")
     for path in write_reports(folder, table, records):
         console.print(str(path), highlight=False, soft_wrap=True)
