@@ -9,6 +9,7 @@ from archive_server import serving, sha256
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene import fetch as module
+from gaussian_enhancer.scene import transfer
 from gaussian_enhancer.scene.datasets import Archive
 from gaussian_enhancer.scene.fetch import Patience, fetch
 
@@ -73,7 +74,7 @@ def test_a_server_that_ignores_ranges_sends_everything_again(tmp_path):
 
 
 def test_a_server_that_never_gets_further_is_given_up(tmp_path):
-    with serving(CONTENT, ranges=False, cut_after=[1000] * 20) as served:
+    with serving(CONTENT, ranges=False, cut_after=[2000] + [1000, 1500] * 10) as served:
         with pytest.raises(InputError, match="broke off 3 times"):
             fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
         assert len(served.asked) == 4
@@ -161,7 +162,7 @@ def test_nobody_answers(tmp_path):
 
 
 def test_a_full_disk_is_told_before_anything_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(module.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000}))
+    monkeypatch.setattr(transfer.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000}))
     with serving(CONTENT) as served, pytest.raises(InputError, match=r"0\.00 GB free where file\.zip needs"):
         fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
     assert (tmp_path / "file.zip.part").stat().st_size == 0

@@ -7,7 +7,7 @@ import pytest
 from archive_server import zipped
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene import fetch
+from gaussian_enhancer.scene import transfer
 from gaussian_enhancer.scene import unpack as module
 from gaussian_enhancer.scene.unpack import Parts, unpack
 
@@ -111,7 +111,7 @@ def test_a_killed_unpacking_is_done_again(tmp_path, archive, monkeypatch):
 
 
 def test_a_full_disk_is_told_before(tmp_path, archive, monkeypatch):
-    monkeypatch.setattr(fetch.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 20}))
+    monkeypatch.setattr(transfer.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 20}))
     with pytest.raises(InputError, match=r"GB free where garden of archive\.zip needs"):
         unpack(archive, GARDEN, tmp_path / "out")
     assert files(tmp_path / "out") == {}

@@ -91,11 +91,11 @@ def scene_cost(scene: DictConfig) -> SceneCost | None:
         return None
     dataset = registered(scene.dataset)
     facts = dataset.chosen((scene.name,))[scene.name]
-    photos = int(scene.photos)
+    official = _values(_file("scene/datasets", scene.name))
+    photos = int(official["photos"] if scene.photos is None else scene.photos)
     split = plain(scene.split)
     held_out = dataset.test_photos or len(every_nth(photos, split["test_every"], split.get("test_offset", 0))[1])
-    official = _values(_file("scene/datasets", scene.name)).get("downscale", 1)
-    factor = official / scene.get("downscale", 1)
+    factor = official.get("downscale", 1) / scene.get("downscale", 1)
     width, height = round(facts.width * factor), round(facts.height * factor)
     enhance = held_out * width * height / 1e6 * ENHANCE_SECONDS / 3600
     basis = f"fit: {dataset.fit_basis}; enhancing: {ENHANCE_SECONDS} s a megapixel, the paper's table 3 on an RTX 3090"

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable
-from gaussian_enhancer.scene.fetch import check_room
+from gaussian_enhancer.scene.transfer import check_room
 
 
 @dataclass(frozen=True)
