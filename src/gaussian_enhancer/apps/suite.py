@@ -4,6 +4,7 @@ A study says what is compared: rows, metrics, splats, the paper's datasets. A sc
 what stands in for each dataset, which fits trainings learn from, how long they last, with which seeds.
 """
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,7 +144,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     name = study.get("paper")
     if name is None:
         return {}
-    tables = plain(OmegaConf.load(ablations() / "paper.yaml"))  # type: ignore[arg-type]
+    tables = _papers_tables(ablations() / "paper.yaml")
     if name not in tables:
         raise InputError(f"paper: {name}", "is none of the paper's tables", f"choose {', '.join(tables)}")
     values = dict(tables[name])
@@ -161,6 +162,11 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     if not isinstance(next(iter(values.values())), Mapping):  # printed for one splat alone
         values = {study["splats"][0]: values}
     return {block: {row: scaled(cells) for row, cells in rows.items()} for block, rows in values.items()}
+
+
+@functools.cache
+def _papers_tables(path: Path) -> dict[str, Any]:
+    return plain(OmegaConf.load(path))  # type: ignore[arg-type]
 
 
 def _row(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Row:

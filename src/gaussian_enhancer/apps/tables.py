@@ -118,8 +118,8 @@ def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -
             own = [r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, row) and r.view]
             if own:
                 images, photos = runs.images(one, cell, row, one.seeds(row)[0])
-                pictures[lines[-1], row] = images / min(own)
-                pictures[lines[-1], PHOTO] = next(photos.glob(f"{Path(min(own)).stem}.*"))
+                found = {row: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
+                pictures |= {(lines[-1], key): path for key, path in found.items() if path and path.is_file()}
     if pictures:
         shown = replace(one.table, datasets={"all": Dataset("", tuple(lines))})
         write_grid(folder / f"{one.table.name}.png", shown, pictures)

@@ -1,0 +1,149 @@
+"""The files of the suite: every study composes, names what exists, and carries the paper's numbers exactly."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+
+from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.cells import composed
+from gaussian_enhancer.apps.rows import Runs
+from gaussian_enhancer.apps.suite import asked_names, experiment, known_names
+
+ROOT = Path(__file__).parents[2]
+CONF = str(ROOT / "conf")
+NAMES = [name for group in known_names().values() for name in group]
+PAPER = yaml.safe_load((ROOT / "ablations/paper.yaml").read_text(encoding="utf-8"))
+
+
+def configured(scale: str):
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("tables", ["table=all", f"scale={scale}"])
+
+
+@pytest.fixture(scope="module", params=["smoke", "desk", "paper"])
+def scale(request):
+    return configured(request.param).scale
+
+
+def numbers(values: object) -> list[float]:
+    """All numbers below a node, in order."""
+    if isinstance(values, dict):
+        return [number for key, below in values.items() if key != "columns" for number in numbers(below)]
+    if isinstance(values, list | tuple):
+        return [number for below in values for number in numbers(below)]
+    return [] if values is None else [float(values)]  # type: ignore[arg-type]
+
+
+def test_the_copy_of_the_papers_numbers_is_as_it_was_transcribed() -> None:
+    canonical = json.dumps(PAPER, sort_keys=True).encode()
+    assert hashlib.sha256(canonical).hexdigest()[:16] == "441883bea3f0ccf5"
+    assert PAPER["table_2"]["3dgs"]["gepp"] == [28.96, 0.871, 0.186]
+    assert PAPER["table_9"]["tanks_temples"]["std"] == [0.05, 0.0001, 0.0001]
+
+
+def test_there_are_ten_tables_three_figures_and_our_own_studies() -> None:
+    tables = [f"table_{number}" for number in range(1, 11)]
+    assert asked_names("all") == (*tables, "figure_5", "figure_6", "figure_7")
+    assert {"gates", "generator", "alignment", "depth", "references", "losses", "sizes", "mode"} <= set(
+        asked_names("studies")
+    )
+    assert asked_names(["2", 2, "table_2"]) == ("table_2",)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
+    one = experiment(name, scale)
+    learning = [row for row, values in one.table.rows.items() if values.train]
+    assert set(learning) <= set(one.table.rows)
+    assert all(row.about for row in one.table.rows.values())
+    assert one.table.about
+    assert one.table.rows[one.table.baseline].role == "" or one.table.kind == "cost"
+    for dataset in one.table.datasets.values():
+        assert dataset.scenes
+        assert dataset.stand_in or scale.name == "paper"
+    if one.table.kind == "repeats":
+        assert len(one.table.seeds) >= (2 if scale.name == "smoke" else 3)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("table_")])
+def test_the_papers_values_are_carried_over_exactly(name) -> None:
+    table = experiment(name, configured("smoke").scale).table
+    found, printed = numbers(dict(table.paper)), numbers(PAPER[name])
+    if name == "table_3":
+        assert table.paper["2k"] == {"ge": (1105.0, 19300.0), "gepp_lr": (1339.0, 19500.0), "gepp_sr": None}
+        assert table.paper["4k"] == {"ge": None, "gepp_lr": None, "gepp_sr": (412.0, 16100.0)}
+        return
+    assert found == printed
+    blocks = {"repeats": set(table.datasets), "quality": set(table.splats)}[table.kind]
+    assert set(table.paper) == blocks
+    if table.kind == "quality":
+        assert all(set(rows) <= set(table.rows) for rows in table.paper.values())
+
+
+def test_all_scenes_of_the_paper_are_in_its_scale() -> None:
+    datasets = configured("paper").scale.datasets
+    counts = {key: len(dataset.scenes) for key, dataset in datasets.items()}
+    assert counts == {"mip_nerf_360": 9, "tanks_temples": 2, "deep_blending": 2, "nerf_synthetic": 8}
+    for dataset in datasets.values():
+        for (choice,) in dataset.scenes.values():
+            assert (ROOT / "conf" / f"{choice.replace('=', '/')}.yaml").is_file()
+
+
+def test_desk_measures_the_sparse_fits_of_the_quality_table_and_needs_no_capture() -> None:
+    """The same overrides make the same run: what was fitted for one is found by the other."""
+    with initialize_config_dir(CONF, version_base="1.3"):
+        quality, desk = compose("quality", ["backbones=null"]), configured_inside("desk")
+        group = quality.groups.procedural
+        known = {
+            frozenset((*scene, f"splat={splat}", *quality.fit, *group.densities.sparse.fit))
+            for scene in group.scenes.values()
+            for splat in quality.splats
+        }
+    cells = {frozenset(cell.fit) for number in (7, 8, 9) for cell in experiment(f"table_{number}", desk.scale).cells}
+    assert cells == known
+    pairs = Runs(desk).pairs("usual")
+    assert len(pairs["train"]) == 12
+    assert all("captures" not in word for side in pairs.values() for one in side for word in one)
+
+
+def configured_inside(scale: str):
+    return compose("tables", ["table=all", f"scale={scale}"])
+
+
+def rows() -> list[tuple[str, str]]:
+    """A study and a row for every choice of overrides of the job train, once."""
+    found: dict[tuple[str, ...], tuple[str, str]] = {}
+    for path in sorted((ROOT / "ablations").glob("*/*.yaml")):
+        study = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for row, values in study["rows"].items() if "rows" in study else ():
+            if values.get("train"):
+                found[(*study.get("train", ()), *values["train"])] = (path.stem, row)
+    return sorted(found.values())
+
+
+@pytest.mark.parametrize(("name", "row"), rows())
+def test_every_row_composes_and_builds_what_it_names(name, row) -> None:
+    scale = configured("smoke").scale
+    overrides = experiment(name, scale).table.rows[row].train
+    with initialize_config_dir(CONF, version_base="1.3"):
+        parent = compose("tables", ["table=all", "scale=smoke"])
+        job = composed("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
+    build(job.fusion)
+    build(job.objective)
+    preparation = build(job.preparation)
+    assert preparation.fine == (row == "gepp_sr")
+
+
+def test_files_behind_rows_are_used_and_say_why_they_are_fair() -> None:
+    words = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "ablations").glob("*/*.yaml"))
+    for group in ("gates", "generator", "alignment", "depth", "references", "mode", "variant"):
+        for path in (ROOT / "conf/ablation" / group).glob("*.yaml"):
+            assert f"+ablation/{group}={path.stem}]" in words or f"+ablation/{group}={path.stem}," in words, path.name
+            lines = path.read_text(encoding="utf-8").splitlines()
+            assert lines[0] == "# @package _global_"
+            assert lines[1].startswith("# ")
+            assert len(lines) <= 15
