@@ -120,7 +120,8 @@ class Results:
         if not self.costs:
             return self.table.splats
         found = sorted({(record.size, record.splat) for record in records if record.splat})
-        return tuple(dict.fromkeys([*self.table.paper, *(block for _, block in found)]))
+        sizes = (name for name, dataset in self.table.datasets.items() if dataset.scenes == (name,))
+        return tuple(dict.fromkeys([*self.table.paper, *sizes, *(block for _, block in found)]))
 
     def _seeds(self, row: str, records: Sequence[Record]) -> tuple[int, ...]:
         """The seeds of a row's trainings; none where it needs none. Cost is that of the seeds that were timed."""

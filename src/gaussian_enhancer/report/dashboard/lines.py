@@ -114,7 +114,7 @@ def block_of(table: Table, record: Record) -> str:
 def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[int, str]]]) -> Iterator[Line]:
     table = results.table
     for block in results.blocks:
-        for key, scenes in _datasets(results):
+        for key, scenes in _datasets(results, block):
             for row in table.rows:
                 if table.kind == "repeats" and row == table.baseline:
                     continue
@@ -137,13 +137,13 @@ def _members(table: Table, records: Sequence[Record]) -> dict[tuple[str, str], l
     return found
 
 
-def _datasets(results: Results) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every dataset's key and scenes, and all together where there are several, or none."""
-    datasets = results.table.datasets
+def _datasets(results: Results, block: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every dataset's key and scenes, and all together where there are several, or none, or the block is a size."""
+    datasets = {} if results.costs else results.table.datasets
     for key, dataset in datasets.items():
         yield key, dataset.scenes
     if len(datasets) != 1 and results.table.kind != "repeats":
-        yield ALL, results.scenes
+        yield ALL, results.scenes_of(block)
 
 
 def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) -> Number:
