@@ -53,12 +53,15 @@ def all_of(page, selector: str, read: str = "e.textContent") -> list:
 
 def go(page, address: str) -> None:
     """Follow an address within the page, drawn when this returns."""
+    page.execute_script("location.hash = arguments[0]", address)
+    until(page, "document.documentElement.dataset.drawn === location.hash")
+
+
+def until(page, condition: str) -> None:
+    """Wait for what an event brings about."""
     from selenium.webdriver.support.ui import WebDriverWait
 
-    page.execute_script("location.hash = arguments[0]", address)
-    WebDriverWait(page, 30).until(
-        lambda p: p.execute_script("return document.documentElement.dataset.drawn === location.hash")
-    )
+    WebDriverWait(page, 30).until(lambda p: p.execute_script(f"return {condition}"))
 
 
 def click(page, selector: str) -> None:
@@ -127,10 +130,12 @@ def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -
     assert all_of(page, "dialog[open]") == []
     click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=value][data-metric=psnr] button")
     page.find_element("link text", "All 12 records of this cell").click()
+    until(page, "document.documentElement.dataset.drawn.startsWith('#measurements')")
     assert sorted(all_of(page, "#part-measurements tbody tr", "e.dataset.record")) == sorted(own)
     click(page, "#part-measurements tbody button")
     assert all_of(page, "dialog dd", "e.textContent")[-1] in own
     page.find_element("partial link text", "train/gepp-seed").click()
+    until(page, "document.documentElement.dataset.drawn.startsWith('#settings')")
     assert all_of(page, "[role=tab][aria-selected=true]", "e.dataset.part") == ["settings"]
     assert all_of(page, "dialog[open]") == []
 
@@ -188,6 +193,25 @@ def test_curves_and_distributions_are_drawn(page, listed: tuple[Listed, ...]) ->
         if (r.variant, r.scene, r.kind) == ("ge", "yard", "quality")
     )
     assert all_of(page, ".median", "Number(e.dataset.median)")[0] == pytest.approx((gains[2] + gains[3]) / 2, abs=1e-9)
+
+
+def test_every_link_leads_somewhere(page) -> None:
+    found: set[str] = set()
+    for part in PARTS:
+        go(page, f"#{part}")
+        found |= set(all_of(page, "main a", "e.getAttribute('href')"))
+    click(page, "#tab-tables")
+    click(page, "#table-table_2 tr[data-row=gepp] [data-of=gain] button")
+    found |= set(all_of(page, "dialog a", "e.getAttribute('href')"))
+    assert {address.partition("?")[0] for address in found} == {"#tables", "#measurements", "#settings"}
+    for address in sorted(found):
+        go(page, address)
+        assert all_of(page, "[role=tabpanel]:not([hidden])", "e.id") == [f"part-{address[1:].partition('?')[0]}"]
+        if address.startswith("#tables?table="):
+            assert len(all_of(page, f"#table-{address.partition('=')[2]}")) == 1
+        if address.startswith("#measurements"):
+            assert all_of(page, "#part-measurements tbody tr")
+        assert not [text for text in all_of(page, ".absent") if text.startswith("No record names")]
 
 
 def test_names_are_text_everywhere(page) -> None:

@@ -64,10 +64,10 @@ def document(
     scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js") for name in SCRIPTS)]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)
-    lacking = f" · {missing} records of what is missing" if missing else ""
+    lacking = f" · {missing} of them of what is missing" if missing else ""
     values = {
         "title": title,
-        "subtitle": f"{len(listed)} tables · {len(records)} records{lacking}",
+        "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{lacking}",
         "style": Markup(resource("report.css") + resource("dashboard/dashboard.css")),
         "data": json_block(data),
         "script": Markup("(() => {\n" + "".join(scripts) + "})();"),
@@ -75,3 +75,7 @@ def document(
         "commit": this_commit(),
     }
     return fill("dashboard/dashboard.html", values)
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count:,} {word}{'' if count == 1 else 's'}"

@@ -39,7 +39,7 @@ function quantile(sorted, share) {
 }
 
 function stripChart(table, metric, row, strips, reach) {
-  const [width, left, right, step] = [900, 210, 190, 26];
+  const [width, left, right, step] = [900, 200, 250, 26];
   const [low, high] = range([...reach, 0]);
   const height = strips.length * step + 44;
   const x = (value) => left + ((width - left - right) * (value - low)) / (high - low);

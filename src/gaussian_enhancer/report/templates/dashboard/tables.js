@@ -13,7 +13,7 @@ function tableSection(table) {
   const section = element("section", { class: "part", id: `table-${table.name}` },
     element("h2", {}, table.title), element("p", {}, table.about));
   for (const dataset of Object.values(table.datasets)) {
-    if (dataset.stand_in) section.append(note(`${dataset.title} is not measured here: ${dataset.stand_in} stands in for it.`));
+    if (dataset.stand_in) section.append(note(`Stand-in for ${dataset.title}, which is not measured here: ${dataset.stand_in}.`));
   }
   if (table.absent) section.append(element("p", { class: "absent" }, table.absent));
   if (table.outside) section.append(element("p", { class: "absent" }, `${plural(table.outside, "record")} of rows, scenes, splats or seeds that the description does not ask for: in no number here.`));

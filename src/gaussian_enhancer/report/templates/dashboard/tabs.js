@@ -10,6 +10,7 @@ const PARTS = {
 
 function go(part, values) {
   location.hash = address(part, values);
+  open();
 }
 
 function open() {
@@ -21,7 +22,11 @@ function open() {
     tab.tabIndex = chosen ? 0 : -1;
     document.getElementById(`part-${tab.dataset.part}`).hidden = !chosen;
   }
-  PARTS[part][1](document.getElementById(`part-${part}`), new URLSearchParams(query ?? ""));
+  const panel = document.getElementById(`part-${part}`);
+  const choices = () => [...panel.querySelectorAll(".choice > :is(select, input)")];
+  const focused = choices().indexOf(document.activeElement);
+  PARTS[part][1](panel, new URLSearchParams(query ?? ""));
+  if (focused >= 0) choices()[focused]?.focus(); // a choice redraws the part that it stands in
   document.documentElement.dataset.drawn = location.hash;
 }
 
@@ -40,7 +45,7 @@ function setUp() {
     next.focus();
     next.click();
   });
-  addEventListener("hashchange", open);
+  addEventListener("hashchange", () => { if (document.documentElement.dataset.drawn !== location.hash) open(); });
   open();
 }
 
