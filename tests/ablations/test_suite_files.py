@@ -5,8 +5,8 @@ import json
 from pathlib import Path
 
 import pytest
-import yaml
 from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.cells import composed
@@ -16,7 +16,13 @@ from gaussian_enhancer.apps.suite import asked_names, experiment, known_names
 ROOT = Path(__file__).parents[2]
 CONF = str(ROOT / "conf")
 NAMES = [name for group in known_names().values() for name in group]
-PAPER = yaml.safe_load((ROOT / "ablations/paper.yaml").read_text(encoding="utf-8"))
+
+
+def loaded(path: Path):
+    return OmegaConf.to_container(OmegaConf.load(path))
+
+
+PAPER = loaded(ROOT / "ablations/paper.yaml")
 
 
 def configured(scale: str):
@@ -118,7 +124,7 @@ def rows() -> list[tuple[str, str]]:
     """A study and a row for every choice of overrides of the job train, once."""
     found: dict[tuple[str, ...], tuple[str, str]] = {}
     for path in sorted((ROOT / "ablations").glob("*/*.yaml")):
-        study = yaml.safe_load(path.read_text(encoding="utf-8"))
+        study = loaded(path)
         for row, values in study["rows"].items() if "rows" in study else ():
             if values.get("train"):
                 found[(*study.get("train", ()), *values["train"])] = (path.stem, row)

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 VIEWS = 9
 """Views of a cell, where its fit is not there to be counted."""
@@ -76,8 +75,8 @@ def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
 
 def _config(folder: Path) -> dict[str, Any] | None:
     file = folder / "config.yaml"
-    loaded = yaml.load(file.read_text(encoding="utf-8"), yaml.CSafeLoader) if file.is_file() else None
-    return loaded if isinstance(loaded, dict) else None
+    loaded = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else None
+    return {str(key): value for key, value in loaded.items()} if isinstance(loaded, dict) else None
 
 
 def _fit_kind(cfg: Mapping[str, Any]) -> str:

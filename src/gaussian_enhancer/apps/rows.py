@@ -160,7 +160,7 @@ class Runs:
             own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{row}")
             cell_fit = self._tried(job.fit, partial(self._fitted, cell.fit))
             weights = self.weights(experiment, row, seed)
-            settings = {"weights": weights, "enhance": list(choice.enhance)}
+            settings: dict[str, Any] = {"weights": weights, "enhance": list(choice.enhance)}
             settings |= {"upscale": choice.upscale, "render": choice.render}
             images = images_of(self.cfg, cell, row, OmegaConf.create(settings))
             label = Label(images.run, cell.scene, cell.splat, row)
