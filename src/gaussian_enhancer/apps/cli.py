@@ -27,6 +27,7 @@ JOBS = {
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",
     "report": "make a page to look at from a measured run",
+    "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
@@ -87,7 +88,7 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     """Hand a job to Hydra, with the remaining words of the command line as its own."""
     import hydra
 
-    sys.argv = [f"gaussian-enhancer {job}", *arguments]
+    sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
     try:
         hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
     except InputError as error:
