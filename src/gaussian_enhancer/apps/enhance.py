@@ -4,16 +4,19 @@ import shutil
 import statistics
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 from torch import Tensor
 
 from gaussian_enhancer.apps.run import open_run
-from gaussian_enhancer.apps.runtime import start
+from gaussian_enhancer.apps.runtime import choose_device, start
 from gaussian_enhancer.apps.task import Task, read_task
+from gaussian_enhancer.apps.together import Place, together
 from gaussian_enhancer.enhance.alignment import Reprojected
 from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
@@ -40,34 +43,72 @@ def run(cfg: DictConfig) -> float | None:
     Returns:
         Median milliseconds an image took in the network.
     """
-    device = start(cfg.runtime)
+    count = _processes(cfg)
     console = Console(stderr=True)
-    pretrained = load_weights(cfg.weights)
-    task = read_task(cfg, device.type, pretrained.preparation.fine)
-    preparation, note = _fitting(_asked(pretrained, cfg, task.depth), task.rendered)
-    enhancer = Enhancer(
-        pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=_strength(pretrained, cfg)
-    )
-    check_tiles(enhancer.tile, enhancer.halo)
+    enhancer, task, note = _ready(cfg, start(cfg.runtime))
+    preparation, scale = enhancer.preparation, enhancer.network.scale
     hidden = not (cfg.runtime.progress and console.is_terminal)
     for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):
         read()
     for line in filter(None, (task.note, note)):
         console.print(line, highlight=False, soft_wrap=True)
-    views = enhancer(task.rendered)
-    shown = track(views, "enhancing", total=len(task.rendered.targets), console=console, disable=hidden)
+
+    def written_to(folder: Path) -> list[Enhanced]:
+        if count > 1:
+            every: list[Enhanced] = together(partial(_share, folder), cfg, count)
+            return every
+        total = len(task.rendered.targets)
+        shown = track(enhancer(task.rendered), "enhancing", total=total, console=console, disable=hidden)
+        return _write(shown, folder)
+
     if cfg.output:
-        return _tell(_write(shown, Path(cfg.output)), Path(cfg.output), console)
+        return _tell(written_to(Path(cfg.output)), Path(cfg.output), console)
     job = open_run(cfg, "enhance", task.rendered.name)
     side = job.folder / "test" / f"ours_{task.step}"
-    written = _write(shown, side / "enhanced")
-    if pretrained.network.scale == 1:
+    written = written_to(side / "enhanced")
+    if scale == 1:
         _keep_sources(task.rendered, side)
     else:
-        _keep_fine_sources(task.rendered, side, pretrained.network.scale)
+        _keep_fine_sources(task.rendered, side, scale)
     write_records(job.folder / "records.jsonl", [_cost(one, job.folder.name, task) for one in written])
     job.finish()
     return _tell(written, job.folder, console)
+
+
+def _ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, str]:
+    """What enhances, what is enhanced, and what had to be left out in words."""
+    pretrained = load_weights(cfg.weights)
+    task = read_task(cfg, device.type, pretrained.preparation.fine)
+    preparation, note = _fitting(_asked(pretrained, cfg, task.depth), task.rendered)
+    strength = _strength(pretrained, cfg)
+    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=strength)
+    check_tiles(enhancer.tile, enhancer.halo)
+    return enhancer, task, note
+
+
+def _share(folder: Path, cfg: DictConfig, place: Place) -> list[Enhanced]:
+    """One process's part of the views; all of them are returned, in their order."""
+    from gaussian_enhancer.apps.predict import predicted
+
+    device = start(cfg.runtime)
+    device = torch.device("cuda", place.rank) if device.type == "cuda" else device
+    enhancer, task, _ = _ready(cfg, device)
+    return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress)
+
+
+def _processes(cfg: DictConfig) -> int:
+    """How many processes share the views.
+
+    Raises:
+        InputError: the number is not positive, or there are fewer graphics cards.
+    """
+    count = cfg.runtime.get("processes", 1)
+    if not isinstance(count, int) or count < 1:
+        raise InputError("runtime.processes", f"is {count!r}", "give a positive number")
+    if count > 1 and choose_device(cfg.runtime.device).type == "cuda" and count > torch.cuda.device_count():
+        received = f"is {count} on {torch.cuda.device_count()} graphics cards"
+        raise InputError("runtime.processes", received, "give at most one process a card")
+    return count
 
 
 def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Preparation:

@@ -3,54 +3,77 @@
 import copy
 import json
 import time
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.apps.build import build, plain, require
 from gaussian_enhancer.apps.finer import FinePhotos
-from gaussian_enhancer.apps.run import open_run, write_text
+from gaussian_enhancer.apps.run import Run, open_run, write_text
 from gaussian_enhancer.apps.runtime import start
-from gaussian_enhancer.apps.trainer import make_trainer, quieten
+from gaussian_enhancer.apps.together import Place, together
+from gaussian_enhancer.apps.trainer import alike, alone, make_trainer, processes, quieten
 from gaussian_enhancer.enhance.weights import count_parameters, design_of, preparation_of, save_weights
+
+if TYPE_CHECKING:
+    from gaussian_enhancer.train.data import RunsData
 
 
 def run(cfg: DictConfig) -> float | None:
     """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
 
+    With ``trainer.devices=2`` two processes train together and do what one would: each takes half of every batch.
+
     Returns:
         The mean gain in PSNR over the raw renders of the validation runs, in dB.
     """
-    cfg = with_effect(cfg)
+    cfg = _without_idle(cfg)
     require(cfg)
     start(cfg.runtime)
-    job = open_run(cfg, "train", cfg.label)
-    if job.done:
-        print(f"trained already: {job.folder / 'weights.safetensors'}")
-        return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+    count = processes(cfg)
+    job = open_run(alike(cfg), "train", cfg.label)
+    with alone(job.folder):
+        if job.done:
+            print(f"trained already: {job.folder / 'weights.safetensors'}")
+            return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+        quieten()
+        if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
+            _data(cfg).prepare_data()
+        gain: float | None = together(partial(_train, job), cfg, count)
+        return gain
+
+
+def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
+    """One process's part; the first writes what comes of it."""
     # Heavy, and of no use to those who only ask for help.
     from lightning import seed_everything
 
+    from gaussian_enhancer.train.loggers import watching
     from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
     from gaussian_enhancer.train.waiting import Waiting
 
+    start(cfg.runtime)
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
-    finer = FinePhotos(Path(cfg.runs) / "photos")
-    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress, finer=finer)
+    data = _data(cfg)
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
         build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps, cfg.coarse
     )
     waiting = Waiting()
-    trainer = make_trainer(cfg, job.folder, "last", [waiting])
+    trainer = make_trainer(cfg, job, "last", [waiting], place=place)
     last = job.folder / "last.ckpt"
     started = time.time()
-    trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
-    if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
-        print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
+    with watching(trainer.loggers):
+        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
+            print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
+            return None
+        gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    if not trainer.is_global_zero:
         return None
-    gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     preparation = build(cfg.preparation)
     card = {
         **plain(cfg.card),
@@ -76,13 +99,25 @@ def run(cfg: DictConfig) -> float | None:
     return gains["gain/psnr"]
 
 
-def with_effect(cfg: DictConfig) -> DictConfig:
-    """The configuration without the simulator where nothing is simulated.
+def _data(cfg: DictConfig) -> "RunsData":
+    finer = FinePhotos(Path(cfg.runs) / "photos")
+    data: RunsData = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress, finer=finer)
+    return data
 
-    Then neither gate nor generator has an effect: they are not built, and do not make another run of the same.
+
+def with_effect(cfg: DictConfig) -> DictConfig:
+    """The configuration as it determines what is trained, which names the run.
 
     Args:
         cfg: the job's whole configuration.
+    """
+    return alike(_without_idle(cfg))
+
+
+def _without_idle(cfg: DictConfig) -> DictConfig:
+    """The configuration without the simulator where nothing is simulated.
+
+    Then neither gate nor generator has an effect: they are not built, and do not make another run of the same.
     """
     if cfg.data.simulated != 0:
         return cfg

@@ -11,10 +11,11 @@ from rich.console import Console
 from gaussian_enhancer.apps.build import build, plain, require
 from gaussian_enhancer.apps.run import Run, open_run, write_text
 from gaussian_enhancer.apps.runtime import start
-from gaussian_enhancer.apps.trainer import make_trainer, quieten
+from gaussian_enhancer.apps.trainer import alike, make_trainer, processes, quieten
 from gaussian_enhancer.degrade.generative import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.weights import load_model, save_model
 from gaussian_enhancer.enhance.weights import count_parameters
+from gaussian_enhancer.errors import InputError
 
 STEPS = ("paired", "diffused")
 
@@ -27,7 +28,10 @@ def run(cfg: DictConfig) -> float | None:
     """
     require(cfg)
     start(cfg.runtime)
-    job = open_run(cfg, "train_generator", cfg.label)
+    if processes(cfg) > 1:
+        received = f"is {cfg.trainer.devices}, but the simulator's noise is drawn for whole batches"
+        raise InputError("trainer.devices", received, "train it with trainer.devices=1")
+    job = open_run(alike(cfg), "train_generator", cfg.label)
     console = Console(stderr=True)
     weights = job.folder / "weights.safetensors"
     if job.done:
@@ -73,6 +77,7 @@ def run(cfg: DictConfig) -> float | None:
 def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
     """Train one step and keep its running mean; None where it was stopped before its end."""
     from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
+    from gaussian_enhancer.train.loggers import watching
 
     steps = int(cfg[step].steps)
     rest = (build(cfg.loss), build(cfg[step].optimiser), steps)
@@ -82,11 +87,12 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
     else:
         before = load_model(job.folder / "paired.safetensors").model
         module = DiffusedModule(before, *rest, sampler=build(cfg.sampler), seed=cfg.seed + 1)
-    trainer = make_trainer(cfg, job.folder, step, logs=job.folder / step, max_steps=steps)
+    trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
     last = job.folder / f"{step}.ckpt"
-    trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
-    if trainer.interrupted or trainer.global_step < steps:
-        return None
-    found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    with watching(trainer.loggers):
+        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        if trainer.interrupted or trainer.global_step < steps:
+            return None
+        found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     save_model(job.folder / f"{step}.safetensors", module.average, {})
     return found

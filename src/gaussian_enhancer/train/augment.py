@@ -81,18 +81,21 @@ class Augmentation:
         chosen = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept]]
         return np.concatenate([planes[:fixed], *chosen])
 
-    def relight(self, batch: Batch, generator: torch.Generator) -> Batch:
+    def relight(self, batch: Batch, generator: torch.Generator, start: int = 0, whole: int | None = None) -> Batch:
         """Change the light of whole samples, and the exposure of their references.
 
         Args:
             batch: crops.
             generator: source of randomness.
+            start: place of the first crop in the whole batch that these are a part of.
+            whole: size of that batch; what is drawn is the same in whichever parts it comes. None: these are all.
         """
         views = batch.views
         size, count = views.references.shape[:2]
-        light = torch.exp(self.light * torch.randn(size, 3, 1, 1, generator=generator))
-        one = torch.randn(size, count, 1, 1, 1, generator=generator)
-        each = torch.randn(size, count, 3, 1, 1, generator=generator)
+        whole, part = size if whole is None else whole, slice(start, start + size)
+        light = torch.exp(self.light * torch.randn(whole, 3, 1, 1, generator=generator)[part])
+        one = torch.randn(whole, count, 1, 1, 1, generator=generator)[part]
+        each = torch.randn(whole, count, 3, 1, 1, generator=generator)[part]
         exposure = torch.exp(self.exposure * (one + 0.5 * each))
 
         def lit(image: Tensor, gain: Tensor) -> Tensor:

@@ -1,13 +1,14 @@
 """Crops by seed, batches of them, and the order in which they are drawn."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch.utils.data import Dataset, Sampler
 
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.samples import FINE, Sample, batch_of
+from gaussian_enhancer.train.share import Share
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
@@ -55,17 +56,47 @@ class Collate:
     augmentation: Augmentation
     simulation: Simulation | None = None
 
-    def __call__(self, items: list[tuple]) -> Batch:
-        """A batch.
+    def __call__(self, items: list[tuple], share: Share | None = None, has_renders: bool = True) -> Batch:
+        """A batch, or a share of one.
 
         Args:
             items: planes, sample, seed and, where all have them, fine planes of each crop, as `Crops` gives them.
+            share: the whole batch that the crops are a share of; None where they are all of it.
+            has_renders: whether the splat's renders of the references' views are known for the whole batch.
         """
         planes, samples, seeds, *fine = zip(*items, strict=True)
         batch = batch_of(planes, samples, self.references, *fine)
+        if not has_renders:
+            batch = replace(batch, views=replace(batch.views, reference_renders=None))
         if self.simulation is not None:
             batch = self.simulation(batch, samples, seeds)
-        return self.augmentation.relight(batch, torch.Generator().manual_seed(seeds[0]))
+        if share is None:
+            return self.augmentation.relight(batch, torch.Generator().manual_seed(seeds[0]))
+        generator = torch.Generator().manual_seed(share.crops[0][1])
+        return self.augmentation.relight(batch, generator, share.start, len(share.crops))
+
+
+@dataclass(frozen=True)
+class SharedCollate:
+    """Crops of one process's share to a batch: what the whole batch would be, cut to the share.
+
+    Args:
+        collate: of whole batches.
+        samples: all that crops are cut from.
+    """
+
+    collate: Collate
+    samples: Sequence[Sample]
+
+    def __call__(self, items: list[tuple[tuple, Share]]) -> Batch:
+        """A batch.
+
+        Args:
+            items: crops, as `SharedCrops` gives them.
+        """
+        crops, (share, *_) = zip(*items, strict=True)
+        has_renders = all(self.samples[number].has_reference_renders for number, _ in share.crops)
+        return self.collate(list(crops), share, has_renders)
 
 
 def never(seed: int) -> bool:

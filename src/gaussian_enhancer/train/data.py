@@ -15,14 +15,17 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
-from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, never
+from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
+from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
 
 class RunsData(LightningDataModule):
     """Held-out views of fitted runs: random crops to train on, whole images to validate on.
+
+    Where several processes train together, each takes its part of every batch and of the whole images.
 
     Args:
         train: patterns of run folders. Each pattern is one source and is drawn from equally often, however many
@@ -31,11 +34,11 @@ class RunsData(LightningDataModule):
         preparation: how references are aligned; each (target, reference) pair is warped once and cached.
         cache: folder for prepared samples.
         augmentation: what training varies.
-        batch_size: crops in a step.
+        batch_size: crops in a step, of all processes together.
         steps_per_epoch: steps between two validations.
         snapshots: take the renders of all of a run's snapshots (weak fits teach most), or of the last alone.
         validation_views: at most so many whole images, spread evenly over those that there are.
-        workers: processes that load crops; threads that prepare samples, at least one.
+        workers: processes that load crops, for each that trains; threads that prepare samples, at least one.
         seed: of crops and their order.
         progress: show a bar while samples are prepared.
         simulator: makes renders from photos; None where none are made.
@@ -118,6 +121,11 @@ class RunsData(LightningDataModule):
         simulated = never if self.simulation is None else self.simulation.drawn
         draw = BalancedDraw(pairs, self.batch_size * self.steps_per_epoch, self.seed + epoch, photos, simulated)
         collate = Collate(self.preparation.references, self.augmentation, self.simulation)
+        rank, ranks = self._place()
+        if ranks > 1:
+            shares = SharedBatches(draw, self.batch_size, rank, ranks)
+            several = SharedCollate(collate, crops.samples)
+            return DataLoader(SharedCrops(crops), batch_sampler=shares, collate_fn=several, num_workers=self.workers)
         return DataLoader(
             crops, self.batch_size, sampler=draw, collate_fn=collate, num_workers=self.workers, drop_last=True
         )
@@ -133,7 +141,12 @@ class RunsData(LightningDataModule):
             batch = batch_of([sample.planes()], [sample], references, [sample.fine_planes()])
             return batch if simulation is None else simulation(batch, [sample], [seed])
 
-        return DataLoader(list(enumerate(chosen)), batch_size=1, collate_fn=collate)  # type: ignore[arg-type]
+        own = Strided(len(chosen), *self._place())
+        return DataLoader(list(enumerate(chosen)), batch_size=1, sampler=own, collate_fn=collate)  # type: ignore[arg-type]
+
+    def _place(self) -> tuple[int, int]:
+        """This process's number and how many train together."""
+        return (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)
 
     def _collect(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

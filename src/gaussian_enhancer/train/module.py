@@ -15,6 +15,7 @@ from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.objective.objective import Objective
 from gaussian_enhancer.train.average import follow
+from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch, quantised
 
 
@@ -40,8 +41,25 @@ class Optimiser:
         return rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / max(1, steps))))
 
 
+@dataclass(frozen=True)
+class Judged:
+    """What a validation found of one view.
+
+    Args:
+        place: of the view among all.
+        name: set and view.
+        gains: over the raw render, by metric.
+    """
+
+    place: int
+    name: str
+    gains: dict[str, float]
+
+
 class EnhancerModule(LightningModule):
     """Trains a network; keeps the running mean of its weights as ``average`` and validates with that.
+
+    Several processes that share a training log what one would: means over all their crops and views.
 
     Args:
         network: maps views to enhanced images.
@@ -67,6 +85,7 @@ class EnhancerModule(LightningModule):
         self.average = copy.deepcopy(network).requires_grad_(False)
         self.objective, self.metrics, self.optimiser, self.steps = objective, dict(metrics), optimiser, steps
         self.coarse = coarse
+        self.judged: list[Judged] = []
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops."""
@@ -80,24 +99,37 @@ class EnhancerModule(LightningModule):
                 )
                 total = total + self.coarse * self.objective(image.float(), photo, render)[0]
         size = len(batch.names)
-        self.log("train/total", total, prog_bar=True, batch_size=size)
-        self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size)
+        self.log("train/total", total, prog_bar=True, batch_size=size, sync_dist=True)
+        self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size, sync_dist=True)
         return total
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
         """Move the average towards the weights."""
         follow(self.average, self.network, self.optimiser.average, self.global_step)
 
-    def validation_step(self, batch: Batch, index: int) -> None:
-        """Gain over the raw render on a whole image, both quantised to 8 bit."""
+    def on_validation_epoch_start(self) -> None:
+        """Forget the last validation."""
+        self.judged = []
+
+    def validation_step(self, batch: Batch, index: int) -> dict[str, Any]:
+        """Gain over the raw render on a whole image, both quantised to 8 bit; returns its place and image."""
         enhanced = quantised(self.average(batch.views).float())
         raw = quantised(enlarged(batch.views.render, self.network.scale))
         with torch.autocast(self.device.type, enabled=False):
             gains = {
-                f"gain/{name}": metric(enhanced, batch.photo) - metric(raw, batch.photo)
+                name: float(metric(enhanced, batch.photo) - metric(raw, batch.photo))
                 for name, metric in self.metrics.items()
             }
-        self.log_dict(gains, prog_bar=True, batch_size=1)
+        place = index * self.trainer.world_size + self.trainer.global_rank
+        self.judged.append(Judged(place, batch.names[0], gains))
+        return {"place": place, "enhanced": enhanced}
+
+    def on_validation_epoch_end(self) -> None:
+        """Log each metric's mean gain over all views, however many each process had."""
+        self.judged = sorted(gathered(self.judged), key=lambda one: one.place)
+        for name in self.metrics if self.judged else ():
+            mean = math.fsum(one.gains[name] for one in self.judged) / len(self.judged)
+            self.log(f"gain/{name}", mean, prog_bar=True, rank_zero_only=False)
 
     def configure_optimizers(self) -> Any:
         """AdamW on the network's parameters; convolutions' weights alone decay."""

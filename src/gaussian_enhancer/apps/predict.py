@@ -1,0 +1,67 @@
+"""The views of a set enhanced by several processes, each a part of them, in Lightning's prediction loop."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from lightning import LightningModule, Trainer
+from torch.utils.data import DataLoader
+
+from gaussian_enhancer.apps.together import Place
+from gaussian_enhancer.apps.trainer import quieten
+from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.enhance.images import write_image
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.train.share import Strided, gathered
+
+
+class Prediction(LightningModule):
+    """Enhances one view a step and writes it.
+
+    Args:
+        enhancer: the network with its preparation; it stays on its own device.
+        rendered: this process's part of the views.
+        folder: where images are written.
+    """
+
+    def __init__(self, enhancer: Enhancer, rendered: RenderedSet, folder: Path) -> None:
+        super().__init__()
+        # An iterator over all, since references that were read for one view serve the next.
+        self.views, self.folder = enhancer(rendered), folder
+
+    def predict_step(self, batch: torch.Tensor, index: int) -> Enhanced:
+        """The next view, without its pixels."""
+        one = next(self.views)
+        write_image(self.folder / one.name, one.image)
+        return replace(one, image=one.image[:, :0, :0].clone())
+
+
+def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Place, progress: bool) -> list[Enhanced]:
+    """Enhance this process's part of a set's targets and write the images.
+
+    Args:
+        enhancer: the network with its preparation.
+        rendered: the whole set.
+        folder: where images are written.
+        place: of this process.
+        progress: show a bar.
+
+    Returns:
+        All views, those of the other processes included, in the set's order, without their pixels.
+    """
+    quieten()
+    own = Strided(len(rendered.targets), place.rank, place.ranks)
+    part = replace(rendered, targets=tuple(rendered.targets[number] for number in own))
+    trainer = Trainer(
+        accelerator=enhancer.device.type,
+        logger=False,
+        enable_checkpointing=False,
+        enable_model_summary=False,
+        enable_progress_bar=progress,
+        **place.options(),
+    )
+    module = Prediction(enhancer, part, folder)
+    loader = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
+    written: list[Enhanced] = trainer.predict(module, loader) if part.targets else []  # type: ignore[assignment]
+    found = {one.name: one for one in gathered(written)}
+    return [found[view.name] for view in rendered.targets]
