@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,20 @@ class Estimates:
             return pixels / 1e6 * float(self.scale.minutes.megapixel)
         views = next((len(list(found.iterdir())) for found in self._photos(str(cfg.fit))), VIEWS * int(cfg.every))
         return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+
+    def blind(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
+        """Minutes that a run is likely to take whose configuration cannot be had yet, for instance without its dataset.
+
+        Args:
+            job: "fit", "train" or "row".
+            overrides: of its job.
+            finer: whether a row is measured against photos 4 times as fine.
+        """
+        if job == "row":
+            return VIEWS * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+        key = "settings.steps=" if job == "fit" else "trainer.max_steps="
+        steps = [float(word.split("=")[1]) for word in map(str, overrides) if word.startswith(key)]
+        return steps[-1] / 1000 * float(self.scale.minutes[job]) if steps else 0.0
 
     def _photos(self, fit: str) -> Iterator[Path]:
         yield from sorted((self.folder / "fit").glob(f"*-{fit}/test/ours_*/gt"))

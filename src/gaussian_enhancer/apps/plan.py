@@ -156,21 +156,29 @@ class _Plan:
         if key is not None and key in self.names:
             self.tables[self.names[key]][one.table.name] = None
             return self.known[self.names[key]].name
-        digest = self._step(job, label, configured, inputs, finer)
+        digest = self._step(job, label, configured, inputs, finer, key or ())
         if key is not None:
             self.names[key] = digest
         self.tables.setdefault(digest, {})[one.table.name] = None
         return self.known[digest].name
 
     def _step(
-        self, job: str, label: str, configured: Callable[[], DictConfig], inputs: tuple[str, ...], finer: bool
+        self,
+        job: str,
+        label: str,
+        configured: Callable[[], DictConfig],
+        inputs: tuple[str, ...],
+        finer: bool,
+        words: Sequence[Any],
     ) -> str:
         """A step by what its configuration says; its digest."""
         try:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
-            step = Step(job, label, State("not started"), inputs, 0.0, str(error), ())
+            step = Step(
+                job, label, State("not started"), inputs, self.estimates.blind(job, words, finer), str(error), ()
+            )
         else:
             digest = run_digest(cfg, job)
             found = find_run(cfg, job)
