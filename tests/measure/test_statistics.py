@@ -91,6 +91,17 @@ def test_an_interval_of_many_scenes_agrees_with_the_normal_one() -> None:
     assert (low, high) == pytest.approx(ends, abs=0.05)
 
 
+def test_an_interval_of_few_scenes_is_widened_as_its_source_says() -> None:
+    # tail = Phi(-sqrt(5 / 4) * 2.776) = 0.00096; of the 5^5 resamples 1 has mean 0, 5 have 0.2, 15 have 0.4
+    found = bootstrap_interval(sample({(f"s{i}", None): [float(i)] for i in range(5)}), resamples=50_000)
+    assert found == pytest.approx((0.2, 3.8))
+
+
+def test_a_scene_draws_as_many_views_as_it_has() -> None:
+    uneven = sample({("a", None): [-1.0, 1.0], ("b", None): [0.0] * 50})
+    assert bootstrap_interval(uneven) == (-1.0, 1.0)  # a twice, and both of its views the same
+
+
 def test_gaps_do_not_count_as_zeros() -> None:
     gappy = sample({("a", 0): [5.0, 5.0], ("a", 1): [5.0], ("b", 1): [5.0]})
     assert bootstrap_interval(gappy) == (5.0, 5.0)

@@ -142,7 +142,7 @@ def _difference(results: Results, block: str, row: str, other: str, metric: str)
 def _deviations(repeated: Sequence[tuple[Table, Sequence[Record]]]) -> Iterator[Finding]:
     """Our standard deviation against the paper's, dataset by dataset and metric by metric."""
     for table, records in repeated:
-        for line in table_lines(table, records):
+        for line in table_lines(Results(table, records), records):
             if line.statistic == "std":
                 for metric, number in line.numbers.items():
                     where = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"

@@ -73,7 +73,7 @@ class Figures:
     def __init__(self, table: Table, records: Sequence[Record]) -> None:
         self.table = table
         self.results = Results(table, records)
-        found = table_lines(table, records)
+        found = table_lines(self.results, records)
         self.lines: tuple[Line, ...] = (*found, *self._by_scene(found))
         self.tests: Mapping[Place, Significance] = significance(self.results, found)
         self.blocks: dict[tuple[str, str], list[Line]] = {}
