@@ -151,7 +151,7 @@ def test_a_dry_run_writes_and_computes_nothing_and_knows_what_is_done(tmp_path, 
 def test_a_dry_run_tells_what_is_missing(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     lacking = {
-        step.name: step.missing for step in plan("table=10", "scale.lpips=[lpips_vgg]", "scale.fit=[scene=gone]")
+        step.name: step.missing for step in plan("table=10", "scale.lpips=[lpips_vgg]", "scale.fit=['scene=gone']")
     }
     assert any("scene/gone" in missing for missing in lacking.values())
 

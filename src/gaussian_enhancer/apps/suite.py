@@ -153,7 +153,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
         raise InputError(f"paper: {name}", f"has the columns {', '.join(columns)}", "begin the metrics with these")
     factors = [1000.0 if column == "peak_memory_mb" else 1.0 for column in columns]
 
-    def scaled(cells: Sequence[float] | None) -> tuple[float, ...] | None:
+    def scaled(cells: Sequence[float | int] | None) -> tuple[float, ...] | None:
         return None if cells is None else tuple(v * f for v, f in zip(cells, factors, strict=True))
 
     if study["kind"] == "cost":  # printed row by row
