@@ -19,6 +19,7 @@ from gaussian_enhancer.apps import costs, rows, tables
 from gaussian_enhancer.apps.plan import planned
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.suite import asked_names, experiment
+from gaussian_enhancer.apps.train import with_effect
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.enhance.weights import save_weights
@@ -196,7 +197,7 @@ def test_a_training_that_fails_is_missing_once_and_marked(copied, monkeypatch) -
 
     def failing(job) -> None:
         tried.append(job)
-        open_run(job, "train", job.label)
+        open_run(with_effect(job), "train", job.label)
         raise RuntimeError("out of memory")
 
     monkeypatch.setattr(rows.train, "run", failing)

@@ -15,6 +15,7 @@ from gaussian_enhancer.apps.marks import NAMES, State, state_of
 from gaussian_enhancer.apps.rows import Runs
 from gaussian_enhancer.apps.run import find_run, run_digest
 from gaussian_enhancer.apps.suite import Experiment
+from gaussian_enhancer.apps.train import with_effect
 from gaussian_enhancer.errors import InputError
 
 
@@ -121,7 +122,9 @@ class _Plan:
         """The training of a row and the fits before it; its name."""
         fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[row]).values() for own in side]
         key = ("train", one.learns[row], *one.table.rows[row].train, seed)
-        return self._add(one, "train", f"seed{seed}", lambda: self.runs.train_job(one, row, seed), tuple(fits), key=key)
+        return self._add(
+            one, "train", f"seed{seed}", lambda: with_effect(self.runs.train_job(one, row, seed)), tuple(fits), key=key
+        )
 
     def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
         """A fit; its name."""

@@ -66,7 +66,7 @@ class Runs:
         }
 
     def train_job(self, experiment: Experiment, row: str, seed: int) -> DictConfig:
-        """Configuration of the job train, on exactly the fits that the scale names.
+        """Configuration of the job train, on exactly the fits that the scale names; loggers group it by its table.
 
         Raises:
             InputError: it is refused, or leaves a mandatory value open.
@@ -75,13 +75,14 @@ class Runs:
         for side, fits in self.pairs(experiment.learns[row]).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
         job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
+        job.study = experiment.table.name
         require(job)
-        return train.with_effect(job)
+        return job
 
     def train_digest(self, experiment: Experiment, row: str, seed: int) -> str:
         """The digest of a row's training."""
         key = ("train", experiment.learns[row], *experiment.table.rows[row].train, seed)
-        return self._digest(key, lambda: self.train_job(experiment, row, seed))
+        return self._digest(key, lambda: train.with_effect(self.train_job(experiment, row, seed)))
 
     def row_job(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> DictConfig:
         """What determines a row's records in a cell; ``seed`` is None where it learns nothing."""
@@ -110,12 +111,12 @@ class Runs:
         if seed is None:
             return experiment.table.rows[row].weights
         job = self.train_job(experiment, row, seed)
-        found = find_run(job, "train")
+        found = find_run(train.with_effect(job), "train")
         if found is None or not found.done:
             if not self.cfg.train_missing:
                 command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
                 raise InputError(f"weights of {row}, seed {seed}", "are not trained yet", command)
-            found = self._tried(run_digest(job, "train"), lambda: self._trained(experiment, row, job))
+            found = self._tried(self.train_digest(experiment, row, seed), lambda: self._trained(experiment, row, job))
         return str(found.folder / "weights.safetensors")
 
     def make(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> None:
@@ -195,7 +196,7 @@ class Runs:
             self._tried(self.fit_digest(overrides), partial(self._fitted, overrides))
         with marks.attempt():
             train.run(job)
-        found = find_run(job, "train")
+        found = find_run(train.with_effect(job), "train")
         if found is None or not found.done:
             raise KeyboardInterrupt
         return found
