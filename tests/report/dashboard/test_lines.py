@@ -7,8 +7,14 @@ import pytest
 from dashboard_samples import NASTY, QUALITY, REPEATS, SCENES, measured
 
 from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.measure.results import Results
 from gaussian_enhancer.measure.tables import Dataset, Row, Table
-from gaussian_enhancer.report.dashboard.lines import ALL, Line, baselines, block_of, table_lines
+from gaussian_enhancer.report.dashboard import lines as lines_
+from gaussian_enhancer.report.dashboard.lines import ALL, Line, baselines, block_of
+
+
+def table_lines(table: Table, records: list[Record]) -> tuple[Line, ...]:
+    return lines_.table_lines(Results(table, records), records)
 
 
 def line(lines: tuple[Line, ...], **wanted: str) -> Line:

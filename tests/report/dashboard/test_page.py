@@ -112,6 +112,12 @@ def test_long_logs_are_thinned_with_both_ends(tmp_path: Path) -> None:
     assert curve.logged == 3 * MOST_POINTS
 
 
+def test_a_damaged_log_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "metrics.csv").write_text("step,loss\n1,few\n")
+    with pytest.raises(InputError, match=r"metrics\.csv: is no log of numbers"):
+        read_curves(tmp_path / "metrics.csv")
+
+
 def test_pictures_are_copied_once_at_their_size(listed: tuple[Listed, ...], tmp_path: Path) -> None:
     runs = write_runs(tmp_path / "runs")
     found = copy_pictures(listed, runs, tmp_path / "page", most=2)

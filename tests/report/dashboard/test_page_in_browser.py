@@ -10,6 +10,7 @@ import pytest
 from dashboard_samples import NASTY, QUALITY, record, write_results, write_runs
 from omegaconf import OmegaConf
 
+from gaussian_enhancer.measure.results import Results
 from gaussian_enhancer.measure.tables import Dataset
 from gaussian_enhancer.report.dashboard.folder import Listed, all_records, read_folder
 from gaussian_enhancer.report.dashboard.lines import table_lines
@@ -74,7 +75,7 @@ def test_the_numbers_are_those_of_the_records(page, listed: tuple[Listed, ...]) 
       [...row.querySelectorAll("[data-of]")].map(
         (e) => [e.dataset.metric, e.dataset.of, e.dataset.value, e.textContent])])"""
     for one in listed:
-        lines = table_lines(one.table, one.records)
+        lines = table_lines(Results(one.table, one.records), one.records)
         shown = page.execute_script(script, one.table.name)
         assert len(shown) == len(lines) > 0
         for line, (where, cells) in zip(lines, shown, strict=True):

@@ -70,14 +70,14 @@ class Line:
     records: tuple[int, ...] = ()
 
 
-def table_lines(table: Table, records: Sequence[Record]) -> tuple[Line, ...]:
+def table_lines(results: Results, records: Sequence[Record]) -> tuple[Line, ...]:
     """All lines of a table; what is missing is named.
 
-    Raises:
-        InputError: a view was measured twice.
+    Args:
+        results: the table with its records.
+        records: the same records, in the order that places are counted in.
     """
-    results = Results(table, records)
-    return tuple(_lines(results, _members(table, records)))
+    return tuple(_lines(results, _members(results.table, records)))
 
 
 def baselines(table: Table, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:

@@ -85,7 +85,7 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
     """A description with its lines; records by their place among all."""
     table, records = one.table, one.records
     own = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
-    before = baselines(table, records)
+    before, results = baselines(table, records), Results(table, records)
     blocks = Pool()
     return {
         **{name: getattr(table, name) for name in ("name", "title", "kind", "about", "baseline", "finer", "scale")},
@@ -101,8 +101,8 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
         "block_of": [blocks.number(block_of(table, record)) for record in records],
         "blocks": blocks.values,
         "missing": sum(record.kind == MISSING for record in records),
-        "outside": len(Results(table, records).outside),
-        "lines": [_line(line, table.metrics) for line in table_lines(table, records)],
+        "outside": len(results.outside),
+        "lines": [_line(line, table.metrics) for line in table_lines(results, records)],
     }
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.report.dashboard.packed import Pool
 
@@ -91,9 +92,18 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
 
     Args:
         path: ``metrics.csv`` as the CSV logger writes it.
+
+    Raises:
+        InputError: it cannot be read, or holds what is no number.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return _curves(list(csv.DictReader(file)))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(path, f"is no log of numbers ({error})", "delete it, or train again") from error
+
+
+def _curves(rows: Sequence[Mapping[str, str]]) -> tuple[Curve, ...]:
     names = [name for name in (rows[0] if rows else ()) if name not in ("step", "epoch")]
     curves = []
     for name in names:
