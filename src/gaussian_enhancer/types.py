@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 _M = TypeVar("_M", bound="Movable")
@@ -194,6 +194,11 @@ def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = 
     return Camera(K, torch.eye(4, dtype=dtype), height, width)
 
 
-def quantised(image: Float[Tensor, "*b 3 h w"]) -> Float[Tensor, "*b 3 h w"]:
-    """The image as 8 bits keep it."""
+def usable(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
+    """Where depth is a finite, positive length."""
+    return torch.isfinite(depth) & (depth > 0)
+
+
+def quantised(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
+    """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
     return torch.round(image.clamp(0, 1) * 255) / 255

@@ -6,7 +6,8 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.pair import measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance
-from gaussian_enhancer.measure.quality import psnr, quantised, ssim
+from gaussian_enhancer.measure.quality import psnr, ssim
+from gaussian_enhancer.types import quantised
 
 
 def test_both_images_are_brought_to_eight_bits_first() -> None:

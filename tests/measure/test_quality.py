@@ -5,8 +5,9 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from gaussian_enhancer.measure.quality import colour_aligned, psnr, psnr_aligned, quantised, ssim
+from gaussian_enhancer.measure.quality import colour_aligned, psnr, psnr_aligned, ssim
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
+from gaussian_enhancer.types import quantised
 
 
 def images(height: int = 24, width: int = 37, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:

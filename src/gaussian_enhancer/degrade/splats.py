@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from gaussian_enhancer.degrade.view import View
-from gaussian_enhancer.types import Movable
+from gaussian_enhancer.types import Movable, usable
 
 Profile = Literal["gaussian", "disk"]
 """How opacity falls with the distance d from the centre, in sigmas: exp(-d^2 / 2), or the flat exp(-d^8 / 2)."""
@@ -126,7 +126,7 @@ def _rows(view: View, splats: Splats, top: int, bottom: int, profile: Profile, e
     falling = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
     alphas = splats.opacity[..., None, None] * falling
     if depth is not None:
-        inverse = 1 / torch.where(_known(depth), depth, torch.inf)
+        inverse = 1 / torch.where(usable(depth), depth, torch.inf)
         alphas = alphas * ((1 - splats.depth[..., None, None] * inverse) / SOFTNESS).clamp(0, 1)
     return _over(strip, splats, alphas)
 
@@ -167,16 +167,12 @@ def _expected(
     """Expected depth, written as a change of the view's own, so that no weight means no change."""
     if view.depth is None:
         return None
-    known = _known(view.depth)
+    known = usable(view.depth)
     own = torch.where(known, view.depth, 0)
     surface = known.to(own.dtype) if view.alpha is None else view.alpha * known
     total = (weight + through * surface).clamp_min(1e-12)
     moved = own + (far - own * weight) / total
     return torch.where(known | (weight > HIT), moved, view.depth)
-
-
-def _known(depth: Tensor) -> Tensor:
-    return torch.isfinite(depth) & (depth > 0)
 
 
 def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
@@ -185,7 +181,7 @@ def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
         return view.image.new_ones(len(view), 1)
     height, width = view.depth.shape[-2:]
     few = view.depth.detach()[..., :: math.ceil(height / 64), :: math.ceil(width / 64)].flatten(1)
-    level = torch.where(_known(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
+    level = torch.where(usable(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
     return torch.nan_to_num(level, nan=1.0)
 
 
@@ -201,7 +197,7 @@ def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]
     if view.depth is None:
         return middle.expand(centre.shape[:2])
     found = view.depth.flatten(1).gather(1, _pixel(view, centre))
-    return torch.where(_known(found), found, middle)
+    return torch.where(usable(found), found, middle)
 
 
 def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:

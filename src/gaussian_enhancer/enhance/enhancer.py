@@ -14,14 +14,13 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.alignment import Unwarped
 from gaussian_enhancer.enhance.cache import ReferenceFeatures
-from gaussian_enhancer.enhance.modulate import usable
 from gaussian_enhancer.enhance.network import Network, Remembering
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import Views, usable
 
 
 @dataclass(frozen=True)

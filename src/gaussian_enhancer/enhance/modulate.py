@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
-
-def usable(depth: Float[Tensor, "b 1 h w"]) -> Bool[Tensor, "b 1 h w"]:
-    """Where depth is a finite, positive length."""
-    return torch.isfinite(depth) & (depth > 0)
+from gaussian_enhancer.types import usable
 
 
 def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:

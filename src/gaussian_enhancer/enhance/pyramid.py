@@ -8,8 +8,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.enhance.modulate import depth_unit, usable
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.enhance.modulate import depth_unit
+from gaussian_enhancer.types import Views, usable
 
 
 def padded(views: Views, stride: int) -> Views:

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.perceptual import PerceptualDistance
-from gaussian_enhancer.measure.quality import psnr, psnr_aligned, quantised, ssim
+from gaussian_enhancer.measure.quality import psnr, psnr_aligned, ssim
+from gaussian_enhancer.types import quantised
 
 PROTOCOL = (
     "8-bit images; PSNR over all channels; psnr_aligned after the best affine colour map; psnr_masked over the mask; "

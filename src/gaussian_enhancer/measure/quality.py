@@ -1,7 +1,7 @@
 """How close an image is to its photo: PSNR, SSIM, and both with colour or background set aside.
 
-Axes: c channels, h height, w width. Images are in [0, 1]; `quantised` brings them to the 8 bits of a PNG first, as the
-pinned protocol asks (3DGS's and NerfBaselines' evaluations read 8-bit files).
+Axes: c channels, h height, w width. Images are in [0, 1]; `types.quantised` brings them to the 8 bits of a PNG first,
+as the pinned protocol asks (3DGS's and NerfBaselines' evaluations read 8-bit files).
 """
 
 import math
@@ -13,11 +13,6 @@ from torch.nn import functional
 
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
-
-
-def quantised(image: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
-    """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
-    return (image.clamp(0, 1) * 255).round() / 255
 
 
 def psnr(
