@@ -65,7 +65,8 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
                     kept = asked(scene, cfg.scenes, table.get("scenes")) and asked(density, table.get("densities"))
                     if kept and asked(splat, table.get("splats")):
                         fit = (*overrides, f"splat={splat}", *cfg.fit, *choice.fit)
-                        yield StudyCell(str(scene), f"{splat}/{density}", fit, choice.every, bool(table.get("finer")))
+                        every = table.get("every", choice.every)
+                        yield StudyCell(str(scene), f"{splat}/{density}", fit, every, bool(table.get("finer")))
 
 
 def _measured(cfg: DictConfig, name: str, cells: Sequence[StudyCell], console: Console) -> Iterator[Record]:
