@@ -58,7 +58,7 @@ def all_records(table: Table = TABLE) -> list[Record]:
     ]
 
 
-def gap(scene: str, splat: str, row: str, seed: int | None, reason: str) -> Record:
+def gap(scene: str, seed: int | None, reason: str, row: str = "gepp", splat: str = "3dgs") -> Record:
     return Record("missing", "", scene, splat, "", row, {}, {"row": reason}, seed=seed, **STATED)
 
 
@@ -145,20 +145,20 @@ def test_the_best_of_a_column_is_marked_in_its_direction(tmp_path: Path) -> None
 
 def test_a_missing_cell_says_so_with_its_numbered_reason(tmp_path: Path) -> None:
     records = without(all_records(), splat="3dgs", variant="gepp")
-    records += [
-        gap(s, "3dgs", "gepp", seed, "died of <memory> & 100% load") for s in ("hill", "yard") for seed in (0, 1)
-    ]
-    found = reports(tmp_path, TABLE, records)
+    burnt = {(scene, seed): f"died of <{scene}> & {seed}% load" for scene in ("hill", "yard") for seed in (0, 1)}
+    found = reports(tmp_path, TABLE, [*records, *(gap(*key, reason) for key, reason in burnt.items())])
     line = next(line for line in found[".md"].splitlines() if "missing" in line and "GE++" in line)
-    number = re.search(r"missing (?:\[\d+\])*\[(\d+)\]", line)
-    assert number is not None
-    (note,) = [line for line in found[".md"].splitlines() if line.startswith(f"- [{number[1]}]")]
-    assert "died of &lt;memory>" in note
-    assert "3DGS" in note
+    notes = dict(re.findall(r"^- (\[\d+\]) (.*)$", found[".md"], re.MULTILINE))
+    assert list(notes) == [f"[{number}]" for number in range(1, 5)]
+    for numbers in re.findall(r"missing ((?:\[\d+\])+)", line):
+        told = [notes[number] for number in re.findall(r"\[\d+\]", numbers)]
+        assert told == [f"{r.replace('<', '&lt;')}; in 3DGS GE++ ({s}, seed {n})" for (s, n), r in burnt.items()]
     cell = cells(found[".csv"])["3dgs", "gepp", "mean", "psnr"]
     assert (cell["value"], cell["gain"], cell["views"]) == ("", "", "0")
-    assert cell["missing"].count("died of <memory> & 100% load") == 4
-    assert r"died of \textless{}memory\textgreater{} \& 100\% load" in found[".tex"]
+    assert cell["missing"] == "; ".join(f"{scene}, seed {seed}: {reason}" for (scene, seed), reason in burnt.items())
+    assert r"missing\textsuperscript{1,2,3,4}" in found[".tex"]
+    note = r"\textsuperscript{2} died of \textless{}hill\textgreater{} \& 1\% load; in 3DGS GE++ (hill, seed 1)"
+    assert note in found[".tex"]
     printed_latex(found[".tex"])
 
 
@@ -167,7 +167,17 @@ def test_a_cell_that_lacks_a_scene_counts_the_others_and_names_it(tmp_path: Path
     found = reports(tmp_path, TABLE, records)
     cell = cells(found[".csv"])["3dgs", "gepp", "mean", "psnr"]
     assert (cell["scenes"], cell["seeds"], cell["missing"]) == ("2", "2", "yard, seed 1: no record")
-    assert "yard, seed 1: no record" in found[".md"]
+    assert "[1] no record; in 3DGS GE++ (yard, seed 1)\n" in found[".md"]
+
+
+def test_a_reason_is_told_once_with_all_its_places(tmp_path: Path) -> None:
+    records = without(all_records(), splat="3dgs", variant="gepp")
+    gaps = [gap(scene, None, "no: weights") for scene in ("hill", "yard")]
+    text = reports(tmp_path, TABLE, [*records, *gaps])[".md"]
+    places = "; ".join(f"{scene}, seed {seed}" for scene in ("hill", "yard") for seed in (0, 1))
+    assert f"- [1] no: weights; in 3DGS GE++ ({places})\n" in text
+    assert text.count("no: weights") == 1
+    assert "| missing [1] |" in text
 
 
 def test_a_view_without_a_number_is_counted_out_loud(tmp_path: Path) -> None:
@@ -286,7 +296,7 @@ def cost(size: str, row: str, milliseconds: float) -> Record:
 
 def test_cost_by_resolution_with_the_machine_in_the_caption(tmp_path: Path) -> None:
     records = [cost("1k", "ge", 12.5), cost("1k", "gepp", 15.0), cost("4k", "gepp", 99.0)]
-    found = reports(tmp_path, COST, [*records, gap("4k", "", "ge", None, "no 4K")])
+    found = reports(tmp_path, COST, [*records, gap("4k", None, "no 4K", "ge", "")])
     exact = cells(found[".csv"])
     assert {key[0] for key in exact} == {"1k", "4k"}
     assert float(exact["1k", "ge", "mean", "milliseconds"]["value"]) == 12.5
@@ -341,6 +351,9 @@ def test_claims_may_fail_or_stay_open() -> None:
     swapped = {"ge": "gepp", "gepp": "ge", "raw": "raw"}
     other = [dataclasses.replace(r, variant=swapped[r.variant]) for r in records]
     assert verdict(verdicts((six, other)), "GE is ahead") == "holds here"
+    same = [dataclasses.replace(r, metrics={"psnr": 20.0 + int(r.view[0]) * (r.variant == "ge") - 1}) for r in other]
+    middle = [dataclasses.replace(r, metrics={"psnr": 20.0}) if r.variant == "gepp" else r for r in same]
+    assert verdict(verdicts((six, middle)), "GE is ahead") == "undecided"  # -1, 0 and +1 dB
     gappy = without(other, splat="3dgs", variant="ge", scene="hill", seed=0)
     assert verdict(verdicts((six, gappy)), "GE is ahead") == "undecided"
 

@@ -59,6 +59,29 @@ class Sheet:
     notes: tuple[str, ...]
 
 
+class Notes:
+    """Numbered reasons why something is missing, each with the places where it applies."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, dict[str, dict[str, None]]] = {}
+
+    def number(self, where: str, told: str) -> int:
+        """A reason's number, counted from 1; where it applies is remembered.
+
+        Args:
+            where: block and row.
+            told: as lines tell it: scene and seed, a colon, the reason.
+        """
+        place, found, reason = told.partition(": ")
+        reason, place = (reason, place) if found else (told, "")
+        self._places.setdefault(reason, {}).setdefault(where, {})[place] = None
+        return list(self._places).index(reason) + 1
+
+    def texts(self) -> tuple[str, ...]:
+        """The notes in the order of their numbers."""
+        return tuple(f"{reason}; in {_listed(rows)}" for reason, rows in self._places.items())
+
+
 class Figures:
     """All that a table's reports state, computed once from its records.
 
@@ -83,7 +106,7 @@ class Figures:
 
     def sheet(self) -> Sheet:
         """The printed table."""
-        notes: dict[str, int] = {}
+        notes = Notes()
         columns = (
             "row",
             *(title for metric in self.table.metrics for title in self._columns(metric)),
@@ -95,7 +118,7 @@ class Figures:
             Block(self._block_title(key), tuple(self._pieces(line, members, notes) for line in members))
             for key, members in self.blocks.items()
         )
-        return Sheet(columns, blocks, tuple(notes))
+        return Sheet(columns, blocks, notes.texts())
 
     def best(self, line: Line, metric: str, paper: bool = False) -> bool:
         """Whether a line's value is the best among its block's rows, of at least two; None never is."""
@@ -154,17 +177,17 @@ class Figures:
             if kind in ("quality", "images"):
                 yield f"{label} paper's gain"
 
-    def _pieces(self, line: Line, members: Sequence[Line], notes: dict[str, int]) -> tuple[Piece, ...]:
+    def _pieces(self, line: Line, members: Sequence[Line], notes: Notes) -> tuple[Piece, ...]:
         pieces = [Piece(self.title(line))]
         for metric in self.table.metrics:
             pieces += self._cells(line, metric, notes)
         counts = [(n.scenes, n.seeds, n.views) for n in line.numbers.values()]
         return (*pieces, *(Piece(_range(column)) for column in zip(*counts, strict=True)))
 
-    def _cells(self, line: Line, metric: str, notes: dict[str, int]) -> Iterator[Piece]:
+    def _cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Piece]:
         number, kind = line.numbers[metric], self.table.kind
         value = number.gain if kind == "repeats" else number.value
-        marks = tuple(notes.setdefault(self._note(line, reason), len(notes) + 1) for reason in number.reasons)
+        marks = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
         if value is None:
             yield Piece("missing", notes=marks)
         else:
@@ -179,9 +202,8 @@ class Figures:
             if kind in ("quality", "images"):
                 yield Piece("" if line.row == self.table.baseline else _printed(metric, number.paper_gain, True))
 
-    def _note(self, line: Line, reason: str) -> str:
-        place = " ".join(part for part in (SPLATS.get(line.block, line.block), self.table.rows[line.row].title) if part)
-        return f"{place}, {reason}"
+    def _place(self, line: Line) -> str:
+        return " ".join(part for part in (SPLATS.get(line.block, line.block), self.table.rows[line.row].title) if part)
 
     def _gain(self, line: Line, metric: str, number: Number) -> str:
         if line.row == self.table.baseline:
@@ -209,6 +231,12 @@ class Figures:
 
     def _signed(self, metric: str, value: float) -> str:
         return f"{value:+.{max(3, self.quantities[metric].decimals)}f}"
+
+
+def _listed(rows: Mapping[str, Mapping[str, None]]) -> str:
+    """Rows, each with its scenes and seeds in brackets."""
+    places = {row: "; ".join(filter(None, found)) for row, found in rows.items()}
+    return ", ".join(f"{row} ({found})" if found else row for row, found in places.items())
 
 
 def _range(counts: Sequence[int]) -> str:
