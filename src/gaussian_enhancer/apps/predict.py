@@ -61,7 +61,7 @@ def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Pl
         **place.options(),
     )
     module = Prediction(enhancer, part, folder)
-    loader = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
+    loader: DataLoader[int] = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
     written: list[Enhanced] = trainer.predict(module, loader) if part.targets else []  # type: ignore[assignment]
     found = {one.name: one for one in gathered(written)}
     return [found[view.name] for view in rendered.targets]

@@ -71,11 +71,12 @@ def wandb(run: Watched, project: str = "gaussian-enhancer", offline: bool = True
     """
     import wandb as client
 
-    told = {"group": run.group, "job_type": run.job, "config": dict(run.config)}
+    told: dict[str, Any] = {"group": run.group, "job_type": run.job, "config": dict(run.config)}
     # The mode as an argument: Lightning's own `offline` would turn every later run of the process offline as well.
-    mode = {"mode": "offline", "resume": None} if offline else {"mode": "online"}
-    quiet = client.Settings(silent=offline, console="off")
-    live = WandbLogger(run.name, run.folder, id=run.id, project=project, settings=quiet, **told, **mode)
+    told |= {"mode": "offline", "resume": None} if offline else {"mode": "online"}
+    # On a busy machine its service needs longer to start than the half minute that wandb grants it.
+    settings = client.Settings(silent=offline, console="off", x_service_wait=300, init_timeout=300)
+    live = WandbLogger(run.name, run.folder, id=run.id, project=project, settings=settings, **told)
     return [*csv(run), live]
 
 
