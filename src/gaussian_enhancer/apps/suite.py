@@ -154,7 +154,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     factors = [1000.0 if column == "peak_memory_mb" else 1.0 for column in columns]
 
     def scaled(cells: Sequence[float | int] | None) -> tuple[float, ...] | None:
-        return None if cells is None else tuple(v * f for v, f in zip(cells, factors, strict=True))
+        return None if cells is None else tuple(round(v * f, 6) for v, f in zip(cells, factors, strict=True))
 
     if study["kind"] == "cost":  # printed row by row
         sizes = dict.fromkeys(size for cells in values.values() for size in cells)
