@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-from gaussian_enhancer.report.sheet import Piece, Sheet
+from gaussian_enhancer.report.printed import Piece, Sheet
 
 SPECIAL = {
     "\\": r"\textbackslash{}",

@@ -1,4 +1,4 @@
-"""A table as its printed cells, before Markdown or LaTeX: captions, columns, blocks, marks of the best, notes.
+"""From a table's records to its printed cells: columns, blocks, marks of the best, what is missing.
 
 Every number is that of `report.dashboard.lines`, so that all reports of a table agree.
 """
@@ -6,80 +6,19 @@ Every number is that of `report.dashboard.lines`, so that all reports of a table
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record
 from gaussian_enhancer.measure.results import Results
 from gaussian_enhancer.measure.statistics import over_scenes_and_seeds
 from gaussian_enhancer.measure.tables import Table
 from gaussian_enhancer.report.dashboard.lines import ALL, STATISTICS, Line, Number, table_lines
+from gaussian_enhancer.report.printed import Block, Notes, Piece, Sheet
 from gaussian_enhancer.report.quantities import quantities
 from gaussian_enhancer.report.significance import Place, Significance, significance
 
 SPLATS = {"2dgs": "2DGS", "3dgs": "3DGS", "mip_splatting": "Mip-Splatting"}
 BY_SCENE = "by scene"
 """Ending of a statistic over scenes and seeds, where the paper's is over runs."""
-
-
-@dataclass(frozen=True)
-class Piece:
-    """One printed cell.
-
-    Args:
-        text: plain.
-        best: whether it is the best of its column in its block.
-        notes: numbers of the notes that it refers to.
-    """
-
-    text: str
-    best: bool = False
-    notes: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class Block:
-    """Lines under one heading."""
-
-    title: str
-    lines: tuple[tuple[Piece, ...], ...]
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A printed table.
-
-    Args:
-        columns: their headings; directions as arrows.
-        blocks: the lines.
-        notes: why something is missing; the first has the number 1.
-    """
-
-    columns: tuple[str, ...]
-    blocks: tuple[Block, ...]
-    notes: tuple[str, ...]
-
-
-class Notes:
-    """Numbered reasons why something is missing, each with the places where it applies."""
-
-    def __init__(self) -> None:
-        self._places: dict[str, dict[str, dict[str, None]]] = {}
-
-    def number(self, where: str, told: str) -> int:
-        """A reason's number, counted from 1; where it applies is remembered.
-
-        Args:
-            where: block and row.
-            told: as lines tell it: scene and seed, a colon, the reason.
-        """
-        place, found, reason = told.partition(": ")
-        reason, place = (reason, place) if found else (told, "")
-        self._places.setdefault(reason, {}).setdefault(where, {})[place] = None
-        return list(self._places).index(reason) + 1
-
-    def texts(self) -> tuple[str, ...]:
-        """The notes in the order of their numbers."""
-        return tuple(f"{reason}; in {_listed(rows)}" for reason, rows in self._places.items())
 
 
 class Figures:
@@ -231,12 +170,6 @@ class Figures:
 
     def _signed(self, metric: str, value: float) -> str:
         return f"{value:+.{max(3, self.quantities[metric].decimals)}f}"
-
-
-def _listed(rows: Mapping[str, Mapping[str, None]]) -> str:
-    """Rows, each with its scenes and seeds in brackets."""
-    places = {row: "; ".join(filter(None, found)) for row, found in rows.items()}
-    return ", ".join(f"{row} ({found})" if found else row for row, found in places.items())
 
 
 def _range(counts: Sequence[int]) -> str:

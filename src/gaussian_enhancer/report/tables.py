@@ -16,7 +16,8 @@ from gaussian_enhancer.measure.tables import Table
 from gaussian_enhancer.report import latex
 from gaussian_enhancer.report.caption import caption, reading, sources, stated
 from gaussian_enhancer.report.claims import Claim, claims
-from gaussian_enhancer.report.sheet import Figures, Piece, Sheet
+from gaussian_enhancer.report.printed import Piece, Sheet
+from gaussian_enhancer.report.sheet import Figures
 
 CELL = (
     *("table", "scale", "block", "dataset", "row", "title", "statistic", "metric", "better", "value", "gain", "low"),
