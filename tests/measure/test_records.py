@@ -138,3 +138,9 @@ def test_fields_that_came_later_are_written_where_they_say_something(tmp_path):
     assert "seed" not in first
     assert '"seed": 0' in second
     assert read_records(tmp_path / "r.jsonl") == (plain, known)
+
+
+def test_a_name_may_hold_what_other_programs_take_for_a_line_end(tmp_path):
+    strange = Record("quality", "r", "s\u2028t\x85u", "3dgs", "0.png", "raw", {"psnr": 30.0})
+    write_records(tmp_path / "r.jsonl", [strange])
+    assert read_records(tmp_path / "r.jsonl") == (strange,)

@@ -122,7 +122,7 @@ def read_records(path: str | Path) -> tuple[Record, ...]:
         InputError: if the file is missing, or a line is no record or was changed or cut.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = Path(path).read_text(encoding="utf-8").split("\n")  # splitlines would cut names at exotic separators
     except FileNotFoundError:
         raise InputError(path, "does not exist", "measure first") from None
     except (OSError, UnicodeDecodeError) as error:
