@@ -43,9 +43,10 @@ def run(cfg: DictConfig) -> float | None:
     Returns:
         Median milliseconds an image took in the network.
     """
-    count = _processes(cfg)
     console = Console(stderr=True)
+    count = _processes(cfg)
     enhancer, task, note = _ready(cfg, start(cfg.runtime))
+    count = min(count, max(1, len(task.rendered.targets)))
     preparation, scale = enhancer.preparation, enhancer.network.scale
     hidden = not (cfg.runtime.progress and console.is_terminal)
     for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):

@@ -28,12 +28,13 @@ class Prediction(LightningModule):
         super().__init__()
         # An iterator over all, since references that were read for one view serve the next.
         self.views, self.folder = enhancer(rendered), folder
+        self.written: list[Enhanced] = []
 
-    def predict_step(self, batch: torch.Tensor, index: int) -> Enhanced:
-        """The next view, without its pixels."""
+    def predict_step(self, batch: int, index: int) -> None:
+        """Write the next view; what is known of it is kept here, since Lightning cannot carry frozen dataclasses."""
         one = next(self.views)
         write_image(self.folder / one.name, one.image)
-        return replace(one, image=one.image[:, :0, :0].clone())
+        self.written.append(replace(one, image=torch.empty(3, 0, 0)))
 
 
 def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Place, progress: bool) -> list[Enhanced]:
@@ -41,7 +42,7 @@ def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Pl
 
     Args:
         enhancer: the network with its preparation.
-        rendered: the whole set.
+        rendered: the whole set, of at least as many targets as there are processes.
         folder: where images are written.
         place: of this process.
         progress: show a bar.
@@ -62,6 +63,7 @@ def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Pl
     )
     module = Prediction(enhancer, part, folder)
     loader: DataLoader[int] = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
-    written: list[Enhanced] = trainer.predict(module, loader) if part.targets else []  # type: ignore[assignment]
+    trainer.predict(module, loader, return_predictions=False)
+    written = [replace(one, image=torch.empty(3, 0, 0)) for one in module.written]  # no tensor of inference mode
     found = {one.name: one for one in gathered(written)}
     return [found[view.name] for view in rendered.targets]
