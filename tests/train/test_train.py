@@ -149,6 +149,14 @@ def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
     assert json.loads(card.read_text())["steps"] == 40
     rows = next(iter(tmp_path.glob("train/*/log/metrics.csv"))).read_text().splitlines()
     assert len(rows) > 1
+    whole = [option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options]
+    done = subprocess.run([*command[:4], *whole], env=environment, capture_output=True, timeout=400, check=False)
+    assert done.returncode == 0, done.stderr
+    killed, uninterrupted = (
+        load_weights(next(iter(folder.glob("train/*/weights.safetensors")))).network.state_dict()
+        for folder in (tmp_path, tmp_path / "whole")
+    )
+    assert all(torch.equal(killed[name], value) for name, value in uninterrupted.items())
 
 
 def test_draws_are_balanced_over_sources():
@@ -158,6 +166,14 @@ def test_draws_are_balanced_over_sources():
     sampler = BalancedDraw([3, 4], 20, seed=1)
     assert list(sampler) != list(sampler)
     assert list(BalancedDraw([3, 4], 20, seed=1)) == list(BalancedDraw([3, 4], 20, seed=1))
+
+
+@pytest.mark.parametrize("seen", [0, 7, 19, 20, 33])
+def test_draws_go_on_where_training_was_killed(seen):
+    whole = BalancedDraw([3, 4], 20, seed=1)
+    epochs = [*list(whole), *list(whole)]
+    resumed = BalancedDraw([3, 4], 20, seed=1, drawn=lambda: seen)
+    assert list(resumed) == epochs[seen : 20 * (seen // 20 + 1)]
 
 
 def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):

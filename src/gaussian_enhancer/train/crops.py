@@ -110,9 +110,11 @@ class BalancedDraw(Sampler[tuple[int, int]]):
     Args:
         sizes: samples of each source, which lie one after another.
         count: draws of an epoch.
-        seed: of the first epoch; each pass takes the next.
+        seed: of the first epoch; each epoch takes the next.
         further: samples of each source that follow its own and are drawn for simulated crops alone; none by default.
         simulated: whether the crop of a seed is simulated.
+        drawn: how many crops training has had when a pass begins, so that a resumed one goes on with those that it
+            has not seen; None counts whole passes.
     """
 
     def __init__(
@@ -122,8 +124,9 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         seed: int,
         further: Sequence[int] = (),
         simulated: Callable[[int], bool] = never,
+        drawn: Callable[[], int] | None = None,
     ) -> None:
-        self.sizes, self.count, self.seed, self.passes = list(sizes), count, seed, 0
+        self.sizes, self.count, self.seed, self.passes, self.drawn = list(sizes), count, seed, 0, drawn
         self.further = list(further) or [0] * len(self.sizes)
         self.simulated = simulated
 
@@ -131,12 +134,14 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         return self.count
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
-        generator = torch.Generator().manual_seed(1_000_003 * (self.seed + self.passes))
+        epoch, seen = divmod(self.drawn() if self.drawn is not None else self.passes * self.count, self.count)
+        generator = torch.Generator().manual_seed(1_000_003 * (self.seed + epoch))
         self.passes += 1
         starts = [sum(self.sizes[:i]) + sum(self.further[:i]) for i in range(len(self.sizes))]
-        for _ in range(self.count):
+        for number in range(self.count):
             source, seed = torch.randint(2**31, (2,), generator=generator).tolist()
             inside = int(torch.randint(2**31, (), generator=generator))
             source %= len(self.sizes)
             size = self.sizes[source] + (self.further[source] if self.simulated(seed) else 0)
-            yield starts[source] + inside % size, seed
+            if number >= seen:
+                yield starts[source] + inside % size, seed

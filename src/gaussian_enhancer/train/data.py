@@ -113,13 +113,13 @@ class RunsData(LightningDataModule):
             self._collect()
 
     def train_dataloader(self) -> DataLoader[Any]:
-        """Random crops; every epoch's differ, and are the same for the same seed."""
+        """Random crops; every epoch's differ, and are the same for the same seed, however often training was killed."""
         crops = Crops([sample for source in self.sources for sample in source], self.augmentation)
-        epoch = self.trainer.current_epoch if self.trainer is not None else 0
         pairs = [sum(sample.held_out for sample in source) for source in self.sources]
         photos = [len(source) - count for source, count in zip(self.sources, pairs, strict=True)]
         simulated = never if self.simulation is None else self.simulation.drawn
-        draw = BalancedDraw(pairs, self.batch_size * self.steps_per_epoch, self.seed + epoch, photos, simulated)
+        count = self.batch_size * self.steps_per_epoch
+        draw = BalancedDraw(pairs, count, self.seed, photos, simulated, self._drawn)
         collate = Collate(self.preparation.references, self.augmentation, self.simulation)
         rank, ranks = self._place()
         if ranks > 1:
@@ -143,6 +143,10 @@ class RunsData(LightningDataModule):
 
         own = Strided(len(chosen), *self._place())
         return DataLoader(list(enumerate(chosen)), batch_size=1, sampler=own, collate_fn=collate)  # type: ignore[arg-type]
+
+    def _drawn(self) -> int:
+        """How many crops the training has had."""
+        return 0 if self.trainer is None else int(self.trainer.global_step) * self.batch_size
 
     def _place(self) -> tuple[int, int]:
         """This process's number and how many train together."""

@@ -56,9 +56,10 @@ class _GeneratorModule(LightningModule):
         generator = torch.Generator().manual_seed(1_000_003 * self.seed + index)
         return batch.views.render, batch.real, spawn(len(batch.names), generator)
 
-    def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
-        """Move the running mean."""
-        follow(self.average, self.model, self.optimiser.average, self.global_step)
+    def optimizer_step(self, *arguments: Any, **named: Any) -> None:
+        """Step, and move the average towards the weights before a checkpoint can be written."""
+        super().optimizer_step(*arguments, **named)
+        follow(self.average, self.model, self.optimiser.average, self.global_step + 1)
 
     def configure_optimizers(self) -> Any:
         """Adam on what is trained in this step."""

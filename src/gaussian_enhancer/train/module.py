@@ -103,9 +103,10 @@ class EnhancerModule(LightningModule):
         self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size, sync_dist=True)
         return total
 
-    def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
-        """Move the average towards the weights."""
-        follow(self.average, self.network, self.optimiser.average, self.global_step)
+    def optimizer_step(self, *arguments: Any, **named: Any) -> None:
+        """Step, and move the average towards the weights before a checkpoint can be written."""
+        super().optimizer_step(*arguments, **named)
+        follow(self.average, self.network, self.optimiser.average, self.global_step + 1)
 
     def on_validation_epoch_start(self) -> None:
         """Forget the last validation."""
