@@ -22,8 +22,8 @@ from functools import partial
 from pathlib import Path
 
 import torch
+from depth import at_one_size, world_of
 from torch import Tensor
-from true_depth import at_one_size, world_of
 
 from gaussian_enhancer.apps.task import render_capture
 from gaussian_enhancer.enhance.enhancer import Enhancer
