@@ -117,6 +117,7 @@ def realism(session: nox.Session) -> None:
 WEIGHTS = (
     "+recipe=lr fusion=ssif_lr size=base trainer.max_steps=1500 label=lr_base +card.name=lr_base",
     "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
+    "+recipe=ssif_sr size=tiny label=sr_tiny +card.name=sr_tiny",
     "+recipe=lr fusion=sif label=row_sif",
     "+recipe=lr fusion=ssif_lr label=row_ssif_lr",
     "+recipe=lr fusion=nafnet alignment=none label=row_nafnet",
