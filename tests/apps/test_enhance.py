@@ -112,7 +112,7 @@ def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monk
         for index, view in enumerate(read_run(plane_run).references)
     )
     capture = Scene("capture", photos, tuple(range(1, len(photos))), (0,))
-    monkeypatch.setattr("gaussian_enhancer.apps.enhance.build", lambda node: capture)
+    monkeypatch.setattr("gaussian_enhancer.apps.task.build", lambda node: capture)
     options = ["scene=capture", "scene.path=unused", f"weights={weights}", f"runs={tmp_path}"]
     run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options))
     (folder,) = (tmp_path / "enhance").iterdir()
@@ -151,8 +151,8 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
     finer = read_run(write_plane_run(tmp_path / "fine", size=(192, 256)))
     photos = tuple(Photo(v.name, v.camera, v.read_photo) for v in (*finer.targets, *finer.references))
     scene = Scene("plane", photos, tuple(range(1, 8)), (0,))
-    monkeypatch.setattr("gaussian_enhancer.apps.enhance.build", lambda node: scene)
-    monkeypatch.setattr("gaussian_enhancer.apps.enhance.finer_config", lambda node: node)
+    monkeypatch.setattr("gaussian_enhancer.apps.task.build", lambda node: scene)
+    monkeypatch.setattr("gaussian_enhancer.apps.task.finer_config", lambda node: node)
     options = ["scene=capture", "scene.path=unused", f"weights={fine_weights}", f"runs={tmp_path / 'runs'}"]
     run(configured(f"run={plane_run}", *options))
     (folder,) = (tmp_path / "runs/enhance").iterdir()

@@ -73,6 +73,7 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
             cfg = compose("quality", [*paths, *few, "runtime.progress=false"])
             with open_dict(cfg):
                 cfg.groups.procedural.scenes = {"object": SMALL}
+                cfg.tables.sr.every = 1
                 cfg.tables.sr.rows = {"bicubic": {"upscale": True}, **rows}
         return cfg
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from failing_processes import dies, refuses
 from hydra import compose, initialize_config_dir
 from safetensors.torch import load_file
 
-from gaussian_enhancer.apps.together import Place, together
+from gaussian_enhancer.apps.together import together
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.enhance.weights import save_weights
@@ -129,18 +130,6 @@ def test_two_processes_enhance_as_one_does(three_views, tmp_path):
         assert image != (one / "test/ours_100/renders" / name).read_bytes()
     assert [record.view for record in read_records(two / "records.jsonl")] == images
     assert (two / "done").is_file()
-
-
-def refuses(cfg, place: Place) -> None:
-    if place.rank == 1:
-        raise InputError("a", "is bad", "mend it")
-    time.sleep(3600)  # waits for the other
-
-
-def dies(cfg, place: Place) -> None:
-    if place.rank == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(3600)
 
 
 def test_a_process_that_fails_ends_the_others():
