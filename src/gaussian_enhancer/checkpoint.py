@@ -1,5 +1,7 @@
 """Weights on disk: safetensors in half precision with plain metadata, and nothing that names code to run."""
 
+import hashlib
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,18 +43,21 @@ def read_checkpoint(path: Path, form: str) -> tuple[dict[str, Tensor], dict[str,
     Raises:
         InputError: the file is truncated, no safetensors file, or of another format.
     """
+    tensors, metadata = _read(path)
+    if metadata.get("format") != form:
+        raise InputError(path, f"has format {metadata.get('format')!r}", f"give weights of format {form!r}")
+    return tensors, metadata
+
+
+def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     from safetensors import SafetensorError, safe_open
 
     try:
         with safe_open(str(path), framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
         received = f"is no whole safetensors file ({path.stat().st_size} bytes: {error})"
         raise InputError(path, received, MEND) from error
-    if metadata.get("format") != form:
-        raise InputError(path, f"has format {metadata.get('format')!r}", f"give weights of format {form!r}")
-    return tensors, metadata
 
 
 def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
@@ -74,6 +79,24 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
         raise InputError(path, "holds values that are not finite", MEND)
     network.load_state_dict({name: value.float() for name, value in tensors.items()})
+
+
+def checkpoint_digest(path: Path) -> str:
+    """SHA-256 of what weights do: design, preparation, values; not of their card, which says how they were made.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: the file is truncated, or no safetensors file.
+    """
+    tensors, metadata = _read(path)
+    told = {name: text for name, text in metadata.items() if name != "card"}
+    hashed = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    for name in sorted(tensors):
+        hashed.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
+        hashed.update(tensors[name].contiguous().numpy().tobytes())
+    return hashed.hexdigest()
 
 
 def find_checkpoint(source: str | Path) -> Path:

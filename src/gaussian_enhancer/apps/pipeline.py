@@ -4,7 +4,6 @@ Each step is the job that a user would start by hand, with a configuration compo
 run again where it was done before.
 """
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from omegaconf import DictConfig, open_dict
 from gaussian_enhancer.apps import enhance, fit
 from gaussian_enhancer.apps.measure import write_measurement
 from gaussian_enhancer.apps.run import Run, find_run
-from gaussian_enhancer.checkpoint import find_checkpoint
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.measure.records import Record
 
 
@@ -66,7 +65,7 @@ def enhanced(job: DictConfig) -> Path:
         InputError: there are no such weights, or they cannot be used.
     """
     with open_dict(job):
-        job.weights_digest = hashlib.sha256(find_checkpoint(job.weights).read_bytes()).hexdigest()
+        job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))
     before = find_run(job, "enhance")
     if before is None or not before.done:
         enhance.run(job)

@@ -1,7 +1,7 @@
 """What tables need: every run once, with its inputs, its state, what it is likely to cost and what it lacks."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,33 @@ from gaussian_enhancer.errors import InputError
 
 
 @dataclass(frozen=True)
+class Work:
+    """What makes a run, as words that another process understands.
+
+    Args:
+        job: "fit", "train", "row" (enhanced and measured) or "cost".
+        table: who needs it.
+        fit: overrides of a fit.
+        row: of a training, or of what is measured.
+        seed: of its training; None where it learns nothing.
+        cell: where it is measured.
+    """
+
+    job: str
+    table: str
+    fit: tuple[str, ...] = ()
+    row: str = ""
+    seed: int | None = None
+    cell: StudyCell | None = None
+
+
+@dataclass(frozen=True)
 class Step:
     """One run.
 
     Args:
-        job: "fit", "train", "row" (enhanced and measured) or "cost".
+        work: what makes it.
+        digest: its own; empty where its configuration cannot be had yet.
         name: its label and digest.
         state: what became of it.
         inputs: the runs that come before it.
@@ -33,7 +55,8 @@ class Step:
         tables: those that need it.
     """
 
-    job: str
+    work: Work
+    digest: str
     name: str
     state: State
     inputs: tuple[str, ...]
@@ -67,7 +90,7 @@ def told(steps: Sequence[Step]) -> str:
     lines = []
     for step in steps:
         state = f"{step.state.name}: {step.state.detail}" if step.state.detail else step.state.name
-        parts = [f"{step.job:<6} {step.name}", state, "" if not step.minutes else f"about {step.minutes:.1f} min"]
+        parts = [f"{step.work.job:<6} {step.name}", state, "" if not step.minutes else f"about {step.minutes:.1f} min"]
         parts.append(f"for {', '.join(step.tables)}")
         parts.append("" if not step.inputs else f"from {', '.join(step.inputs)}")
         parts.append("" if not step.missing else f"MISSING: {step.missing}")
@@ -92,10 +115,7 @@ class _Plan:
 
     def steps(self) -> list[Step]:
         """All steps, with the tables that need them."""
-        return [
-            Step(one.job, one.name, one.state, one.inputs, one.minutes, one.missing, tuple(self.tables[key]))
-            for key, one in self.known.items()
-        ]
+        return [replace(one, tables=tuple(self.tables[key])) for key, one in self.known.items()]
 
     def row(self, one: Experiment, cell: StudyCell, row: str, seed: int | None) -> None:
         """A row in a cell, and what comes before it."""
@@ -103,7 +123,8 @@ class _Plan:
         inputs = [self.fit(one, cell.fit)]
         if seed is not None:
             inputs.append(self.training(one, row, seed))
-        self._add(one, "row", label, lambda: self.runs.row_job(one, cell, row, seed), tuple(inputs), cell.finer)
+        work = Work("row", one.table.name, row=row, seed=seed, cell=cell)
+        self._add(work, label, lambda: self.runs.row_job(one, cell, row, seed), tuple(inputs), cell.finer)
 
     def costs(self, one: Experiment) -> None:
         """The trainings of all rows, and a measurement of each size."""
@@ -116,14 +137,15 @@ class _Plan:
             return cost_job(self.runs, learnt, size, (int(height), int(width)))
 
         for size in one.table.datasets:
-            self._add(one, "cost", size, partial(job, size), inputs)
+            self._add(Work("cost", one.table.name), size, partial(job, size), inputs)
 
     def training(self, one: Experiment, row: str, seed: int) -> str:
         """The training of a row and the fits before it; its name."""
         fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[row]).values() for own in side]
         key = ("train", one.learns[row], *one.table.rows[row].train, seed)
+        work = Work("train", one.table.name, row=row, seed=seed)
         return self._add(
-            one, "train", f"seed{seed}", lambda: with_effect(self.runs.train_job(one, row, seed)), tuple(fits), key=key
+            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, row, seed)), tuple(fits), key=key
         )
 
     def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
@@ -131,14 +153,14 @@ class _Plan:
         label = "-".join(
             word.split("=")[1] for word in overrides if word.startswith(("scene=", "scene.seed=", "splat="))
         )
+        work = Work("fit", one.table.name, fit=tuple(overrides))
         return self._add(
-            one, "fit", label.replace("/", "_"), lambda: self.runs.fit_job(overrides), (), key=("fit", *overrides)
+            work, label.replace("/", "_"), lambda: self.runs.fit_job(overrides), (), key=("fit", *overrides)
         )
 
     def _add(
         self,
-        one: Experiment,
-        job: str,
+        work: Work,
         label: str,
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
@@ -148,8 +170,7 @@ class _Plan:
         """A step, unless it is known; its name.
 
         Args:
-            one: who needs it.
-            job: the job's name.
+            work: what makes it.
             label: a readable part of its name; trainings have one of their own.
             configured: gives its configuration.
             inputs: names of what comes before it.
@@ -157,17 +178,17 @@ class _Plan:
             key: tells it from others without composing it; None: its digest does.
         """
         if key is not None and key in self.names:
-            self.tables[self.names[key]][one.table.name] = None
+            self.tables[self.names[key]][work.table] = None
             return self.known[self.names[key]].name
-        digest = self._step(job, label, configured, inputs, finer, key or ())
+        digest = self._step(work, label, configured, inputs, finer, key or ())
         if key is not None:
             self.names[key] = digest
-        self.tables.setdefault(digest, {})[one.table.name] = None
+        self.tables.setdefault(digest, {})[work.table] = None
         return self.known[digest].name
 
     def _step(
         self,
-        job: str,
+        work: Work,
         label: str,
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
@@ -175,13 +196,12 @@ class _Plan:
         words: Sequence[Any],
     ) -> str:
         """A step by what its configuration says; its digest."""
+        job, nothing = work.job, State("not started")
         try:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
-            step = Step(
-                job, label, State("not started"), inputs, self.estimates.blind(job, words, finer), str(error), ()
-            )
+            step = Step(work, "", label, nothing, inputs, self.estimates.blind(job, words, finer), str(error), ())
         else:
             digest = run_digest(cfg, job)
             found = find_run(cfg, job)
@@ -190,7 +210,8 @@ class _Plan:
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job == "train" else label
             name = f"{label}-{digest}" if found is None else found.folder.name
-            step = Step(job, name, state, inputs, minutes, "" if done else ", ".join(_lacking(job, cfg)), ())
+            lacks = "" if done else ", ".join(_lacking(job, cfg))
+            step = Step(work, digest, name, state, inputs, minutes, lacks, ())
         self.known.setdefault(digest, step)
         return digest
 

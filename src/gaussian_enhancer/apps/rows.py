@@ -128,7 +128,7 @@ class Runs:
         job = self.row_job(experiment, cell, row, seed)
         found = find_run(job, "row")
         if found is None or not found.done:
-            self._made(experiment, cell, row, seed, job)
+            self._tried(run_digest(job, "row"), lambda: self._made(experiment, cell, row, seed, job))
 
     def records(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> tuple[Record, ...]:
         """A row's records in a cell, which were made before.
@@ -159,7 +159,7 @@ class Runs:
         choice = experiment.table.rows[row]
         with marks.attempt():
             own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{row}")
-            cell_fit = self._tried(job.fit, partial(self._fitted, cell.fit))
+            cell_fit = self._tried(job.fit, partial(self.fitted, cell.fit))
             weights = self.weights(experiment, row, seed)
             settings: dict[str, Any] = {"weights": weights, "enhance": list(choice.enhance)}
             settings |= {"upscale": choice.upscale, "render": choice.render}
@@ -176,8 +176,12 @@ class Runs:
             write_text(own.folder / "images.json", json.dumps(where) + "\n")
             own.finish()
 
-    def _fitted(self, overrides: Sequence[str]) -> Run:
-        """A finished fit."""
+    def fitted(self, overrides: Sequence[str]) -> Run:
+        """A finished fit, made now where it is missing.
+
+        Raises:
+            InputError: it is missing and shall not be made, or cannot be.
+        """
         job = self.fit_job(overrides)
         found = find_run(job, "fit")
         if found is None or not found.done:
@@ -193,7 +197,7 @@ class Runs:
     def _trained(self, experiment: Experiment, row: str, job: DictConfig) -> Run:
         """A finished training, its fits before it."""
         for overrides in (one for fits in self.pairs(experiment.learns[row]).values() for one in fits):
-            self._tried(self.fit_digest(overrides), partial(self._fitted, overrides))
+            self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
         with marks.attempt():
             train.run(job)
         found = find_run(train.with_effect(job), "train")

@@ -44,4 +44,4 @@ def _needed(cfg: DictConfig) -> Iterator[tuple[str, str, State]]:
     """Every run that tables need."""
     cfg = with_backbones(cfg)
     for step in planned(cfg, [experiment(name, cfg.scale) for name in asked_names(cfg.table)]):
-        yield step.job, step.name, step.state
+        yield step.work.job, step.name, step.state

@@ -19,6 +19,7 @@ from gaussian_enhancer.apps.plan import planned, told
 from gaussian_enhancer.apps.rows import Runs
 from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment, known_names
+from gaussian_enhancer.apps.workers import made_ahead
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
@@ -43,6 +44,8 @@ def run(cfg: DictConfig) -> None:
         print(told(planned(cfg, experiments)))
         return
     console, folder, runs = Console(stderr=True), Path(cfg.results) / cfg.scale.name, Runs(cfg)
+    if not cfg.records_only:
+        runs.failures |= made_ahead(cfg, experiments, console)
     for one in experiments:
         console.rule(f"{one.table.name}: {one.table.title}", align="left")
         if not cfg.records_only:
