@@ -7,7 +7,14 @@ from pathlib import Path
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record, append_records, read_records, write_records
+from gaussian_enhancer.measure.records import (
+    HIGHER_IS_BETTER,
+    Record,
+    append_records,
+    read_checked,
+    read_records,
+    write_records,
+)
 
 
 def record(view: str = "a.png", **changes: object) -> Record:
@@ -144,3 +151,11 @@ def test_a_name_may_hold_what_other_programs_take_for_a_line_end(tmp_path):
     strange = Record("quality", "r", "s\u2028t\x85u", "3dgs", "0.png", "raw", {"psnr": 30.0})
     write_records(tmp_path / "r.jsonl", [strange])
     assert read_records(tmp_path / "r.jsonl") == (strange,)
+
+
+def test_checksums_are_those_of_the_lines(tmp_path):
+    write_records(tmp_path / "r.jsonl", [record(), record("b\u2028.png")])
+    checked = read_checked(tmp_path / "r.jsonl")
+    lines = (tmp_path / "r.jsonl").read_text(encoding="utf-8").split("\n")[:-1]
+    assert [checksum for checksum, _ in checked] == [json.loads(line)["sha256"] for line in lines]
+    assert tuple(one for _, one in checked) == read_records(tmp_path / "r.jsonl")

@@ -75,7 +75,7 @@ def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
     for marker in sorted((runs / "fit").glob("*/done")):
         cfg, file = _config(marker.parent), marker.parent / "records.jsonl"
         if cfg and file.is_file():
-            last = json.loads(file.read_text(encoding="utf-8").splitlines()[-1])
+            last = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
             yield _fit_kind(cfg), last["metrics"]["milliseconds"] / 60e3 / cfg["settings"]["steps"]
 
 

@@ -121,6 +121,15 @@ def read_records(path: str | Path) -> tuple[Record, ...]:
     Raises:
         InputError: if the file is missing, or a line is no record or was changed or cut.
     """
+    return tuple(record for _, record in read_checked(path))
+
+
+def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
+    """Read a file of records as `read_records` does; each comes with the checksum that its line states.
+
+    Raises:
+        InputError: as `read_records`.
+    """
     try:
         lines = Path(path).read_text(encoding="utf-8").split("\n")  # splitlines would cut names at exotic separators
     except FileNotFoundError:
@@ -137,7 +146,8 @@ def _line(record: Record) -> str:
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _parsed(place: str, line: str) -> Record:
+def _parsed(place: str, line: str) -> tuple[str, Record]:
+    """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:
         values = json.loads(line)
@@ -146,10 +156,11 @@ def _parsed(place: str, line: str) -> Record:
     names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
     if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)
-    if values.pop("sha256") != _checksum(values):
+    stated = values.pop("sha256")
+    if stated != _checksum(values):
         raise InputError(place, "was changed or damaged (its checksum differs)", remedy)
     metrics = {name: None if value is None else float(value) for name, value in values["metrics"].items()}
-    return Record(**{**values, "metrics": metrics, "size": tuple(values["size"])})
+    return stated, Record(**{**values, "metrics": metrics, "size": tuple(values["size"])})
 
 
 def _jsonable(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,14 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"psnr": 2', '"psnr": 3', 1))
     with pytest.raises(InputError, match=r"table_2\.jsonl line 1: was changed"):
         read_folder(tmp_path)
+
+
+def test_names_may_hold_what_other_programs_take_for_a_line_end(tmp_path: Path) -> None:
+    strange = [replace(one, view=f"a\u2028{one.view}") for one in measured()]
+    listed = read_folder(write_results(tmp_path, strange))
+    assert [len(one.checksums) for one in listed] == [len(one.records) for one in listed]
+    assert {one.view for one in listed[1].records} == {f"a\u2028{name}.png" for name in "abc"}
+    assert len(data(document("Suite", listed))["records"]["checksum"]) == len(listed[0].records)
 
 
 def test_a_table_without_records_is_there_and_says_so(tmp_path: Path) -> None:

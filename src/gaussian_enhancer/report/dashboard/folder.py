@@ -1,13 +1,12 @@
 """A folder of the suite's results: descriptions with their records, each record with its checksum."""
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import Record, read_records
+from gaussian_enhancer.measure.records import Record, read_checked
 from gaussian_enhancer.measure.tables import Table, read_description
 
 
@@ -62,9 +61,8 @@ def _listed(path: Path) -> Listed:
     source = path.with_suffix(".jsonl")
     if not source.is_file():
         return Listed(table, absent="no records yet: make the table")
-    records = read_records(source)
-    lines = (line for line in source.read_text(encoding="utf-8").splitlines() if line.strip())
-    checksums = tuple(str(json.loads(line)["sha256"]) for line in lines)
+    checked = read_checked(source)
+    checksums, records = tuple(checksum for checksum, _ in checked), tuple(record for _, record in checked)
     return Listed(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
 
 
