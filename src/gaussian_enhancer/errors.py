@@ -25,3 +25,12 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         """Pickle by the three parts, so that the error survives worker processes."""
         return InputError, (self.subject, self.received, self.remedy)
+
+
+def reason_of(error: Exception) -> str:
+    """Why something is missing, as a record states it: a user's mistake in its own words, others with their type.
+
+    Args:
+        error: what kept it from being made.
+    """
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"

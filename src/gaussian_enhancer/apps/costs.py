@@ -26,7 +26,7 @@ from gaussian_enhancer.apps.suite import Experiment
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.weights import load_weights
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import reason_of
 from gaussian_enhancer.measure.cost import peak_memory, timed
 from gaussian_enhancer.measure.provenance import this_machine
 from gaussian_enhancer.measure.records import Record, read_records, write_records
@@ -52,7 +52,7 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
         try:
             weights[row], learnt[row] = runs.weights(one, row, seed), runs.train_digest(one, row, seed)
         except Exception as error:  # the other rows are worth measuring
-            reasons[row] = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            reasons[row] = reason_of(error)
             console.print(f"{row} is missing: {reasons[row]}", highlight=False, soft_wrap=True)
     for size, (height, width) in runs.cfg.scale.outputs.items():
         for row, reason in reasons.items():

@@ -20,7 +20,7 @@ from gaussian_enhancer.apps.rows import Runs
 from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment, known_names
 from gaussian_enhancer.apps.workers import made_ahead
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.measure.tables import Dataset, read_description, write_description
@@ -96,7 +96,7 @@ def _row(
     except (
         Exception
     ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
-        reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        reason = reason_of(error)
         console.print(f"{row} is missing: {reason}", highlight=False, soft_wrap=True)
         if not isinstance(error, InputError):
             console.print_exception()

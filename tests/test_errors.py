@@ -1,0 +1,18 @@
+"""What a user's mistake says, and what records say of any error."""
+
+import pickle
+
+from gaussian_enhancer.errors import InputError, reason_of
+
+FULL = InputError("disk", "is full", "free some space")
+
+
+def test_a_users_mistake_survives_another_process() -> None:
+    again = pickle.loads(pickle.dumps(FULL))
+    assert (type(again), str(again), again.remedy) == (InputError, "disk: is full; free some space", "free some space")
+
+
+def test_reasons_name_the_type_of_what_is_no_users_mistake() -> None:
+    assert reason_of(FULL) == "disk: is full; free some space"
+    assert reason_of(KeyError("a")) == "KeyError: 'a'"
+    assert reason_of(RuntimeError("out of memory")) == "RuntimeError: out of memory"
