@@ -12,7 +12,7 @@ from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.costs import cost_job
 from gaussian_enhancer.apps.estimate import Estimates
 from gaussian_enhancer.apps.marks import NAMES, State, state_of
-from gaussian_enhancer.apps.rows import Runs
+from gaussian_enhancer.apps.rows import Runs, train_key
 from gaussian_enhancer.apps.run import find_run, run_digest
 from gaussian_enhancer.apps.suite import Experiment
 from gaussian_enhancer.apps.train import with_effect
@@ -142,8 +142,7 @@ class _Plan:
     def training(self, one: Experiment, row: str, seed: int) -> str:
         """The training of a row and the fits before it; its name."""
         fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[row]).values() for own in side]
-        key = ("train", one.learns[row], *one.table.rows[row].train, seed)
-        work = Work("train", one.table.name, row=row, seed=seed)
+        work, key = Work("train", one.table.name, row=row, seed=seed), train_key(one, row, seed)
         return self._add(
             work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, row, seed)), tuple(fits), key=key
         )

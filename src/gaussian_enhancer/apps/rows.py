@@ -27,6 +27,11 @@ from gaussian_enhancer.measure.records import Record, read_records, write_record
 T = TypeVar("T")
 
 
+def train_key(experiment: Experiment, row: str, seed: int) -> tuple[Any, ...]:
+    """What tells a row's training from others without composing its configuration."""
+    return ("train", experiment.learns[row], *experiment.table.rows[row].train, seed)
+
+
 class Runs:
     """The runs of a suite.
 
@@ -81,7 +86,7 @@ class Runs:
 
     def train_digest(self, experiment: Experiment, row: str, seed: int) -> str:
         """The digest of a row's training."""
-        key = ("train", experiment.learns[row], *experiment.table.rows[row].train, seed)
+        key = train_key(experiment, row, seed)
         return self._digest(key, lambda: train.with_effect(self.train_job(experiment, row, seed)))
 
     def row_job(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> DictConfig:
