@@ -7,7 +7,7 @@ import pytest
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.measure.results import Results
+from gaussian_enhancer.measure.results import Results, block_of
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.measure.tables import Dataset, Row, Table
 
@@ -105,6 +105,9 @@ def test_costs_belong_to_the_size_that_they_name_or_have() -> None:
     table = dataclasses.replace(TABLE, kind="cost", metrics=("milliseconds",), splats=(), datasets={}, paper={"1k": {}})
     named = Record("cost", "r", "hill", "", "1k", "one", {"milliseconds": 5.0}, size=(9, 9), seed=0)
     sized = Record("cost", "r", "hill", "", "", "one", {"milliseconds": 7.0}, size=(64, 48), seed=0)
+    assert [block_of(table, one) for one in (named, sized, gap("two", None, "", ""))] == ["1k", "64 x 48", ""]
+    assert block_of(TABLE, sized) == ""
+    assert block_of(TABLE, gap("two", None)) == "3dgs"
     results = Results(table, [named, sized, gap("two", None, "", "")])
     assert results.blocks == ("1k", "64 x 48")
     assert [results.values(block, "one", "milliseconds").mean() for block in results.blocks] == [5.0, 7.0]

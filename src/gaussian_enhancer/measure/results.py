@@ -20,11 +20,25 @@ Views = dict[str, float]
 Reasons = dict[str, str]
 
 
-class Results:
-    """The records of one table.
+def block_of(table: Table, record: Record) -> str:
+    """The block of its table that a record belongs to; empty where it is that of none.
 
-    Tables of cost have their output sizes as blocks: a record belongs to the size that its ``scene``, ``splat`` or
-    ``view`` names (the paper's "1k"), else to its width and height; a reason without any stands for every size.
+    The block is the record's splat. Tables of cost have their output sizes as blocks: a record belongs to the size that
+    its ``scene``, ``splat`` or ``view`` names (the paper's "1k"), else to its width and height.
+
+    Args:
+        table: its description.
+        record: one of its records.
+    """
+    if table.kind != "cost":
+        return record.splat
+    names = (record.scene, record.splat, record.view)
+    named = next((name for name in names if name in table.paper or name in table.datasets), "")
+    return named or (f"{record.size[0]} x {record.size[1]}" if any(record.size) else "")
+
+
+class Results:
+    """The records of one table, by `block_of`; in tables of cost a reason without a size stands for every size.
 
     Args:
         table: its description.
@@ -37,8 +51,8 @@ class Results:
     def __init__(self, table: Table, records: Iterable[Record]) -> None:
         self.table = table
         self.costs = table.kind == "cost"
-        measured = [self._placed(record) for record in records if record.kind != MISSING]
-        gaps = [self._placed(record) for record in records if record.kind == MISSING]
+        measured = [_placed(table, record) for record in records if record.kind != MISSING]
+        gaps = [_placed(table, record) for record in records if record.kind == MISSING]
         self.blocks = self._blocks([*measured, *gaps])
         gaps = [replace(gap, splat=block) for gap in gaps for block in ([gap.splat] if gap.splat else self.blocks)]
         named = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
@@ -108,14 +122,6 @@ class Results:
     def _seed_of(self, record: Record, seed: int | None) -> int | None:
         return seed if self.learning.get(record.variant) else None
 
-    def _placed(self, record: Record) -> Record:
-        """The record with its block as ``splat``."""
-        if not self.costs:
-            return record
-        sizes = {*self.table.paper, *self.table.datasets}
-        named = next((name for name in (record.scene, record.splat, record.view) if name in sizes), "")
-        return replace(record, splat=named or (f"{record.size[0]} x {record.size[1]}" if any(record.size) else ""))
-
     def _blocks(self, records: Sequence[Record]) -> tuple[str, ...]:
         if not self.costs:
             return self.table.splats
@@ -136,6 +142,11 @@ class Results:
         placed = record.scene in self.scenes and record.splat in self.blocks
         own = record.kind == ("cost" if self.costs else "quality")
         return own and placed and seeds is not None and record.seed in (seeds or (None,))
+
+
+def _placed(table: Table, record: Record) -> Record:
+    """The record with its block as ``splat``."""
+    return replace(record, splat=block_of(table, record))
 
 
 def _number(

@@ -7,10 +7,10 @@ import pytest
 from dashboard_samples import NASTY, QUALITY, REPEATS, SCENES, measured
 
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.measure.results import Results
+from gaussian_enhancer.measure.results import Results, block_of
 from gaussian_enhancer.measure.tables import Dataset, Row, Table
 from gaussian_enhancer.report.dashboard import lines as lines_
-from gaussian_enhancer.report.dashboard.lines import ALL, Line, baselines, block_of
+from gaussian_enhancer.report.dashboard.lines import ALL, Line, baselines
 
 
 def table_lines(table: Table, records: list[Record]) -> tuple[Line, ...]:
@@ -146,3 +146,15 @@ def test_the_records_behind_a_line_are_those_of_its_block_and_row() -> None:
     for one in table_lines(QUALITY, records):
         assert one.records
         assert {(block_of(QUALITY, records[i]), records[i].variant) for i in one.records} == {(one.block, one.row)}
+
+
+def test_the_records_behind_a_cost_are_those_of_the_size_that_they_name() -> None:
+    """A size may be the description's own, of which the paper has nothing, and stand in the record's scene."""
+    sizes = {"1k": Dataset("1K", ("1k",)), "4k": Dataset("4K", ("4k",))}
+    table = Table("table_3", "", "cost", "", {"ge": Row("GE")}, "ge", ("milliseconds",), (), sizes, paper={"1k": {}})
+    records = [Record("cost", "r", size, "", "", "ge", {"milliseconds": 1.0}, size=(64, 48)) for size in sizes]
+    lines = table_lines(table, records)
+    assert [(one.block, one.numbers["milliseconds"].value, one.records) for one in lines] == [
+        ("1k", 1.0, (0,)),
+        ("4k", 1.0, (1,)),
+    ]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.measure.results import Results
+from gaussian_enhancer.measure.results import Results, block_of
 from gaussian_enhancer.measure.statistics import Sample, Spread, bootstrap_interval, over_seeds
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.measure.tables import Table
@@ -101,14 +101,6 @@ def baselines(table: Table, records: Sequence[Record]) -> tuple[tuple[int, ...],
         return tuple(found.values()) if record.seed is None else ()
 
     return tuple(before(record) for record in records)
-
-
-def block_of(table: Table, record: Record) -> str:
-    """The block of its table that a record belongs to: its splat, or its size where the table is one of cost."""
-    if table.kind != "cost":
-        return record.splat
-    named = next((name for name in (record.splat, record.view) if name in table.paper), "")
-    return named or (f"{record.size[0]} x {record.size[1]}" if any(record.size) else "")
 
 
 def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[int, str]]]) -> Iterator[Line]:

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.measure.results import Results
+from gaussian_enhancer.measure.results import Results, block_of
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.report.dashboard.folder import Listed
-from gaussian_enhancer.report.dashboard.lines import Line, Number, baselines, block_of, table_lines
+from gaussian_enhancer.report.dashboard.lines import Line, Number, baselines, table_lines
 from gaussian_enhancer.report.quantities import Quantity, quantities
 
 POOLED = ("kind", "run", "scene", "splat", "view", "variant", "protocol", "commit", "machine", "time")
