@@ -147,3 +147,26 @@ def test_export_quantises_by_rounding(scene, tmp_path):
     from PIL import Image
 
     assert np.asarray(Image.open(tmp_path / "grey.png"))[0, 0, 0] == 128
+
+
+def test_export_moves_a_splat_once_where_the_device_gives_no_median_depth(scene, tmp_path, monkeypatch):
+    gaussians = fit(scene, ThreeDGS(), tmp_path / "fit", **QUICK | {"steps": 3}, stop_after=3)
+    export.export_views(tmp_path / "whole", scene, gaussians, ThreeDGS(), 3)
+    moved, drawn, move = [], export.render, type(gaussians).to
+
+    def without_median(given, *rest):
+        view = drawn(given, *rest)
+        return dataclasses.replace(view, median_depth=None) if given is gaussians else view
+
+    def counted(one, *where):
+        moved.append(where)
+        return move(one, *where)
+
+    monkeypatch.setattr(export, "render", without_median)
+    monkeypatch.setattr(type(gaussians), "to", counted)
+    export.export_views(tmp_path / "lacking", scene, gaussians, ThreeDGS(), 3)
+    assert moved == [("cpu",)]
+    written = sorted((tmp_path / "whole").rglob("*.*"))
+    assert len(written) == 4 * len(scene.photos)
+    for path in written:
+        assert (tmp_path / "lacking" / path.relative_to(tmp_path / "whole")).read_bytes() == path.read_bytes()

@@ -4,6 +4,7 @@ Axes: h height, w width. ``{train,test}/ours_<step>/{renders,gt,alpha}/<stem>.pn
 ``depth/<stem>.npy`` (z of the surface in scene units, float32, 0 where nothing was hit).
 """
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import Method
 from gaussian_enhancer.splat.render import render
-from gaussian_enhancer.types import Gaussians
+from gaussian_enhancer.types import Gaussians, Render
 
 WHITE = (1.0, 1.0, 1.0)
 
@@ -36,15 +37,21 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
         step: training step, part of the folders' names.
 
     Raises:
-        InputError: two photos of one side share a name without ending, or the disk refuses.
+        InputError: two photos of one side share a name without ending, one has no camera, or the disk refuses.
     """
+    on_cpu = cache(lambda: gaussians.to("cpu"))
     for side, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
         stems = [Path(photo.name).stem for photo in photos]
         for stem in stems:
             if stems.count(stem) > 1:
                 raise InputError(f"photos named {stem}", "differ in their ending only", "rename one of them")
         for stem, photo in zip(stems, photos, strict=True):
-            _export_view(folder / side / f"ours_{step}", stem, photo, scene, gaussians, method)
+            if photo.camera is None:
+                raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
+            view = drawn = render(gaussians, photo.camera, method, scene.background)
+            if view.median_depth is None:  # gsplat has none of ellipsoids
+                drawn = render(on_cpu(), photo.camera.to("cpu"), method, scene.background)
+            _write_view(folder / side / f"ours_{step}", stem, photo, view, drawn.surface[0])
 
 
 def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
@@ -62,16 +69,11 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
         temporary.write_text(f"Namespace(sh_degree={degree}, white_background={scene.background == WHITE})\n")
 
 
-def _export_view(folder: Path, stem: str, photo: Photo, scene: Scene, gaussians: Gaussians, method: Method) -> None:
-    if photo.camera is None:
-        raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-    view = drawn = render(gaussians, photo.camera, method, scene.background)
-    if view.median_depth is None:  # gsplat has none of ellipsoids
-        drawn = render(gaussians.to("cpu"), photo.camera.to("cpu"), method, scene.background)
+def _write_view(folder: Path, stem: str, photo: Photo, view: Render, surface: Float[Tensor, "h w"]) -> None:
     _write_png(folder / "renders" / f"{stem}.png", view.colour)
     _write_png(folder / "gt" / f"{stem}.png", photo.read())
     _write_png(folder / "alpha" / f"{stem}.png", view.alpha)
-    save_array(folder / "depth" / f"{stem}.npy", drawn.surface[0].cpu().numpy().astype(np.float32))
+    save_array(folder / "depth" / f"{stem}.npy", surface.cpu().numpy().astype(np.float32))
 
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
