@@ -64,6 +64,18 @@ def fill(template: str, values: Mapping[str, str]) -> Markup:
     return Markup(Template(resource(template)).substitute({key: escaped(value) for key, value in values.items()}))
 
 
+def head(title: str, style: str, policy: str) -> Markup:
+    """A page up to the end of its head.
+
+    Args:
+        title: the page's title.
+        style: its CSS.
+        policy: directives of its content security policy for what it shows and runs; all else is forbidden.
+    """
+    values = {"title": title, "style": Markup(style), "policy": Markup(policy)}
+    return Markup(fill("head.html", values).rstrip("\n"))
+
+
 def json_block(value: Any) -> Markup:
     """JSON for a script element: no character that could end it; numbers that are not finite as words."""
     text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))

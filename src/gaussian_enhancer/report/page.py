@@ -11,9 +11,12 @@ from typing import Any
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.cards import Pictures, card, pictured
 from gaussian_enhancer.report.compared import ComparedView, check_names
-from gaussian_enhancer.report.markup import Markup, fill, joined, json_block, resource, tag
+from gaussian_enhancer.report.markup import Markup, fill, head, joined, json_block, resource, tag
 from gaussian_enhancer.report.overview import overview_table, summary_tiles
 from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
+
+POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Pictures, style and script are inside the page."""
 
 
 def write_report(
@@ -52,12 +55,12 @@ def document(
     shown = pictured(len(views), worst, most_pictured)
     pictures = Pictures.of([views[i] for i in shown])
     quantities = [summary.quantity for summary in summaries]
+    ramp = f":root {{ --ramp: linear-gradient(90deg, {pictures.ramp}); }}"
     values = {
+        "head": head(title, f"{resource('report.css')}\n{ramp}", POLICY),
         "title": title,
         "subtitle": _subtitle(views, len(shown)),
-        "style": Markup(resource("report.css")),
         "script": Markup(resource("stage.js") + resource("report.js")),
-        "ramp": pictures.ramp,
         "summary": summary_tiles(views, summaries),
         "overview": overview_table(views, quantities, worst, set(shown)),
         "modes": Markup("" if pictures.scale is None else resource("modes.html")),

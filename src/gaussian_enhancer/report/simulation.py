@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.figures import contact_sheet, data_uri
-from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
+from gaussian_enhancer.report.markup import Markup, fill, head, joined, resource, tag
 
 EDGE = 320
 """Longest edge in pixels of an image on a sheet."""
@@ -91,10 +91,11 @@ def write_page(
     """
     count = sum(len(row.images) for section in sections for row in section.rows)
     budget = PAGE_BYTES // max(count, 40)
+    style = f"{resource('report.css')}\n{resource('simulation.css').rstrip()}"
     values = {
+        "head": head(title, style, "img-src data:; style-src 'unsafe-inline'"),
         "title": title,
         "subtitle": subtitle,
-        "style": Markup(resource("report.css")),
         "sections": joined(*(_section(section, budget) for section in sections)),
         "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

@@ -11,7 +11,7 @@ from gaussian_enhancer.report.dashboard.folder import Listed, all_records
 from gaussian_enhancer.report.dashboard.packed import packed_tables
 from gaussian_enhancer.report.dashboard.pictures import Pictures
 from gaussian_enhancer.report.dashboard.runs import SourceRun, packed_runs
-from gaussian_enhancer.report.markup import Markup, fill, json_block, resource
+from gaussian_enhancer.report.markup import Markup, fill, head, json_block, resource
 
 SCRIPTS = (
     "elements",
@@ -27,6 +27,9 @@ SCRIPTS = (
     "tabs",
 )
 """The page's script in its order, one file a part, in ``report/templates/dashboard``."""
+
+POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Style and script are inside the page, pictures in a folder beside it."""
 
 
 def write_dashboard(
@@ -66,9 +69,9 @@ def document(
     missing = sum(record.kind == MISSING for record in records)
     lacking = f" · {missing} of them of what is missing" if missing else ""
     values = {
+        "head": head(title, resource("report.css") + resource("dashboard/dashboard.css"), POLICY),
         "title": title,
         "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{lacking}",
-        "style": Markup(resource("report.css") + resource("dashboard/dashboard.css")),
         "data": json_block(data),
         "script": Markup("(() => {\n" + "".join(scripts) + "})();"),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
