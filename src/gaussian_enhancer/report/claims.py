@@ -6,7 +6,6 @@ Source of the claims: GaussianEnhancer++, Symmetry 17(3), 442, 2025, section 5 (
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.measure.results import Results
 from gaussian_enhancer.measure.statistics import bootstrap_interval
 from gaussian_enhancer.measure.study import better
@@ -50,13 +49,13 @@ class Claim:
         return f"{outcomes.count(True)} of {len(outcomes)} as claimed, {against} against, {open_} open"
 
 
-def claims(tables: Sequence[tuple[Table, Sequence[Record]]]) -> tuple[Claim, ...]:
+def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
     """The paper's claims in the order of the issue that asks for them.
 
     Args:
-        tables: descriptions with their records.
+        tables: their records.
     """
-    by_name = {table.name: Results(table, records) for table, records in tables}
+    by_name = {results.table.name: results for results in tables}
     return (
         Claim(
             "SSIF is ahead of SIF (table 10: GE with SSIF over GE)",
@@ -78,7 +77,7 @@ def claims(tables: Sequence[tuple[Table, Sequence[Record]]]) -> tuple[Claim, ...
             "GE is ahead of GE++ in PSNR on simple objects (table 6, the splats for which the paper has it so)",
             tuple(_over(by_name, ("table_6",), "ge", ["gepp"], _psnr, as_printed=True)),
         ),
-        Claim("Standard deviations over runs are as small as the paper's (tables 7 to 9)", tuple(_deviations(tables))),
+        Claim("Standard deviations over runs are as small as the paper's (tables 7 to 9)", tuple(_deviations(by_name))),
         Claim(
             "SR is ahead of GE++ (LR) and bicubic enlargement (table 1)",
             tuple(_over(by_name, ("table_1",), "gepp_sr", ["gepp_lr_bicubic"])),
@@ -136,15 +135,15 @@ def _difference(results: Results, block: str, row: str, other: str, metric: str)
     return outcome, f"{where} {gains.mean():+.4f} [{low:+.4f}, {high:+.4f}]{lacking}"
 
 
-def _deviations(tables: Sequence[tuple[Table, Sequence[Record]]]) -> Iterator[Finding]:
+def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
     """Our standard deviation against the paper's, dataset by dataset and metric by metric."""
-    named = {table.name: (table, records) for table, records in tables}
     for name in ("table_7", "table_8", "table_9"):
-        if name not in named:
+        if name not in by_name:
             yield None, f"{name} was not made"
             continue
-        table, records = named[name]
-        for line in table_lines(Results(table, records), records):
+        results = by_name[name]
+        table = results.table
+        for line in table_lines(results, results.records):
             if line.statistic == "std":
                 for metric, number in line.numbers.items():
                     where = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"

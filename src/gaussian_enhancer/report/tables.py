@@ -103,8 +103,9 @@ def summary_page(tables: Sequence[tuple[Table, Sequence[Record]]]) -> str:
     if not tables:
         raise InputError("summary", "has no table", "make a table first: gaussian-enhancer tables")
     scales = ", ".join(stated(table.scale for table, _ in tables))
-    lines = tuple(_indexed(table, records) for table, records in tables)
-    found = claims(tables)
+    results = [Results(table, records) for table, records in tables]
+    lines = tuple(_indexed(one, records) for one, (_, records) in zip(results, tables, strict=True))
+    found = claims(results)
     verdicts = tuple((claim.text, claim.verdict, claim.counted) for claim in found)
     stand_ins = stated(f"{d.stand_in} for {d.title}" for t, _ in tables for d in t.datasets.values() if d.stand_in)
     parts = [
@@ -129,9 +130,9 @@ def _behind(claim: Claim) -> str:
     return f"### {claim.text}: {claim.verdict}\n\n{''.join(lines)}"
 
 
-def _indexed(table: Table, records: Sequence[Record]) -> tuple[str, ...]:
+def _indexed(results: Results, records: Sequence[Record]) -> tuple[str, ...]:
     """A table's line in the index; a cell is one metric of one row in one scene and block with one seed."""
-    results = Results(table, records)
+    table = results.table
     samples = [
         results.values(block, row, metric) for block in results.blocks for row in table.rows for metric in table.metrics
     ]
