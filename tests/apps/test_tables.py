@@ -15,7 +15,7 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from gaussian_enhancer.apps import costs, rows, tables
+from gaussian_enhancer.apps import costs, pipeline, rows, tables
 from gaussian_enhancer.apps.plan import planned
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.suite import asked_names, experiment
@@ -128,7 +128,7 @@ def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
     def refused(*_: object) -> None:
         raise AssertionError("computed again")
 
-    for module, name in ((rows.fit, "run"), (rows.train, "run"), (rows, "images_of"), (rows, "measure_now")):
+    for module, name in ((pipeline.fit, "run"), (rows.train, "run"), (rows, "images_of"), (rows, "measure_now")):
         monkeypatch.setattr(module, name, refused)
     (copied / "results/tiny/table_10.jsonl").unlink()
     started("table=10")
@@ -138,7 +138,7 @@ def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
 def test_equal_runs_of_different_tables_are_one(made, monkeypatch) -> None:
     monkeypatch.chdir(made)
     steps = plan("table=[10,2]")
-    names = [(step.job, step.name) for step in steps]
+    names = [(step.work.job, step.name) for step in steps]
     assert len(set(names)) == len(names)
     shared = {step.name.rsplit("-", 1)[0] for step in steps if step.tables == ("table_10", "table_2")}
     assert {"object_2000-2dgs", "ge", "gepp_lr", "object-2dgs-raw", "object-2dgs-ge", "object-2dgs-gepp"} <= shared
@@ -214,7 +214,7 @@ def test_a_training_that_fails_is_missing_once_and_marked(copied, monkeypatch) -
     assert {r.variant for r in found if r.kind == "missing"} == {"ge", "ge_tsds", "ge_ssif", "gepp"}
     assert {r.reasons["row"] for r in found if r.kind == "missing"} == {"RuntimeError: out of memory"}
     assert len(tried) == 4
-    states = {step.name: step.state for step in plan("table=10", "scale.seeds=[7]") if step.job == "train"}
+    states = {step.name: step.state for step in plan("table=10", "scale.seeds=[7]") if step.work.job == "train"}
     assert {(state.name, state.detail) for state in states.values()} == {("failed", "RuntimeError: out of memory")}
 
 

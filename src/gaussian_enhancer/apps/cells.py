@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.enlarged import bicubic, fine_photos, rendered_finer
 from gaussian_enhancer.apps.finer import finer_config
-from gaussian_enhancer.apps.pipeline import enhanced, fitted
+from gaussian_enhancer.apps.pipeline import enhanced, finished_fit
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.train import with_effect
@@ -133,13 +133,8 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
     Raises:
         InputError: it is not fitted and shall not be, or cannot be.
     """
-    job = composed("fit", cfg, cell.fit)
-    found = find_run(job, "fit")
-    if found is not None and found.done:
-        return found.folder
-    if not cfg.fit_missing:
-        raise InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
-    return fitted(job)
+    refusal = InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
+    return finished_fit(composed("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
 
 
 def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
@@ -211,8 +206,14 @@ def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig
     return job
 
 
-def sketched(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
+def sketched(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **values: object) -> DictConfig:
     """Another job's configuration, in which mandatory values may still be open.
+
+    Args:
+        name: the other job.
+        cfg: the calling job's configuration: ``runs`` and ``runtime``.
+        overrides: as on the command line.
+        **values: top-level values that a command line cannot hold.
 
     Raises:
         InputError: the overrides are refused.
@@ -223,7 +224,7 @@ def sketched(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(f"{name} {' '.join(words)}", f"is refused ({_first_line(error)})", "mend it") from error
     with open_dict(job):
-        job.update({"runs": cfg.runs, "runtime": cfg.runtime})
+        job.update({"runs": cfg.runs, "runtime": cfg.runtime, **values})
     return job
 
 

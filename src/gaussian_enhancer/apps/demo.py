@@ -10,7 +10,8 @@ from pathlib import Path
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
-from gaussian_enhancer.apps.pipeline import enhanced, fitted, job_configuration, measured
+from gaussian_enhancer.apps.cells import sketched
+from gaussian_enhancer.apps.pipeline import enhanced, finished_fit, measured
 from gaussian_enhancer.apps.report import open_measured, write_page
 from gaussian_enhancer.apps.run import find_run, open_run
 from gaussian_enhancer.measure.compare import compare, paired
@@ -30,9 +31,9 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     fit_folder = _fit(cfg, console)
     console.rule("2 of 3  enhance the held-out views", align="left")
-    folder = enhanced(job_configuration("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
+    folder = enhanced(sketched("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
     console.rule("3 of 3  measure and show", align="left")
-    measuring = job_configuration("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
+    measuring = sketched("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
     records, folder = measured(measuring, fit_folder)
     shown = open_measured(folder)
     own = open_run(cfg, "demo", measuring.scene_name)
@@ -49,10 +50,10 @@ def run(cfg: DictConfig) -> float | None:
 
 def _fit(cfg: DictConfig, console: Console) -> Path:
     """Fit the splat, or find it fitted."""
-    job = job_configuration("fit", cfg, scene=cfg.scene, splat=cfg.splat)
+    job = sketched("fit", cfg, scene=cfg.scene, splat=cfg.splat)
     with open_dict(job):  # settings that fit.yaml leaves at their defaults may be given, too
         job.settings.update(cfg.settings)
     before = find_run(job, "fit")
     again = "  (done before)" if before is not None and before.done else ""
     console.rule(f"1 of 3  fit a splat to a sparse capture{again}", align="left")
-    return fitted(job)
+    return finished_fit(job).folder

@@ -4,53 +4,36 @@ Each step is the job that a user would start by hand, with a configuration compo
 run again where it was done before.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig, open_dict
 
-from gaussian_enhancer.apps import enhance, fit
+from gaussian_enhancer.apps import enhance, fit, marks
 from gaussian_enhancer.apps.measure import write_measurement
 from gaussian_enhancer.apps.run import Run, find_run
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record
 
 
-def job_configuration(name: str, parent: DictConfig, overrides: Sequence[str] = (), **values: Any) -> DictConfig:
-    """The configuration of another job, writing and computing where the calling job does.
-
-    Args:
-        name: the other job.
-        parent: the calling job's configuration; ``runs`` and ``runtime`` are taken from it.
-        overrides: as on the command line.
-        **values: top-level values that a command line cannot hold.
-    """
-    from hydra import compose
-
-    job = compose(name, overrides=list(overrides))
-    with open_dict(job):
-        for key, value in {"runs": parent.runs, "runtime": parent.runtime, **values}.items():
-            job[key] = value
-    return job
-
-
-def made(job: DictConfig, name: str) -> Run:
-    """The run that a job has just made."""
-    found = find_run(job, name)
-    if found is None:
-        raise RuntimeError(f"the job {name} left no run behind")
-    return found
-
-
-def fitted(job: DictConfig) -> Path:
-    """Fit a splat, or find it fitted; the run's folder.
+def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
+    """A finished fit, made now where it is missing.
 
     Args:
         job: configuration of the job ``fit``.
+        refusal: what is raised where it is missing and shall not be made; None to make it.
+
+    Raises:
+        InputError: the refusal, or that of the job.
     """
-    fit.run(job)
-    return made(job, "fit").folder
+    found = find_run(job, "fit")
+    if found is not None and found.done:
+        return found
+    if refusal is not None:
+        raise refusal
+    with marks.attempt():
+        fit.run(job)
+    return _made(job, "fit")
 
 
 def enhanced(job: DictConfig) -> Path:
@@ -69,7 +52,7 @@ def enhanced(job: DictConfig) -> Path:
     before = find_run(job, "enhance")
     if before is None or not before.done:
         enhance.run(job)
-    return made(job, "enhance").folder
+    return _made(job, "enhance").folder
 
 
 def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
@@ -81,3 +64,11 @@ def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Pat
     """
     job.scene_name, job.splat_name, _ = fit_folder.name.rsplit("-", 2)
     return write_measurement(job)
+
+
+def _made(job: DictConfig, name: str) -> Run:
+    """The run that a job has just made."""
+    found = find_run(job, name)
+    if found is None or not found.done:
+        raise RuntimeError(f"the job {name} left no finished run behind")
+    return found

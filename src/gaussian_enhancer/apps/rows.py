@@ -13,9 +13,10 @@ from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from gaussian_enhancer.apps import fit, marks, train
+from gaussian_enhancer.apps import marks, train
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.cells import StudyCell, composed, images_of, measure_now, sketched
+from gaussian_enhancer.apps.pipeline import finished_fit
 from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest, write_text
 from gaussian_enhancer.apps.suite import Experiment
 from gaussian_enhancer.errors import InputError
@@ -187,17 +188,8 @@ class Runs:
         Raises:
             InputError: it is missing and shall not be made, or cannot be.
         """
-        job = self.fit_job(overrides)
-        found = find_run(job, "fit")
-        if found is None or not found.done:
-            if not self.cfg.fit_missing:
-                raise InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
-            with marks.attempt():
-                fit.run(job)
-            found = find_run(job, "fit")
-        if found is None or not found.done:
-            raise RuntimeError("the job fit left no finished run behind")
-        return found
+        refusal = InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
+        return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
     def _trained(self, experiment: Experiment, row: str, job: DictConfig) -> Run:
         """A finished training, its fits before it."""
