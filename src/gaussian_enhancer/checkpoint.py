@@ -84,14 +84,22 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
 def checkpoint_digest(path: Path) -> str:
     """SHA-256 of what weights do: design, preparation, values; not of their card, which says how they were made.
 
+    One entry of the card does something, and counts where it is not 1: ``strength``, the share of the change to keep.
+
     Args:
         path: of the file.
 
     Raises:
-        InputError: the file is truncated, or no safetensors file.
+        InputError: the file is truncated, no safetensors file, or its card is no mapping.
     """
     tensors, metadata = _read(path)
     told = {name: text for name, text in metadata.items() if name != "card"}
+    try:
+        strength = json.loads(metadata.get("card", "{}")).get("strength", 1)
+    except (ValueError, AttributeError) as error:
+        raise InputError(path, f"has a card that is no mapping ({error})", MEND) from error
+    if strength != 1:
+        told["strength"] = repr(strength)
     hashed = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
     for name in sorted(tensors):
         hashed.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())

@@ -1,0 +1,69 @@
+"""What tells weights from others: what they do, not what is told of them."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.enhance.network import Network
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.sif import SIF
+from gaussian_enhancer.enhance.weights import save_weights
+from gaussian_enhancer.errors import InputError
+
+
+def network(*widths: int) -> SIF:
+    torch.manual_seed(0)
+    return SIF(widths or (8, 8), (1, 1))
+
+
+def digest(path: Path, built: Network, preparation: Preparation | None = None, **card: object) -> str:
+    save_weights(path, built, preparation or Preparation(), card)
+    return checkpoint_digest(path)
+
+
+def test_another_card_is_no_other_weights(tmp_path) -> None:
+    one = digest(tmp_path / "a.safetensors", network(), minutes=1.0, run="01234567")
+    assert digest(tmp_path / "b.safetensors", network(), minutes=2.0, seed=3) == one
+    assert (tmp_path / "a.safetensors").read_bytes() != (tmp_path / "b.safetensors").read_bytes()
+
+
+def test_another_value_design_preparation_or_strength_is(tmp_path) -> None:
+    changed = network()
+    with torch.no_grad():
+        changed.decode.head.bias[0] += 2**-6
+    found = [
+        digest(tmp_path / "w.safetensors", network()),
+        digest(tmp_path / "w.safetensors", changed),
+        digest(tmp_path / "w.safetensors", network(8, 12)),
+        digest(tmp_path / "w.safetensors", network(), Preparation(references=1, candidates=2)),
+        digest(tmp_path / "w.safetensors", network(), strength=0.5),
+        digest(tmp_path / "w.safetensors", network(), strength=0.25),
+    ]
+    assert len(set(found)) == len(found)
+    assert digest(tmp_path / "w.safetensors", network(), strength=1.0) == found[0]
+
+
+def test_the_digest_is_that_of_the_same_weights_tomorrow(tmp_path) -> None:
+    """Runs are found again by it."""
+    save_file(
+        {"b": torch.ones(2), "a": torch.arange(3.0).half()}, tmp_path / "w.safetensors", {"format": "f", "card": "{}"}
+    )
+    assert checkpoint_digest(tmp_path / "w.safetensors")[:16] == "fc32f167c72914b4"
+
+
+def test_files_that_are_cut_have_none(tmp_path) -> None:
+    digest(tmp_path / "w.safetensors", network())
+    whole = (tmp_path / "w.safetensors").read_bytes()
+    (tmp_path / "w.safetensors").write_bytes(whole[:-100])
+    with pytest.raises(InputError, match="no whole safetensors file"):
+        checkpoint_digest(tmp_path / "w.safetensors")
+
+
+@pytest.mark.parametrize("card", ["{", "[]"])
+def test_a_card_that_is_no_mapping_is_refused(tmp_path, card) -> None:
+    save_file({"a": torch.ones(2)}, tmp_path / "w.safetensors", {"format": "f", "card": card})
+    with pytest.raises(InputError, match=r"w\.safetensors: has a card that is no mapping"):
+        checkpoint_digest(tmp_path / "w.safetensors")
