@@ -1,14 +1,15 @@
-"""What a scene's configuration needs and costs, without loading anything."""
+"""What a scene's configuration needs, and how long its fit takes, without loading anything."""
 
 from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.estimate import Estimates
 from gaussian_enhancer.apps.finer import finer_config
-from gaussian_enhancer.apps.inputs import missing_inputs, registered, scene_cost
+from gaussian_enhancer.apps.inputs import missing_inputs, published_fit_minutes, registered
 from gaussian_enhancer.errors import InputError
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -52,30 +53,35 @@ def test_other_scenes(tmp_path, monkeypatch):
     assert path == Path("$GAUSSIAN_ENHANCER_DATA/captures/fox")
     assert "set GAUSSIAN_ENHANCER_DATA" in remedy
     assert missing_inputs(scene("scene=capture"))[0][0] == Path("scene.path")
-    assert scene_cost(scene("scene=object")) is None
+    assert published_fit_minutes(scene("scene=object")) is None
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_every_scene_composes_costs_and_asks_for_its_files(root, name):
+def test_every_scene_composes_asks_for_its_files_and_has_a_published_time(root, name):
     chosen = scene(f"scene=datasets/{name}")
     with pytest.raises(InputError, match=rf"gaussian-enhancer download dataset={chosen.dataset} scenes=\[{name}\]"):
         build(chosen)
-    cost = scene_cost(chosen)
-    assert cost.photos == chosen.photos
-    assert cost.test_photos == (200 if chosen.dataset == "nerf_synthetic" else -(-chosen.photos // 8))
-    assert 0.5 < cost.width * cost.height / 1e6 < 2.0
-    assert 0.1 < cost.fit_hours < 1.0
-    assert cost.enhance_hours == pytest.approx(0.45 * cost.megapixels / 3600)
-    assert "fit:" in cost.basis
+    assert 6 < published_fit_minutes(chosen) < 60
+    assert published_fit_minutes(scene(f"scene=datasets/{name}", "scene.name=own")) is None
 
 
-def test_cost_follows_the_resolution(root):
-    quarter = scene_cost(scene("scene=datasets/room", "scene.downscale=4"))
-    half, whole = (scene_cost(scene("scene=datasets/room", f"scene.downscale={n}")) for n in (2, 1))
-    assert (half.width, half.height) == (1557, 1038)
-    assert quarter.megapixels == pytest.approx(half.megapixels / 4, rel=0.01)
-    assert whole.fit_hours == pytest.approx(4 * half.fit_hours)
-    assert quarter.fit_hours == half.fit_hours  # smaller photos are not promised to fit faster
+def test_times_follow_the_resolution_upwards(root):
+    half, whole, quarter = (
+        published_fit_minutes(scene("scene=datasets/room", f"scene.downscale={n}")) for n in (2, 1, 4)
+    )
+    assert half == pytest.approx(1708 / 60)
+    assert whole == pytest.approx(4 * half)
+    assert quarter == half  # smaller photos are not promised to fit faster
+
+
+def test_a_dry_run_reckons_with_what_was_published_where_no_finished_fit_tells(root):
+    estimates = Estimates(root / "runs", OmegaConf.create({"minutes": {"fit": 0.7}}))
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        room, procedural = (
+            compose("fit", [f"scene={name}", "settings.steps=15000"]) for name in ("datasets/room", "object")
+        )
+    assert estimates.minutes("fit", room) == pytest.approx(1708 / 60 / 2)
+    assert estimates.minutes("fit", procedural) == pytest.approx(0.7 * 15)
 
 
 def test_scenes_of_table_1_have_photos_four_times_as_fine(root):

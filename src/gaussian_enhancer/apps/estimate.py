@@ -1,4 +1,4 @@
-"""How long runs are likely to take: as long as finished ones of the same job and size, else what the scale states."""
+"""How long runs are likely to take: as finished ones of their kind did, else as published, else as the scale says."""
 
 import json
 import statistics
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.apps.inputs import FIT_STEPS, published_fit_minutes
 
 VIEWS = 9
 """Views of a cell, where its fit is not there to be counted."""
@@ -34,7 +36,8 @@ class Estimates:
             finer: whether a row is measured against photos 4 times as fine.
         """
         if job == "fit":
-            usual = float(self.scale.minutes.fit) / 1000
+            published = published_fit_minutes(cfg.scene)
+            usual = float(self.scale.minutes.fit) / 1000 if published is None else published / FIT_STEPS
             return self.fits.get(_fit_kind(cfg), usual) * float(cfg.settings.steps)
         if job == "train":
             usual = float(self.scale.minutes.train) / 1000

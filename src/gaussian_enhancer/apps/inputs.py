@@ -1,4 +1,4 @@
-"""What a scene's configuration needs on disk, how to get what is missing, and what the scene costs on a GPU.
+"""What a scene's configuration needs on disk, how to get what is missing, and how long its fit is known to take.
 
 For dry runs: nothing is loaded, fitted or fetched.
 """
@@ -6,7 +6,6 @@ For dry runs: nothing is loaded, fitted or fetched.
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,42 +16,12 @@ from gaussian_enhancer.apps.build import plain
 from gaussian_enhancer.apps.cli import configurations
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.datasets import Dataset, dataset_of
-from gaussian_enhancer.scene.published import download_command, missing_parts
-from gaussian_enhancer.scene.splits import every_nth
+from gaussian_enhancer.scene.published import DATASETS, download_command, missing_parts
 
 PUBLISHED = "gaussian_enhancer.scene.published.load_published"
 VARIABLE = re.compile(r"\$\{oc\.env:(\w+)\}")
-ENHANCE_SECONDS = 0.45
-"""Seconds to enhance a megapixel at its own resolution on one RTX 3090, by the paper's table 3 (459 ms at "1K", which
-it does not define in pixels; taken as one megapixel). An upper bound: the networks here do less."""
-
-
-@dataclass(frozen=True)
-class SceneCost:
-    """What one scene of a published dataset costs.
-
-    Args:
-        photos: all photos.
-        test_photos: held-out photos, which are enhanced and measured.
-        width: of a photo, in pixels.
-        height: of a photo, in pixels.
-        fit_hours: GPU hours of one fit by one splatting method.
-        enhance_hours: GPU hours to enhance the held-out photos once.
-        basis: what the hours rest on, in words.
-    """
-
-    photos: int
-    test_photos: int
-    width: int
-    height: int
-    fit_hours: float
-    enhance_hours: float
-    basis: str
-
-    @property
-    def megapixels(self) -> float:
-        """Of all held-out photos together."""
-        return self.test_photos * self.width * self.height / 1e6
+FIT_STEPS = 30_000
+"""Steps of the fits whose times were published."""
 
 
 def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
@@ -78,29 +47,20 @@ def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
     return [] if path.exists() else [(path, f"{first}put the capture there, or give its folder as scene.path")]
 
 
-def scene_cost(scene: DictConfig) -> SceneCost | None:
-    """What a scene of a published dataset costs; None for any other scene.
+def published_fit_minutes(scene: DictConfig) -> float | None:
+    """GPU minutes of one fit of `FIT_STEPS` steps, as they were published (docs/datasets.md); None where none were.
 
     Args:
         scene: a scene's configuration, as the job fit has it under ``scene``.
-
-    Raises:
-        InputError: the dataset has no such scene.
     """
-    if scene.get("_target_") != PUBLISHED:
+    if scene.get("_target_") != PUBLISHED or scene.dataset not in DATASETS:
         return None
-    dataset = registered(scene.dataset)
-    facts = dataset.chosen((scene.name,))[scene.name]
+    facts = registered(scene.dataset).scenes.get(scene.name)
+    if facts is None:
+        return None
     official = _values(_file("scene/datasets", scene.name))
-    photos = int(official["photos"] if scene.photos is None else scene.photos)
-    split = plain(scene.split)
-    held_out = dataset.test_photos or len(every_nth(photos, split["test_every"], split.get("test_offset", 0))[1])
     factor = official.get("downscale", 1) / scene.get("downscale", 1)
-    width, height = round(facts.width * factor), round(facts.height * factor)
-    enhance = held_out * width * height / 1e6 * ENHANCE_SECONDS / 3600
-    basis = f"fit: {dataset.fit_basis}; enhancing: {ENHANCE_SECONDS} s a megapixel, the paper's table 3 on an RTX 3090"
-    hours = facts.fit_seconds * max(1.0, factor**2) / 3600
-    return SceneCost(photos, held_out, width, height, hours, enhance, basis)
+    return facts.fit_seconds * max(1.0, factor**2) / 60
 
 
 @cache

@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.costs import cost_job
 from gaussian_enhancer.apps.estimate import Estimates
+from gaussian_enhancer.apps.inputs import missing_inputs
 from gaussian_enhancer.apps.marks import NAMES, State, state_of
 from gaussian_enhancer.apps.rows import Runs, train_key
 from gaussian_enhancer.apps.run import find_run, run_digest
@@ -209,10 +210,18 @@ class _Plan:
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job == "train" else label
             name = f"{label}-{digest}" if found is None else found.folder.name
-            lacks = "" if done else ", ".join(_lacking(job, cfg))
+            lacks = "" if done else _lacks(job, cfg)
             step = Step(work, digest, name, state, inputs, minutes, lacks, ())
         self.known.setdefault(digest, step)
         return digest
+
+
+def _lacks(job: str, cfg: DictConfig) -> str:
+    """What a run needs and no run makes, in words; empty where it lacks nothing."""
+    try:
+        return ", ".join(_lacking(job, cfg))
+    except InputError as error:
+        return str(error)
 
 
 def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
@@ -221,8 +230,8 @@ def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
 
     import torch
 
-    if job == "fit" and cfg.scene.get("path") and not Path(cfg.scene.path).exists():
-        yield f"{cfg.scene.path} does not exist; get it with: gaussian-enhancer download"
+    if job == "fit":
+        yield from (f"{path} does not exist; {remedy}" for path, remedy in missing_inputs(cfg.scene))
     if job == "train":
         gates = (cfg.get("gate") or {}).get("file")
         for pattern in [gates] if isinstance(gates, str) else gates or ():
