@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+from jaxtyping import Float
+from torch import Tensor
+
 from gaussian_enhancer.enhance.alignment import Aligned, Pixels, Reprojected, Warp
 from gaussian_enhancer.enhance.modulate import depth_unit
 from gaussian_enhancer.errors import InputError
@@ -39,16 +42,19 @@ class Preparation:
                 "candidates", f"is {self.candidates} for {self.references} references", "consider at least as many"
             )
 
-    def align(self, target: Pixels, view: RenderedView, pool: "Pool") -> Aligned:
+    def align(
+        self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
+    ) -> Aligned:
         """The best references of a pool on the target's grid.
 
         Args:
             target: the target's pixels.
             view: the target, which is never its own reference.
             pool: where references come from.
+            candidates: those of the pool that come into question, nearest first; None looks for them.
         """
-        chosen: tuple[int, ...] = ()
-        if self.references:
+        chosen = tuple(candidates or ())
+        if self.references and candidates is None:
             chosen = rank_references(view, pool.views, self.candidates, depth=target.depth)
         return self.warp(target, [pool.read(index, self.fine) for index in chosen], self.references)
 
@@ -97,8 +103,14 @@ def read_target(view: RenderedView) -> Pixels:
     return Pixels(view.name, image, view.camera, depth, alpha)
 
 
-def join(target: Pixels, aligned: Aligned) -> Views:
-    """A batch of one for the network."""
+def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> Views:
+    """A batch of one for the network.
+
+    Args:
+        target: pixels of the target, or of a part of it.
+        aligned: references on its grid.
+        unit: the length that counts as 1 in depth; None takes that of the target's own depth.
+    """
     depth = None if target.depth is None else target.depth[None]
     return Views(
         target.image[None],
@@ -106,7 +118,7 @@ def join(target: Pixels, aligned: Aligned) -> Views:
         aligned.visibility[None],
         depth,
         None if target.alpha is None else target.alpha[None],
-        None if depth is None else depth_unit(depth),
+        None if depth is None else depth_unit(depth) if unit is None else unit,
         None if aligned.renders is None else aligned.renders[None],
         None if aligned.fine is None else aligned.fine[None],
     )

@@ -5,9 +5,10 @@ are brought to it) and ``card`` (where the weights come from). Kinds of parts ar
 """
 
 import dataclasses
+import importlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,6 @@ from torch import nn
 
 from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
 from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped, Warp
-from gaussian_enhancer.enhance.baselines.bicubic import Bicubic
-from gaussian_enhancer.enhance.baselines.edvr import EDVR
-from gaussian_enhancer.enhance.baselines.identity import Identity
-from gaussian_enhancer.enhance.baselines.nafnet import NAFNet
 from gaussian_enhancer.enhance.combine import Combined, Uncombined
 from gaussian_enhancer.enhance.compose import Gated, Residual
 from gaussian_enhancer.enhance.deform import Deformable, Unrefined
@@ -27,9 +24,6 @@ from gaussian_enhancer.enhance.fuse import Mean, Pair, Trust
 from gaussian_enhancer.enhance.modulate import DepthModulated, Unmodulated
 from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.prepare import Preparation
-from gaussian_enhancer.enhance.sif import SIF
-from gaussian_enhancer.enhance.ssif_lr import SSIFLR
-from gaussian_enhancer.enhance.ssif_sr import SSIFSR
 from gaussian_enhancer.errors import InputError
 
 FORMAT = "gaussian-enhancer 1"
@@ -42,9 +36,40 @@ STAGES: dict[str, tuple[type[Any], ...]] = {
     "output": (Gated, Residual),
 }
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
-NETWORKS: dict[str, type[Any]] = {
-    kind.__name__: kind for kind in (SIF, SSIFLR, SSIFSR, NAFNet, EDVR, Identity, Bicubic)
-}
+
+
+class Networks(Mapping[str, type[Any]]):
+    """Networks by name; a module is imported when its network is asked for, so that one leaves the others alone.
+
+    Args:
+        modules: where each network is, within this folder.
+    """
+
+    def __init__(self, modules: Mapping[str, str]) -> None:
+        self.modules = dict(modules)
+
+    def __getitem__(self, name: str) -> type[Any]:
+        kind: type[Any] = getattr(importlib.import_module(f"gaussian_enhancer.enhance.{self.modules[name]}"), name)
+        return kind
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.modules)
+
+    def __len__(self) -> int:
+        return len(self.modules)
+
+
+NETWORKS: Mapping[str, type[Any]] = Networks(
+    {
+        "SIF": "sif",
+        "SSIFLR": "ssif_lr",
+        "SSIFSR": "ssif_sr",
+        "NAFNet": "baselines.nafnet",
+        "EDVR": "baselines.edvr",
+        "Identity": "baselines.identity",
+        "Bicubic": "baselines.bicubic",
+    }
+)
 
 
 @dataclass(frozen=True)
