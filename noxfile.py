@@ -159,6 +159,14 @@ def tables(session: nox.Session) -> None:
     session.run("gaussian-enhancer", "tables", "table=all", *session.posargs)
 
 
+@nox.session(default=False)
+def tradeoff(session: nox.Session) -> None:
+    """Make docs/tradeoff.md and what `enhance budget_ms=` chooses from, on an idle machine; words are overrides."""
+    install(session)
+    shipped = "settings=src/gaussian_enhancer/weights/settings.json"
+    session.run("gaussian-enhancer", "tradeoff", shipped, *session.posargs)
+
+
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""

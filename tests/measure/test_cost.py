@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from gaussian_enhancer.measure.cost import timed
+from gaussian_enhancer.measure.cost import Timing, timed
 
 
 def test_repeats_are_interleaved_after_the_warm_up() -> None:
@@ -49,3 +49,10 @@ def test_the_peak_is_that_of_the_call_and_not_of_an_earlier_one(setting: str) ->
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     large, small = map(int, done.stdout.split())
     assert 120 * 2**20 < large - small < 280 * 2**20
+
+
+@pytest.mark.parametrize(
+    ("repeats", "ends"), [((7.0,), (7.0, 7.0)), ((1.0, 2.0, 3.0, 4.0, 5.0), (2.0, 4.0)), ((4.0, 0.0), (1.0, 3.0))]
+)
+def test_quartiles_of_repeats(repeats, ends):
+    assert Timing(0.0, repeats).quartiles == ends

@@ -85,13 +85,15 @@ def test_the_share_is_that_of_the_clock():
     now = iter([0.0, 1.0, 3.0, 4.0, 5.0, 8.0])  # made, epoch, batch (2 s), end (1 s), batch (1 s), end (3 s)
     waiting = Waiting(clock=lambda: next(now))
     module, trainer = Slow(0.0), Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)
-    module.log = lambda *args, **kwargs: None
+    logged: list[tuple[str, float]] = []
+    module.log = lambda name, value, **kwargs: logged.append((name, float(value)))
     waiting.on_train_epoch_start(trainer, module)
     for index in range(2):
         waiting.on_train_batch_start(trainer, module, None, index)
         waiting.on_train_batch_end(trainer, module, None, None, index)
     assert (waiting.first, waiting.waited, waiting.worked) == (2.0, 1.0, 4.0)
     assert waiting.share == pytest.approx(0.2)
+    assert [value for name, value in logged if name == "time/seconds"] == [3.0, 7.0]
     resumed = Waiting()
     resumed.load_state_dict(waiting.state_dict())
     assert resumed.share == waiting.share

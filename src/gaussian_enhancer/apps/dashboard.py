@@ -10,6 +10,7 @@ from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.report.dashboard.diagrams import copy_diagrams
 from gaussian_enhancer.report.dashboard.folder import all_records, read_folder
 from gaussian_enhancer.report.dashboard.page import write_dashboard
 from gaussian_enhancer.report.dashboard.pictures import Pictures, copy_pictures
@@ -34,7 +35,7 @@ def run(cfg: DictConfig) -> float | None:
     pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
-    write_dashboard(path, title, listed, sources, pictures)
+    write_dashboard(path, title, listed, sources, pictures, copy_diagrams(Path(cfg.tradeoff), output))
     absent = sum(bool(source.absent) for source in sources)
     counts = f"{len(listed)} tables, {len(all_records(listed))} records, {len(pictures.shown)} views with pictures"
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""

@@ -32,6 +32,14 @@ class Timing:
         """Standard deviation over repeats (ddof=1), milliseconds; 0 for a single one."""
         return statistics.stdev(self.repeats) if len(self.repeats) > 1 else 0.0
 
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        """Lower and upper quartile over repeats, interpolated, milliseconds; a single one is both."""
+        if len(self.repeats) == 1:
+            return self.repeats[0], self.repeats[0]
+        low, _, high = statistics.quantiles(self.repeats, n=4, method="inclusive")
+        return low, high
+
 
 def timed(
     calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"

@@ -54,11 +54,12 @@ class Waiting(Callback):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """The step is done; log the share so far as ``time/waiting``."""
+        """The step is done; log the share so far as ``time/waiting``, and seconds so far as ``time/seconds``."""
         now = self.clock()
         self.worked += now - self._mark
         self._mark = now
-        pl_module.log("time/waiting", self.share, on_step=True, on_epoch=False, batch_size=1)
+        so_far = {"time/waiting": self.share, "time/seconds": self.first + self.waited + self.worked}
+        pl_module.log_dict(so_far, on_step=True, on_epoch=False, batch_size=1)
 
     def state_dict(self) -> dict[str, float]:
         """The counts in seconds."""

@@ -19,7 +19,7 @@ from gaussian_enhancer.report.dashboard.pictures import copy_pictures
 from gaussian_enhancer.report.dashboard.runs import source_runs
 
 pytestmark = pytest.mark.browser
-PARTS = ("tables", "curves", "distributions", "pictures", "settings", "measurements")
+PARTS = ("tables", "curves", "distributions", "pictures", "tradeoff", "settings", "measurements")
 
 
 @pytest.fixture(scope="module")

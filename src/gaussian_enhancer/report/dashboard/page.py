@@ -7,6 +7,7 @@ from pathlib import Path
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.provenance import this_commit
 from gaussian_enhancer.measure.study import MISSING
+from gaussian_enhancer.report.dashboard.diagrams import Diagram
 from gaussian_enhancer.report.dashboard.folder import Listed, all_records
 from gaussian_enhancer.report.dashboard.packed import packed_tables
 from gaussian_enhancer.report.dashboard.pictures import Pictures
@@ -24,6 +25,7 @@ SCRIPTS = (
     "pictures",
     "settings",
     "measurements",
+    "tradeoff",
     "tabs",
 )
 """The page's script in its order, one file a part, in ``report/templates/dashboard``."""
@@ -38,6 +40,7 @@ def write_dashboard(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
+    diagrams: Sequence[Diagram] = (),
 ) -> None:
     """Write the page.
 
@@ -47,11 +50,12 @@ def write_dashboard(
         listed: tables and records.
         runs: the runs that the records name.
         pictures: what lies beside the page.
+        diagrams: of error over run time, beside the page as well.
 
     Raises:
         InputError: the file cannot be written.
     """
-    text = document(title, listed, runs, pictures)
+    text = document(title, listed, runs, pictures, diagrams)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -61,9 +65,11 @@ def document(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
+    diagrams: Sequence[Diagram] = (),
 ) -> Markup:
     """The page's HTML; arguments as for `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
+    data["diagrams"] = [vars(one) for one in diagrams]
     scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js") for name in SCRIPTS)]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)

@@ -4,6 +4,7 @@ const PARTS = {
   curves: ["Training curves", drawCurves],
   distributions: ["Distributions", drawDistributions],
   pictures: ["Before / after", drawPictures],
+  tradeoff: ["Error / time", drawTradeoff],
   settings: ["Configurations", drawSettings],
   measurements: ["Records", drawMeasurements],
 };

@@ -1,0 +1,177 @@
+"""The kernels of the numerics study: each computation in float64, and in every way that it is done or could be.
+
+Each function gives cases as (name, the float64 reference, ways by name). Inputs are drawn once, in float64, and handed
+to every way in its own dtype: errors are those of input, arithmetic and method together.
+
+Axes: c channels, h height, w width.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from gaussian_enhancer.apps.costs import plane
+from gaussian_enhancer.degrade.blur import oriented_kernels
+from gaussian_enhancer.degrade.diffuse import CosineSchedule, LinearSchedule, Sampler, Schedule
+from gaussian_enhancer.degrade.factors import Factors, cells
+from gaussian_enhancer.degrade.resampling import KINDS, resampling_matrix
+from gaussian_enhancer.degrade.weights import load_model
+from gaussian_enhancer.enhance.deform import deformable_sample
+from gaussian_enhancer.enhance.prepare import Pool, join, read_target
+from gaussian_enhancer.enhance.reproject import reproject
+from gaussian_enhancer.enhance.weights import load_weights
+from gaussian_enhancer.types import Camera
+
+Cases = Iterator[tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]]
+
+DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
+SIZE = (96, 128)
+"""Height and width of images."""
+
+
+def deformable(device: torch.device) -> Cases:
+    """Modulated deformable sampling: ours by grid_sample, and torchvision's operator."""
+    from torchvision.ops import deform_conv2d
+
+    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
+    shapes = (1, 32, height, width), (1, 72, height, width), (1, 36, height, width), (32, 32, 3, 3)
+    x, offset, mask, weight = (torch.randn(shape, generator=draw, dtype=torch.float64).to(device) for shape in shapes)
+    offset, mask, weight = 3 * offset, mask.sigmoid(), weight / 17
+
+    def ours(dtype: torch.dtype) -> Tensor:
+        return deformable_sample(*(part.to(dtype) for part in (x, offset, mask, weight)))
+
+    def theirs(dtype: torch.dtype) -> Tensor:
+        x_, offset_, mask_, weight_ = (part.to(dtype) for part in (x, offset, mask, weight))
+        return deform_conv2d(x_, offset_, weight_, padding=1, mask=mask_)
+
+    ways = {f"grid_sample/{name}": partial(ours, dtype) for name, dtype in DTYPES.items()}
+    ways |= {f"torchvision/{name}": partial(theirs, dtype) for name, dtype in DTYPES.items()}
+    yield "deformable sampling", partial(theirs, torch.float64), ways
+
+
+def reprojection(device: torch.device) -> Cases:
+    """A photo warped through depth; half-precision inputs are computed on in single precision."""
+    views = plane(*SIZE)
+    target, source = views.targets[0], views.references[0]
+    photo, depth = source.read_photo, target.read_depth
+    if photo is None or depth is None or target.camera is None or source.camera is None:
+        raise RuntimeError("a plane has photos, depth and cameras")
+    cameras = [camera.to(device) for camera in (target.camera, source.camera)]
+    inputs = [read().double().to(device) for read in (depth, photo)]
+
+    def warped(dtype: torch.dtype, precise: torch.dtype) -> Tensor:
+        here, there = (Camera(c.K.to(precise), c.world_to_camera.to(precise), c.height, c.width) for c in cameras)
+        z, image = (part.to(dtype) for part in inputs)
+        return reproject(here, z, there, image).colour
+
+    ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
+    yield "reprojection", partial(warped, torch.float64, torch.float64), ways
+
+
+def resampling(device: torch.device) -> Cases:
+    """Resizing by matrices and by interpolation, and blur: convolved, and by Fourier transform."""
+    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
+    image = torch.rand(1, 3, height, width, generator=draw, dtype=torch.float64).to(device)
+    factor, phase = (torch.full((1,), value, dtype=torch.float64, device=device) for value in (2.3, 0.2))
+    down, up = (torch.tensor([KINDS.index(kind)], device=device) for kind in ("bilinear", "bicubic"))
+
+    def by_matrix(dtype: torch.dtype, positions: torch.dtype) -> Tensor:
+        of = factor.to(positions), phase.to(positions), down, up
+        rows, columns = (resampling_matrix(side, *of).to(dtype) for side in (height, width))
+        return rows @ image.to(dtype) @ columns.mT
+
+    ways = {f"positions in float64/{name}": partial(by_matrix, dtype, torch.float64) for name, dtype in DTYPES.items()}
+    ways["positions in float32/float32"] = partial(by_matrix, torch.float32, torch.float32)
+    yield "resize, down and up", partial(by_matrix, torch.float64, torch.float64), ways
+
+    def larger(dtype: torch.dtype) -> Tensor:
+        return F.interpolate(image.to(dtype), scale_factor=4, mode="bicubic", align_corners=False)
+
+    ways = {f"interpolate/{name}": partial(larger, dtype) for name, dtype in DTYPES.items()}
+    yield "enlarge 4 times", partial(larger, torch.float64), ways
+    shape = (torch.full((1, 1), value, dtype=torch.float64, device=device) for value in (2.0, 0.8, 0.5))
+    kernel = oriented_kernels(*shape)[0]
+    side = kernel.shape[-1]
+    padded = F.pad(image, [side // 2] * 4, mode="replicate")
+
+    def convolved(dtype: torch.dtype) -> Tensor:
+        return F.conv2d(padded.to(dtype), kernel.to(dtype).expand(3, 1, side, side), groups=3)
+
+    def transformed(dtype: torch.dtype) -> Tensor:
+        size = tuple(padded.shape[-2:])
+        spectra = (torch.fft.rfft2(part.to(dtype), s=size) for part in (padded, kernel.flip(-1, -2)))
+        product = math.prod(spectra, start=torch.ones((), device=device))
+        return torch.fft.irfft2(product, s=size)[..., side - 1 :, side - 1 :]
+
+    ways = {f"convolution/{name}": partial(convolved, dtype) for name, dtype in DTYPES.items()}
+    ways["Fourier/float32"] = partial(transformed, torch.float32)
+    yield "blur", partial(convolved, torch.float64), ways
+
+
+def latent(device: torch.device) -> Cases:
+    """The latent sampler by steps and by how they are spaced, against the same equation solved in 256 steps."""
+    model = load_model("simulator").model.eval().requires_grad_(False).to(device)
+    draw = torch.Generator().manual_seed(0)
+    image = F.interpolate(
+        torch.rand(1, 3, 16, 16, generator=draw, dtype=torch.float64), size=(128, 128), mode="bicubic"
+    )
+    rows, columns = cells(128, 128)
+    sizes = (1, model.design.vector), (1, model.design.grid, rows, columns)
+    start = Factors(*(torch.randn(size, generator=draw, dtype=torch.float64).to(device) for size in sizes))
+    own, manual = CosineSchedule(), image.clamp(0, 1).to(device)
+    models = {
+        dtype: copy.deepcopy(model.denoiser).to(dtype) for dtype in (torch.float64, torch.float32, torch.bfloat16)
+    }
+
+    def sampled(dtype: torch.dtype, schedule: Schedule, steps: int) -> Tensor:
+        features = models[dtype].features(manual.to(dtype))
+
+        def predict(noisy: Factors, time: Tensor) -> Factors:
+            # The network knows times by its own schedule: it is told the one at which that has as much signal.
+            signal = schedule.signal(time.double()).clamp(-1, 1)
+            known: Tensor = (
+                time if isinstance(schedule, CosineSchedule) else torch.acos(signal) * 2 / (math.pi * own.end)
+            )
+            return models[dtype](noisy, known.to(dtype), features)
+
+        found = Sampler(steps)(predict, Factors(start.vector.to(dtype), start.grid.to(dtype)), schedule, ())
+        return torch.cat([found.vector.flatten(), found.grid.flatten()])
+
+    ways = {f"cosine/{n} steps": partial(sampled, torch.float32, own, n) for n in (1, 2, 4, 8, 16, 32, 64)}
+    ways |= {
+        f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32, 64)
+    }
+    ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, own, n) for n in (4, 8, 16)}
+    yield "latent sampler", partial(sampled, torch.float64, own, 256), ways
+
+
+def networks(device: torch.device) -> Cases:
+    """Shipped networks as a whole, on aligned references: autocast to each dtype."""
+    for name in ("lr_tiny", "lr_base"):
+        pretrained = load_weights(name)
+        network = pretrained.network.requires_grad_(False).to(device)
+        views = plane(*SIZE)
+        target = read_target(views.targets[0])
+        aligned = pretrained.preparation.align(target, views.targets[0], Pool(views.references))
+        inputs = join(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
+        precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
+
+        def enhanced(dtype: torch.dtype, network: torch.nn.Module = network, inputs: object = inputs) -> Tensor:
+            with torch.autocast(device.type, dtype, enabled=dtype != torch.float32):
+                found: Tensor = network(inputs)
+            return found
+
+        ways = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
+        yield f"network {name}", partial(_twice, precise, exact), ways
+
+
+def _twice(network: torch.nn.Module, inputs: object) -> Tensor:
+    found: Tensor = network(inputs)
+    return found

@@ -1,0 +1,76 @@
+"""The page of error over run time, as Markdown with diagrams, from records alone."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.report.tradeoff_kernels import kernel_parts
+from gaussian_enhancer.report.tradeoff_quality import Asked, quality_parts
+from gaussian_enhancer.report.tradeoff_training import training_parts
+
+
+def write_pages(
+    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: Asked
+) -> Iterator[Path]:
+    """Write the page and its diagrams; each path as it is written.
+
+    Args:
+        page: Markdown file.
+        folder: of diagrams and records.
+        records: by kind: "quality", "training", "numerics"; those that are not there are said to be missing.
+        titles: of the studies of the kind quality.
+        asked: what is chosen for.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    link = Path(os.path.relpath(folder, page.parent)).as_posix()
+    parts, drawings = [HEAD], {}
+    for kind, made in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
+        if kind not in records:
+            parts.append(f"## {KINDS[kind]}\n\nNot measured yet: `gaussian-enhancer tradeoff kind={kind}`.\n")
+            continue
+        own = quality_parts(records[kind], titles, asked) if made is None else made(records[kind])
+        parts.append(f"## {KINDS[kind]}\n")
+        for text, name, drawing in own:
+            parts.append(text)
+            if drawing:
+                drawings[f"{name}.svg"] = drawing
+                parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
+        parts.append(_sources(records[kind], f"{link}/{kind}.jsonl"))
+    for name, drawing in drawings.items():
+        yield _written(folder / name, drawing)
+    yield _written(page, "\n".join(parts))
+
+
+HEAD = """# Error against run time
+
+After the work-precision diagrams of the ODE community: every method at several settings, one axis the error, the other
+the run time, both logarithmic, taken in one run and in turn. Lower left is better. The grey staircase is the Pareto
+front, and its settings are ringed: nothing else is at once faster and closer. Made from records by
+`gaussian-enhancer tradeoff`.
+"""
+KINDS = {
+    "quality": "Enhancement",
+    "training": "Training",
+    "numerics": "Numerics",
+}
+
+
+def _sources(records: Sequence[Record], source: str) -> str:
+    lines = [
+        f"- protocol: {'; or '.join(sorted({record.protocol for record in records} - {''}))}",
+        f"- machine: {'; '.join(sorted({record.machine for record in records}))}",
+        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)",
+        f"- measured: {min((r.time for r in records), default='')} to {max((r.time for r in records), default='')}",
+        f"- {len(records)} records in [{source.rsplit('/', 1)[-1]}]({source})",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _written(path: Path, text: str) -> Path:
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
