@@ -27,7 +27,7 @@ class InputError(ValueError):
         return InputError, (self.subject, self.received, self.remedy)
 
 
-def reason_of(error: Exception) -> str:
+def reason_of(error: BaseException) -> str:
     """Why something is missing, as a record states it: a user's mistake in its own words, others with their type.
 
     Args:

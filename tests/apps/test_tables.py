@@ -1,7 +1,6 @@
 """The job ``tables`` on tiny worlds, fitted and trained in earnest: resumption, shared runs, gaps, damage."""
 
 import json
-import os
 import random
 import shutil
 import signal
@@ -12,81 +11,23 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from gaussian_enhancer.apps import costs, pipeline, rows, tables
-from gaussian_enhancer.apps.plan import planned
+from gaussian_enhancer.apps import costs, pipeline, rows
 from gaussian_enhancer.apps.run import open_run
-from gaussian_enhancer.apps.suite import asked_names, experiment
 from gaussian_enhancer.apps.train import with_effect
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.enhance.weights import save_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import read_records
-
-CONF = str(Path(__file__).parents[2] / "conf")
-TINY = f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]"
-QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu")
-
-
-def configured(*overrides: str, job: str = "tables"):
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose(job, [TINY, "scale=tiny", "results=results", *QUIET, *overrides])
-
-
-def started(*overrides: str) -> None:
-    cfg = configured(*overrides)
-    with initialize_config_dir(CONF, version_base="1.3"):
-        tables.run(cfg)
-
-
-def plan(*overrides: str):
-    cfg = configured(*overrides)
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return planned(cfg, [experiment(name, cfg.scale) for name in asked_names(cfg.table)])
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    """A folder in which table 10 was made without interruption; not to be written into."""
-    folder, before = tmp_path_factory.mktemp("made"), Path.cwd()
-    os.chdir(folder)
-    try:
-        started("table=10")
-    finally:
-        os.chdir(before)
-    return folder
-
-
-@pytest.fixture
-def copied(made, tmp_path, monkeypatch) -> Path:
-    """A copy of that folder, to be in and to write into."""
-    shutil.copytree(made, tmp_path / "copy")
-    monkeypatch.chdir(tmp_path / "copy")
-    return tmp_path / "copy"
-
-
-def content(folder: Path, name: str = "table_10") -> list[tuple[object, ...]]:
-    """What records say, but for when they were measured."""
-    found = read_records(folder / f"results/tiny/{name}.jsonl")
-    return [(r.scene, r.splat, r.view, r.variant, r.seed, r.metrics, r.sources, r.reasons) for r in found]
-
-
-def timeless(folder: Path) -> list[tuple[object, ...]]:
-    """The same without the enhanced runs' names, which hang on the weights' cards: these say how long training took."""
-    return [
-        (*entry[:6], {job: run for job, run in entry[6].items() if job != "enhance"}, entry[7])
-        for entry in content(folder)
-    ]
+from tiny_suite import TINY, content, plan, started
 
 
 def killed(folder: Path, begun: int, wait: float) -> None:
     """Start the job and kill it a little after so many runs were begun in all."""
     command = [sys.executable, "-c", "from gaussian_enhancer.apps.cli import main; main()", "tables", "table=10"]
-    options = [TINY, "scale=tiny", "results=results", *QUIET]
-    process = subprocess.Popen([*command, *options], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([*command, *TINY], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None and len(list(folder.glob("runs/*/*/config.yaml"))) < begun:
         time.sleep(0.01)
     time.sleep(wait)
@@ -105,7 +46,7 @@ def test_a_sweep_that_is_killed_again_and_again_gives_the_tables_of_one_that_is_
         assert not (tmp_path / "results/tiny/table_10.jsonl").exists() or begun > 10
     monkeypatch.chdir(tmp_path)
     started("table=10")
-    assert timeless(tmp_path) == timeless(made)
+    assert content(tmp_path) == content(made)
     for name in ("table_10.json", "table_10.csv"):
         assert (tmp_path / "results/tiny" / name).read_bytes() == (made / "results/tiny" / name).read_bytes()
 
@@ -159,10 +100,17 @@ def test_a_dry_run_writes_and_computes_nothing_and_knows_what_is_done(tmp_path, 
 
 def test_a_dry_run_tells_what_is_missing(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    lacking = {
-        step.name: step.missing for step in plan("table=10", "scale.lpips=[lpips_vgg]", "scale.fit=['scene=gone']")
-    }
-    assert any("scene/gone" in missing for missing in lacking.values())
+    assert any("scene/gone" in step.missing for step in plan("table=10", "scale.fit=['scene=gone']"))
+    elsewhere = "scale.datasets.mip_nerf_360.scenes.object"
+    bare = ("scale.fit=[]", "scale.sparse=[]")
+    for chosen, wanted in (
+        ("scene=capture,scene.path=absent", "absent does not exist; put the capture there"),
+        ("scene=datasets/room,scene.path=room", "room/images_2 does not exist; fetch it (gaussian-enhancer download"),
+        ("scene=datasets/room,scene.path=room,scene.downscale=3", "choose from 1, 2, 4, 8"),
+    ):
+        words = chosen.split(",")
+        steps = plan("table=10", f"{elsewhere}={words}", *bare)
+        assert [wanted in step.missing for step in steps if step.work.fit[:1] == (words[0],)] == [True]
 
 
 def test_a_damaged_record_is_refused_by_name(copied) -> None:

@@ -7,9 +7,10 @@ made next, so that no run is made twice.
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any
 
@@ -22,7 +23,7 @@ from gaussian_enhancer.apps.plan import Step, Work, planned
 from gaussian_enhancer.apps.rows import Runs
 from gaussian_enhancer.apps.runtime import choose_device
 from gaussian_enhancer.apps.suite import Experiment, experiment
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, reason_of
 
 MOST = 4
 """Workers, where nothing else is said: each needs two or three gigabytes."""
@@ -41,6 +42,7 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
 
     Raises:
         InputError: the number of workers is not positive.
+        KeyboardInterrupt: the user stopped a run.
     """
     workers = worker_count(cfg)
     if workers == 1:
@@ -51,9 +53,9 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
     cfg.runtime.progress = False
     settings = plain(cfg)
     failures: dict[str, Exception] = {}
+    waiting, running, failed, total = list(steps), dict[Future[None], Step](), set[str](), len(steps)
     pool = ProcessPoolExecutor(workers, get_context("spawn"), _watch, (os.getpid(),))
-    with pool:
-        waiting, running, failed, total = list(steps), dict[Future[None], Step](), set[str](), len(steps)
+    with pool, suppress(BrokenProcessPool):  # a worker was killed: what is left is made one by one
         while waiting or running:
             _start(pool, settings, waiting, running, failed, workers)
             if not running:
@@ -61,12 +63,14 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 step, error = running.pop(future), future.exception()
                 ended = f"{total - len(waiting) - len(running)} of {total}: {step.work.job} {step.name}"
-                console.print(ended if error is None else f"{ended}: {error}", highlight=False, soft_wrap=True)
-                if isinstance(error, BrokenProcessPool):
-                    return failures  # a worker was killed: what is left is made one by one
-                if isinstance(error, Exception):
-                    failed.add(step.name)
-                    failures[step.digest] = error
+                told = ended if error is None else f"{ended}: {reason_of(error)}"
+                console.print(told, highlight=False, soft_wrap=True)
+                if error is None:
+                    continue
+                if isinstance(error, BrokenProcessPool) or not isinstance(error, Exception):
+                    raise error
+                failed.add(step.name)
+                failures[step.digest] = error
     return failures
 
 
@@ -84,6 +88,17 @@ def worker_count(cfg: DictConfig) -> int:
     return int(cfg.workers)
 
 
+def next_step(waiting: Sequence[Step], unmade: Set[str]) -> Step | None:
+    """The longest of the runs that can be made now; None where there is none.
+
+    Args:
+        waiting: runs to be made.
+        unmade: names of the runs that are not there: those that wait, are being made, or failed.
+    """
+    ready = [one for one in waiting if one.digest and unmade.isdisjoint(one.inputs)]
+    return max(ready, key=lambda one: one.minutes, default=None)
+
+
 def _start(
     pool: ProcessPoolExecutor,
     settings: dict[str, Any],
@@ -92,13 +107,11 @@ def _start(
     failed: set[str],
     workers: int,
 ) -> None:
-    """Begin as many runs as there are free workers, the longest of those that lack nothing first."""
+    """Begin as many runs as there are free workers."""
     while len(running) < workers:
-        unmade = {one.name for one in (*waiting, *running.values())} | failed
-        ready = [one for one in waiting if one.digest and not unmade.intersection(one.inputs)]
-        if not ready:
+        step = next_step(waiting, {one.name for one in (*waiting, *running.values())} | failed)
+        if step is None:
             return
-        step = max(ready, key=lambda one: one.minutes)
         waiting.remove(step)
         running[pool.submit(_make, settings, step.work)] = step
 
