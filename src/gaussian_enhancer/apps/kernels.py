@@ -34,6 +34,9 @@ DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch
 SIZE = (96, 128)
 """Height and width of images."""
 
+FINEST, SIDE = 1024, 64
+"""Steps that the latent sampler is held against, and side of its crop."""
+
 
 def deformable(device: torch.device) -> Cases:
     """Modulated deformable sampling: ours by grid_sample, and torchvision's operator."""
@@ -116,13 +119,13 @@ def resampling(device: torch.device) -> Cases:
 
 
 def latent(device: torch.device) -> Cases:
-    """The latent sampler by steps and by how they are spaced, against the same equation solved in 256 steps."""
+    """The latent sampler by steps and by how they are spaced, against the same equation solved in 1,024 steps."""
     model = load_model("simulator").model.eval().requires_grad_(False).to(device)
     draw = torch.Generator().manual_seed(0)
     image = F.interpolate(
-        torch.rand(1, 3, 16, 16, generator=draw, dtype=torch.float64), size=(128, 128), mode="bicubic"
+        torch.rand(1, 3, 16, 16, generator=draw, dtype=torch.float64), size=(SIDE, SIDE), mode="bicubic"
     )
-    rows, columns = cells(128, 128)
+    rows, columns = cells(SIDE, SIDE)
     sizes = (1, model.design.vector), (1, model.design.grid, rows, columns)
     start = Factors(*(torch.randn(size, generator=draw, dtype=torch.float64).to(device) for size in sizes))
     own, manual = CosineSchedule(), image.clamp(0, 1).to(device)
@@ -149,7 +152,7 @@ def latent(device: torch.device) -> Cases:
         f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32, 64)
     }
     ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, own, n) for n in (4, 8, 16)}
-    yield "latent sampler", partial(sampled, torch.float64, own, 256), ways
+    yield "latent sampler", partial(sampled, torch.float64, own, FINEST), ways
 
 
 def networks(device: torch.device) -> Cases:
