@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.apps.enhance import run
+from gaussian_enhancer.apps.enhance import run, with_effect
+from gaussian_enhancer.enhance.plan import Plan
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.sif import SIF
@@ -188,6 +189,45 @@ def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, we
     assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
     with pytest.raises(InputError, match="is 256x192 but its render"):
         run(configured(*folders, f"weights={weights}"))
+
+
+def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, capsys):
+    options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "max_references=1"]
+    assert run(configured(*options, "dry_run=true")) is None
+    printed = capsys.readouterr().out
+    assert "references" in printed
+    assert "10 looked at for 2 views, 8 left out" in printed
+    assert not list(tmp_path.iterdir())
+    run(configured(*options))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    plan = Plan.from_file(folder / "plan.json")
+    assert [view.name for view in plan.views] == ["view_000.png", "view_004.png"]
+    assert all(len(view.references or ()) == 1 for view in plan.views)
+    assert "10 looked at" in capsys.readouterr().err
+    run(configured(*options, "plan=full"))
+    (full,) = set((tmp_path / "enhance").iterdir()) - {folder}
+    assert Plan.from_file(full / "plan.json").views == ()
+    assert Plan.from_file(full / "plan.json").rules.full
+    assert same(full / "test/ours_100/enhanced", plane_run / "test/ours_100/renders")
+
+
+def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
+    options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "dry_run=true"]
+    run(configured(*options, "plan.references=all"))
+    assert "looked at" not in capsys.readouterr().out
+    run(configured(*options, "plan.depth=none"))
+    assert "switched off" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"plan\.tiles"):
+        run(configured(*options, "plan.tiles=some"))
+
+
+def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
+    auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
+    assert with_effect(full) == with_effect(configured(f"run={plane_run}", "plan=full", "dry_run=true"))
+    assert "plan" not in with_effect(full)
+    assert with_effect(auto) != with_effect(full)
+    assert with_effect(auto) != with_effect(configured(f"run={plane_run}", "plan.share=0.2"))
+    assert auto.dry_run is False
 
 
 def test_a_kind_of_depth_that_is_none_is_refused(plane_run, weights, tmp_path):

@@ -59,6 +59,14 @@ def test_depth_of_another_scale_or_kind_is_found_out(change, words):
     assert re.search(words, depth_doubt(wrong, Preparation(), wrong.targets))
 
 
+@pytest.mark.parametrize("bare", ["targets", "references"])
+def test_depth_is_not_judged_without_cameras(bare):
+    wrong = scene(lambda z: z * 2)
+    views = getattr(wrong, bare)
+    unplaced = replace(wrong, **{bare: (replace(views[0], camera=None), *views[1:])})
+    assert depth_doubt(unplaced, Preparation(), unplaced.targets[:1]) == ""
+
+
 def part(parts, name):
     return next(one for one in parts if one.name == name)
 

@@ -114,7 +114,9 @@ def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) ->
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
     """The folder of the images that a row's weights make of what is given; the run is added to the sources."""
-    job = composed("enhance", cfg, choice.get("enhance") or ())
+    words = tuple(choice.get("enhance") or ())
+    planned = any(word.startswith("plan=") for word in words)
+    job = composed("enhance", cfg, words if planned else ("plan=full", *words))  # networks are compared in full
     with open_dict(job):
         job.update({"weights": weights_of(cfg, choice), **given})
     folder = enhanced(job)

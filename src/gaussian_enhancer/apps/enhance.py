@@ -1,5 +1,6 @@
 """The enhance job: a fitted run, a splat with its capture, or a folder of renders, to enhanced images."""
 
+import copy
 import shutil
 import statistics
 from collections.abc import Callable, Iterable
@@ -8,11 +9,12 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
 from torch import Tensor
 
+from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import choose_device, start
 from gaussian_enhancer.apps.task import Task, read_task
@@ -21,8 +23,11 @@ from gaussian_enhancer.enhance.alignment import Reprojected
 from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
-from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.plan import Plan
+from gaussian_enhancer.enhance.planning import Planner
+from gaussian_enhancer.enhance.prepare import Preparation, read_target
 from gaussian_enhancer.enhance.pyramid import enlarged
+from gaussian_enhancer.enhance.suitable import Suited, suited
 from gaussian_enhancer.enhance.tiles import check_tiles
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
@@ -31,40 +36,46 @@ from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
-from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
 def run(cfg: DictConfig) -> float | None:
     """Enhance and write images of the same names.
 
     With ``output`` the images alone are written there. Otherwise a run's folder is made in the layout that ``measure
-    run=`` reads: renders, enhanced images and photos side by side, and the cost in records.
+    run=`` reads: renders, enhanced images and photos side by side, the cost in records, and the plan.
 
     Returns:
-        Median milliseconds an image took in the network.
+        Median milliseconds an image took in the network; None where the plan alone was asked for.
     """
     console = Console(stderr=True)
     count = _processes(cfg)
-    enhancer, task, note = _ready(cfg, start(cfg.runtime))
+    enhancer, task, found = _ready(cfg, start(cfg.runtime))
     count = min(count, max(1, len(task.rendered.targets)))
-    preparation, scale = enhancer.preparation, enhancer.network.scale
+    rules, scale = build(cfg.plan), enhancer.network.scale
+    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered)
     hidden = not (cfg.runtime.progress and console.is_terminal)
-    for read in track(_files(task.rendered, preparation, not cfg.output), "reading", console=console, disable=hidden):
+    reads = file_reads(task.rendered, enhancer.preparation, not cfg.output, planner, cfg.dry_run)
+    for read in track(reads, "reading", console=console, disable=hidden):
         read()
-    for line in filter(None, (task.note, note)):
-        console.print(line, highlight=False, soft_wrap=True)
+    plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
+    for line in (task.note, *(found.lacks if rules.full and not cfg.dry_run else (plan.table(),))):
+        if line:
+            (Console() if cfg.dry_run else console).print(line, highlight=False, soft_wrap=True, markup=False)
+    if cfg.dry_run:
+        return None
 
     def written_to(folder: Path) -> list[Enhanced]:
         if count > 1:
-            every: list[Enhanced] = together(partial(_share, folder), cfg, count)
+            every: list[Enhanced] = together(partial(_share, folder, plan), cfg, count)
             return every
         total = len(task.rendered.targets)
-        shown = track(enhancer(task.rendered), "enhancing", total=total, console=console, disable=hidden)
+        shown = track(enhancer(task.rendered, planner), "enhancing", total=total, console=console, disable=hidden)
         return _write(shown, folder)
 
     if cfg.output:
         return _tell(written_to(Path(cfg.output)), Path(cfg.output), console)
-    job = open_run(cfg, "enhance", task.rendered.name)
+    job = open_run(with_effect(cfg), "enhance", task.rendered.name)
     side = job.folder / "test" / f"ours_{task.step}"
     written = written_to(side / "enhanced")
     if scale == 1:
@@ -72,29 +83,47 @@ def run(cfg: DictConfig) -> float | None:
     else:
         _keep_fine_sources(task.rendered, side, scale)
     write_records(job.folder / "records.jsonl", [_cost(one, job.folder.name, task) for one in written])
+    decided = tuple(one.plan for one in written if one.plan is not None)
+    replace(plan, views=decided).to_file(job.folder / "plan.json")
     job.finish()
     return _tell(written, job.folder, console)
 
 
-def _ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, str]:
-    """What enhances, what is enhanced, and what had to be left out in words."""
+def with_effect(cfg: DictConfig) -> DictConfig:
+    """The configuration without what changes no image: a plan that leaves nothing out, and how much is shown of it.
+
+    Runs from before there were plans are found again by ``plan=full``.
+    """
+    kept = copy.deepcopy(cfg)
+    with open_dict(kept):
+        idle = ["dry_run"] + ["budget_ms"] * (kept.get("budget_ms") is None) + ["plan"] * build(cfg.plan).full
+        for name in idle:
+            kept.pop(name, None)
+    return kept
+
+
+def _ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited]:
+    """What enhances, what is enhanced of what was given, and what of it is used."""
     pretrained = load_weights(cfg.weights)
     task = read_task(cfg, device.type, pretrained.preparation.fine)
-    preparation, note = _fitting(_asked(pretrained, cfg, task.depth), task.rendered)
+    asked = _asked(pretrained, cfg, task.depth)
+    found = suited(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
     strength = _strength(pretrained, cfg)
-    enhancer = Enhancer(pretrained.network, preparation, device, cfg.precision, cfg.tile, strength=strength)
+    enhancer = Enhancer(pretrained.network, found.preparation, device, cfg.precision, cfg.tile, strength=strength)
     check_tiles(enhancer.tile, enhancer.halo)
-    return enhancer, task, note
+    return enhancer, replace(task, rendered=found.rendered), found
 
 
-def _share(folder: Path, cfg: DictConfig, place: Place) -> list[Enhanced]:
-    """One process's part of the views; all of them are returned, in their order."""
+def _share(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enhanced]:
+    """One process's part of the views, by the plan that was made; all of them are returned, in their order."""
     from gaussian_enhancer.apps.predict import predicted
 
     device = start(cfg.runtime)
     device = torch.device("cuda", place.rank) if device.type == "cuda" else device
     enhancer, task, _ = _ready(cfg, device)
-    return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress)
+    rules = plan.rules
+    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, plan.views)
+    return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)
 
 
 def _processes(cfg: DictConfig) -> int:
@@ -145,44 +174,40 @@ def _strength(pretrained: Pretrained, cfg: DictConfig) -> float:
     return float(value)
 
 
-def _fitting(preparation: Preparation, rendered: RenderedSet) -> tuple[Preparation, str]:
-    """The preparation as far as the input allows, and what it leaves out in words.
-
-    Raises:
-        InputError: there is no photo to refer to where references are asked for.
-    """
-    if preparation.references and not rendered.references:
-        remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
-        raise InputError(rendered.name, "has no photo to refer to", remedy)
-    note = ""
-    if preparation.fine and any(view.read_fine_photo is None for view in rendered.references):
-        preparation = replace(preparation, fine=False)
-        note = "photos 4 times as fine as the renders are not known: enlarging without their detail"
-    if not isinstance(preparation.warp, Reprojected) or preparation.references == 0:
-        return preparation, note
-    bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
-    bare += [view.name for view in rendered.references if view.camera is None]
-    if not bare:
-        return preparation, note
-    lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(preparation, references=0), f"{lack}: enhancing from the renders alone"
-
-
-def _files(rendered: RenderedSet, preparation: Preparation, keep_photos: bool) -> list[Callable[[], Tensor]]:
+def file_reads(
+    rendered: RenderedSet, preparation: Preparation, keep_photos: bool, planner: Planner | None, rendering: bool
+) -> list[Callable[[], object]]:
     """All that will be read from files: read once before the first image is written, so that a damaged one is found.
+
+    Targets are planned as they are read. Those that are rendered when they are asked for are planned when they are
+    enhanced.
 
     Args:
         rendered: targets and references.
         preparation: whether references are looked at.
         keep_photos: whether the targets' own photos are looked at.
+        planner: decides what of each target is enhanced; None where nothing is left out.
+        rendering: plan targets that are rendered, too.
     """
-    reads: list[Callable[[], Tensor] | None] = []
+    reads: list[Callable[[], object]] = []
     for view in rendered.targets:
-        reads += [view.read, view.read_depth, view.read_alpha, view.read_photo if keep_photos else None]
-        reads.append(view.read_fine_photo if keep_photos else None)
+        own = [view.read, view.read_depth, view.read_alpha]
+        if planner is not None and (rendering or isinstance(view.read, ReadPhoto)):
+            reads.append(partial(_plan, planner, view))
+        else:
+            reads += _from_files(own)
+        reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
     for view in rendered.references if preparation.references else ():
-        reads += [view.read_photo, view.read_depth, view.read, view.read_fine_photo]
+        reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
+    return reads
+
+
+def _from_files(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:
     return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
+
+
+def _plan(planner: Planner, view: RenderedView) -> None:
+    planner(view, read_target(view))
 
 
 def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:

@@ -49,10 +49,11 @@ def enhanced(job: DictConfig) -> Path:
     """
     with open_dict(job):
         job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))
-    before = find_run(job, "enhance")
+    own = enhance.with_effect(job)
+    before = find_run(own, "enhance")
     if before is None or not before.done:
         enhance.run(job)
-    return _made(job, "enhance").folder
+    return _made(own, "enhance").folder
 
 
 def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:

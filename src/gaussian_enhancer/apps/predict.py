@@ -11,6 +11,7 @@ from gaussian_enhancer.apps.together import Place
 from gaussian_enhancer.apps.trainer import quieten
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
+from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.share import Strided, gathered
 
@@ -22,12 +23,13 @@ class Prediction(LightningModule):
         enhancer: the network with its preparation; it stays on its own device.
         rendered: this process's part of the views.
         folder: where images are written.
+        planner: leaves out what a view does not need.
     """
 
-    def __init__(self, enhancer: Enhancer, rendered: RenderedSet, folder: Path) -> None:
+    def __init__(self, enhancer: Enhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None) -> None:
         super().__init__()
         # An iterator over all, since references that were read for one view serve the next.
-        self.views, self.folder = enhancer(rendered), folder
+        self.views, self.folder = enhancer(rendered, planner), folder
         self.written: list[Enhanced] = []
 
     def predict_step(self, batch: int, index: int) -> None:
@@ -37,7 +39,14 @@ class Prediction(LightningModule):
         self.written.append(replace(one, image=torch.empty(3, 0, 0)))
 
 
-def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Place, progress: bool) -> list[Enhanced]:
+def predicted(
+    enhancer: Enhancer,
+    rendered: RenderedSet,
+    folder: Path,
+    place: Place,
+    progress: bool,
+    planner: Planner | None = None,
+) -> list[Enhanced]:
     """Enhance this process's part of a set's targets and write the images.
 
     Args:
@@ -46,6 +55,7 @@ def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Pl
         folder: where images are written.
         place: of this process.
         progress: show a bar.
+        planner: leaves out what a view does not need; None enhances all of it.
 
     Returns:
         All views, those of the other processes included, in the set's order, without their pixels.
@@ -61,7 +71,7 @@ def predicted(enhancer: Enhancer, rendered: RenderedSet, folder: Path, place: Pl
         enable_progress_bar=progress,
         **place.options(),
     )
-    module = Prediction(enhancer, part, folder)
+    module = Prediction(enhancer, part, folder, planner)
     loader: DataLoader[int] = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
     trainer.predict(module, loader, return_predictions=False)
     written = [replace(one, image=torch.empty(3, 0, 0)) for one in module.written]  # no tensor of inference mode

@@ -12,14 +12,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.enhance.alignment import Unwarped
+from gaussian_enhancer.enhance.alignment import Pixels, Unwarped
 from gaussian_enhancer.enhance.cache import ReferenceFeatures
+from gaussian_enhancer.enhance.modulate import depth_unit
 from gaussian_enhancer.enhance.network import Network, Remembering
+from gaussian_enhancer.enhance.plan import ViewPlan
+from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.enhance.pyramid import enlarged
+from gaussian_enhancer.enhance.regions import cut_pixels
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Views, usable
 
 
@@ -32,7 +36,8 @@ class Enhanced:
         image: of the render's size, or finer by the network's scale, [0, 1].
         preparing: milliseconds spent on choosing, reading and warping references.
         enhancing: milliseconds spent in the network.
-        references: names of the references that were used, best first.
+        references: names of the references that were used, best first; those of the first region that was enhanced.
+        plan: what was enhanced of the view; None where everything was.
     """
 
     name: str
@@ -40,6 +45,7 @@ class Enhanced:
     preparing: float
     enhancing: float
     references: tuple[str, ...]
+    plan: ViewPlan | None = None
 
 
 class Enhancer:
@@ -79,26 +85,59 @@ class Enhancer:
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength = tile, halo, strength
 
-    def __call__(self, rendered: RenderedSet) -> Iterator[Enhanced]:
+    def __call__(self, rendered: RenderedSet, planner: Planner | None = None) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
+
+        Args:
+            rendered: targets and references.
+            planner: leaves out what a view does not need; None enhances every pixel with every reference.
 
         Raises:
             InputError: a view cannot be read, or lacks what the preparation needs.
         """
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-        pool = Pool(rendered.references)
+        pool = Pool(rendered.references) if planner is None else planner.pool
         kept = None
         if isinstance(self.network, Remembering) and isinstance(self.preparation.warp, Unwarped):
             kept = ReferenceFeatures(self.network)
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)
-            aligned = self.preparation.align(target, view, pool)
+            plan = None if planner is None else planner(view, target)
+            if planner is not None and plan is not None and plan.regions is not None:
+                yield self._in_parts(view, target, planner, plan, started)
+                continue
+            chosen = None if planner is None or plan is None else planner.chosen(plan)
+            aligned = self.preparation.align(target, view, pool, chosen)
             prepared = time.perf_counter()
             image = self.enhance(join(target, aligned), aligned.names, kept)[0]
             ended = time.perf_counter()
-            yield Enhanced(view.name, image, 1e3 * (prepared - started), 1e3 * (ended - prepared), aligned.names)
+            times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
+            yield Enhanced(view.name, image, *times, aligned.names, plan)
+
+    def _in_parts(
+        self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
+    ) -> Enhanced:
+        """A view of which regions are enhanced, each as if it were an image of its own, and the rest passed through."""
+        height, width = plan.size
+        scale, chosen = self.network.scale, planner.chosen(plan)
+        unit = None if target.depth is None else depth_unit(target.depth[None])
+        image = enlarged(target.image[None], scale)[0].clamp(0, 1)
+        image = image.clone() if scale == 1 else image  # what was read may be kept by its reader
+        names: tuple[str, ...] = ()
+        enhancing = 0.0
+        for region in plan.regions or ():
+            seen = region.grown(planner.rules.margin, height, width)
+            part = cut_pixels(target, seen)
+            aligned = self.preparation.align(part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen)
+            prepared = time.perf_counter()
+            enhanced = self.enhance(join(part, aligned, unit), aligned.names)[0]
+            enhancing += time.perf_counter() - prepared
+            region.cut(image, scale).copy_(region.within(seen).cut(enhanced, scale))
+            names = names or aligned.names
+        preparing = time.perf_counter() - started - enhancing
+        return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan)
 
     @torch.inference_mode()
     def enhance(

@@ -128,7 +128,8 @@ class Plan:
             if self.rules.references == "auto":
                 lines.append(("candidates", "", self._candidates()))
             if self.rules.tiles == "auto":
-                lines.append(("pixels", "", f"{self.passed:.0%} show background alone and are passed through"))
+                share = f"{self.passed:.0%}" if self.passed else "none"
+                lines.append(("pixels", "", f"{share} show background alone and are passed through"))
         return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
 
     def _candidates(self) -> str:

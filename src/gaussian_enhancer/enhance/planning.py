@@ -76,7 +76,7 @@ class Planner:
     def _reference(self, index: int) -> Pixels:
         """A reference on a coarse grid; it is small, and stays in memory."""
         if index not in self._small:
-            self._small[index] = coarse(self.pool.read(index))
+            self._small[index] = coarse(self.pool.read(index, self.preparation.fine))
         return self._small[index]
 
     def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:

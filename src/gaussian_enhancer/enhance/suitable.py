@@ -98,14 +98,15 @@ def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence
         if target.depth is None or not bool(usable(target.depth).any()):
             return f"the depth of {view.name} holds no finite positive value"
         warp = preparation.warp
-        if not isinstance(warp, Reprojected) or not rendered.references:
+        bare = any(one.camera is None for one in (view, *rendered.references))
+        if not isinstance(warp, Reprojected) or not rendered.references or bare:
             continue
         near = rank_references(view, pool.views, 2)
         references = [replace(coarse(pool.read(index)), depth=None) for index in near]
         small = coarse(target)
-        if small.depth is None or any(reference.camera is None for reference in references):
+        if small.depth is None or not bool(usable(small.depth).any()):
             continue
-        median = float(small.depth[usable(small.depth)].median()) if bool(usable(small.depth).any()) else 1.0
+        median = float(small.depth[usable(small.depth)].median())
         others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
         others["a flat plane"] = torch.full_like(small.depth, median)
         given = _disagreement(warp, small, references)
