@@ -1,0 +1,290 @@
+"""The page of what plans leave out, as Markdown from its records alone, and its diagram."""
+
+import math
+import os
+import statistics
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gaussian_enhancer.measure.compare import Table
+from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.measure.study import MISSING
+from gaussian_enhancer.report.markup import Markup, joined, tag
+
+KIND = "leaving_out"
+"""Kind of the record that a plan leaves of a scene as a whole."""
+
+BAR, LEFT, WIDTH, GAP, TOP = 18, 110, 300, 130, 64
+STYLE = """
+svg { --ground: #ffffff; --ink: #1f2328; --quiet: #59636e; --bar: #3f83f8; font: 12px system-ui, sans-serif; }
+@media (prefers-color-scheme: dark) { svg { --ground: #0d1117; --ink: #f0f6fc; --quiet: #9198a1; } }
+text { fill: var(--ink); } .quiet { fill: var(--quiet); } .title { font-weight: 600; }
+.bar { fill: var(--bar); } .aim { stroke: var(--ink); stroke-dasharray: 4 4; } .axis { stroke: var(--quiet); }
+"""
+
+
+@dataclass(frozen=True)
+class Aims:
+    """What the shown plan is held to.
+
+    Args:
+        baseline: the plan that leaves nothing out.
+        shown: the plan that is judged.
+        faster: least ratio of times on scenes that are mostly background.
+        slower: least ratio of times on all others.
+        allowed: dB of PSNR that a scene may lose.
+    """
+
+    baseline: str
+    shown: str
+    faster: float
+    slower: float
+    allowed: float
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A plan on a scene, beside the baseline.
+
+    Args:
+        scene: the scene's name.
+        plan: the plan's name.
+        own: its record of the scene.
+        base: the baseline's.
+        costs: mean loss over views by metric, baseline minus plan; for LPIPS plan minus baseline.
+        worst: largest loss of a view in PSNR, dB.
+    """
+
+    scene: str
+    plan: str
+    own: Record
+    base: Record
+    costs: dict[str, float]
+    worst: float
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times faster than the baseline."""
+        own, base = self.own.metrics.get("milliseconds"), self.base.metrics.get("milliseconds")
+        return base / own if own and base else None
+
+    @property
+    def background(self) -> bool:
+        """Whether the scene is mostly background."""
+        return bool(self.own.metrics.get("background"))
+
+    def verdicts(self, aims: Aims) -> tuple[bool, bool]:
+        """Whether the aims of time and of error are met."""
+        least = aims.faster if self.background else aims.slower
+        return (self.ratio or 0.0) >= least, self.costs["psnr"] <= aims.allowed
+
+
+@dataclass(frozen=True)
+class Section:
+    """One set of scenes.
+
+    Args:
+        title: its heading.
+        name: the option of the group ``worlds`` that measures it.
+        records: its records; none where it was not measured.
+        aims: what its shown plan is held to.
+    """
+
+    title: str
+    name: str
+    records: Sequence[Record]
+    aims: Aims
+
+    def cells(self, plan: str | None = None) -> tuple[Cell, ...]:
+        """A plan on every scene that it was measured on; None takes the shown one."""
+        return tuple(self._cells(self.aims.shown if plan is None else plan))
+
+    def plans(self) -> tuple[str, ...]:
+        """All plans but the baseline, in their order."""
+        found = dict.fromkeys(record.variant for record in self.records if record.kind == KIND)
+        return tuple(name for name in found if name != self.aims.baseline)
+
+    def _cells(self, plan: str) -> Iterator[Cell]:
+        scenes = {(r.scene, r.variant): r for r in self.records if r.kind == KIND}
+        views = {(r.scene, r.variant, r.view): r for r in self.records if r.kind == "quality"}
+        for (scene, variant), own in scenes.items():
+            base = scenes.get((scene, self.aims.baseline))
+            if variant != plan or base is None:
+                continue
+            pairs = [
+                (views[scene, self.aims.baseline, v], one)
+                for (s, p, v), one in views.items()
+                if (s, p) == (scene, plan)
+            ]
+            losses = {name: _losses(pairs, name) for name in ("psnr", "psnr_aligned", "ssim", "lpips_alex")}
+            costs = {name: statistics.fmean(values) for name, values in losses.items() if values}
+            yield Cell(scene, plan, own, base, costs, max(losses["psnr"], default=math.nan))
+
+
+def leaving_out_page(
+    title: str, about: str, sections: Sequence[Section], good: Sequence[Record], drawing: Path, page: Path
+) -> str:
+    """The whole page.
+
+    Args:
+        title: its heading.
+        about: what is left out and when, Markdown.
+        sections: the scenes that nothing was chosen by first.
+        good: what ablations/already_good.py found; none where it was not run.
+        drawing: file of the diagram.
+        page: file of the page, from which links are made.
+    """
+    parts = [f"# {title}\n", f"{about.strip()}\n"]
+    link = Path(os.path.relpath(drawing, page.parent)).as_posix()
+    parts.append(f"![time and error with what is left out, against all of it]({link})\n")
+    for section in sections:
+        parts += _section(section)
+    parts += ["## Already good\n", _already_good(good)]
+    return "\n".join(parts)
+
+
+def diagram(section: Section) -> str:
+    """Bars by scene, as SVG: how many times faster the shown plan is, and what it costs in dB.
+
+    Args:
+        section: the scenes; a diagram without bars where none was measured.
+    """
+    cells, aims = section.cells(), section.aims
+    ratios = {cell.scene: cell.ratio or 0.0 for cell in cells}
+    costs = {cell.scene: cell.costs["psnr"] for cell in cells}
+    height = TOP + (BAR + 8) * max(1, len(cells)) + 24
+    width = 2 * (LEFT + WIDTH) + GAP - LEFT
+    panels = (
+        _bars(f"time of {aims.baseline} / time of {aims.shown}", ratios, (1.0, aims.faster), LEFT, height, "{:.2f}x"),
+        _bars("PSNR lost, dB", costs, (0.0, aims.allowed), LEFT + WIDTH + GAP, height, "{:+.3f}"),
+    )
+    title = tag("text", f"What the plan {aims.shown} saves and costs", x=f"{LEFT}", y="22", class_="title")
+    ground = tag("rect", width=f"{width}", height=f"{height}", fill="var(--ground)")
+    body = joined(tag("style", Markup(STYLE)), ground, title, *panels)
+    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" role="img" {size}>{body}</svg>\n'
+
+
+def _bars(title: str, values: dict[str, float], lines: tuple[float, ...], left: int, height: int, form: str) -> Markup:
+    """Horizontal bars from the first line on, with dashed lines at what matters."""
+    low, high = min(0.0, *values.values(), *lines), max(*values.values(), *lines, 1e-9) if values else max(lines)
+    scale = 0.85 * WIDTH / (high - low)
+    parts = [tag("text", title, x=f"{left}", y=f"{TOP - 18}", class_="quiet")]
+    for number, (name, value) in enumerate(values.items()):
+        y, start, end = TOP + number * (BAR + 8), left - low * scale, left + (value - low) * scale
+        box = tag(
+            "rect",
+            x=f"{min(start, end):.1f}",
+            width=f"{max(1.0, abs(end - start)):.1f}",
+            y=f"{y}",
+            height=f"{BAR}",
+            class_="bar",
+        )
+        parts += [
+            tag("text", name, x=f"{left - 8}", y=f"{y + 13}", text_anchor="end"),
+            box,
+            tag("text", form.format(value), x=f"{max(start, end) + 6:.1f}", y=f"{y + 13}", class_="quiet"),
+        ]
+    for line in lines:
+        x = f"{left + (line - low) * scale:.1f}"
+        parts.append(tag("line", x1=x, x2=x, y1=f"{TOP - 8}", y2=f"{height - 24}", class_="aim"))
+        parts.append(tag("text", f"{line:g}", x=x, y=f"{height - 8}", text_anchor="middle", class_="quiet"))
+    return tag("g", *parts)
+
+
+def _already_good(records: Sequence[Record]) -> str:
+    """By scene: what share of its blocks a predictor passes through for what is allowed, and the box that is left."""
+    command = "`python ablations/already_good.py RUNS --json docs/results/already_good.jsonl`"
+    if not records:
+        return f"Not measured yet: {command}.\n"
+    names = ("passed by predicted", "box by predicted", "passed by bound", "box by bound")
+    rows = []
+    for run in dict.fromkeys(record.run for record in records):
+        own = [record.metrics for record in records if record.run == run]
+        means = (statistics.fmean(metrics[name] or 0.0 for metrics in own) for name in names)
+        rows.append((run.rsplit("-", 1)[0], str(len(own)), *(f"{mean:.0%}" for mean in means)))
+    heads = ("scene", "views", "passed, predicted", "box left", "passed, best order", "box left")
+    about = (
+        f"{command}, training worlds. Share of the blocks that can be passed through for 0.02 dB, in the order of the "
+        "errors that the references show of themselves, and in the best order, which nobody knows beforehand; and the "
+        "share of the image that the rectangle around the others takes.\n"
+    )
+    return f"{about}\n{Table(heads, tuple(rows)).markdown()}"
+
+
+def _losses(pairs: Sequence[tuple[Record, Record]], metric: str) -> list[float]:
+    """What each view loses in a metric, positive where it became worse; views without a finite number are left out."""
+    sign = -1.0 if metric.startswith("lpips") else 1.0
+    known = ((base.metrics.get(metric), own.metrics.get(metric)) for base, own in pairs)
+    return [sign * (a - b) for a, b in known if a is not None and b is not None and math.isfinite(a - b)]
+
+
+def _section(section: Section) -> Iterator[str]:
+    yield f"## {section.title}\n"
+    command = "gaussian-enhancer leaving_out" + ("" if section.name == "test" else f" worlds={section.name}")
+    if not section.records:
+        yield f"Not measured yet: `{command}`.\n"
+        return
+    yield f"Made by `{command}`, weights as shipped.\n"
+    for plan in section.plans():
+        cells = section.cells(plan)
+        yield f"### `{plan}` against `{section.aims.baseline}`\n"
+        yield 'Positive numbers under "lost" are worse; PSNR in dB.\n'
+        yield _costs(cells, section.aims).markdown()
+        if plan == section.aims.shown:
+            yield "What was left out:\n"
+            yield _left_out(cells)
+    missing = [f"- {record.scene}: {record.reasons['row']}\n" for record in section.records if record.kind == MISSING]
+    yield "Missing:\n\n" + "".join(missing) if missing else "Nothing is missing.\n"
+    told = [record for record in section.records if record.kind == KIND]
+    if told:
+        machines = "; ".join(sorted({record.machine for record in told}))
+        how = "; ".join(sorted({record.protocol for record in told}))
+        commits = ", ".join(sorted({record.commit for record in told}))
+        yield f"Machine: {machines}. Times: {how}. Commit: {commits}.\n"
+
+
+def _costs(cells: Sequence[Cell], aims: Aims) -> Table:
+    """One line a scene: times, memory, errors, whether the aims are met."""
+    rows = []
+    for cell in cells:
+        fast, good = cell.verdicts(aims)
+        base, own = cell.base.metrics, cell.own.metrics
+        rows.append(
+            (
+                cell.scene,
+                f"{cell.own.size[0]}x{cell.own.size[1]}",
+                f"{base['milliseconds']:.0f} → {own['milliseconds']:.0f}",
+                f"{cell.ratio or 0:.2f}",
+                f"{base['peak_memory_mb']:.0f} → {own['peak_memory_mb']:.0f}",
+                *(f"{cell.costs[name]:+.{d}f}" if name in cell.costs else "" for name, d in _ERRORS.items()),
+                f"{cell.worst:+.3f}",
+                "met" if fast else "**missed**",
+                "met" if good else "**missed**",
+            )
+        )
+    heads = ("scene", "size", "ms a view", "times faster", "peak MB", *(f"{name} lost" for name in _ERRORS))
+    return Table((*heads, "worst view, dB", "time", "error"), tuple(rows))
+
+
+_ERRORS = {"psnr": 3, "ssim": 4, "lpips_alex": 4}
+
+
+def _left_out(cells: Sequence[Cell]) -> str:
+    """By scene: pixels, candidates and parts that were left out, each with its reason."""
+    lines = []
+    for cell in cells:
+        found = cell.own.metrics
+        taken, left, unseeing = (
+            int(found.get(f"candidates_{name}") or 0) for name in ("taken", "left_out", "unseeing")
+        )
+        words = [
+            f"{found.get('passed') or 0:.0%} of the pixels (background alone)",
+            f"{left} of {taken + left} candidates ({unseeing} see too little, the others less than those taken)",
+        ]
+        for name, why in cell.own.reasons.items():
+            if name.startswith("part ") and found.get(name) == 0:
+                words.append(f"{name.removeprefix('part ')} ({why})")
+        lines.append(f"- {cell.scene}: {', '.join(words)}\n")
+    return "".join(lines)
