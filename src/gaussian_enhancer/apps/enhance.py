@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import track
 from torch import Tensor
 
+from gaussian_enhancer.apps.budget import within_budget
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import choose_device, start
@@ -50,6 +51,7 @@ def run(cfg: DictConfig) -> float | None:
     """
     console = Console(stderr=True)
     count = _processes(cfg)
+    cfg = within_budget(cfg, _ready, start(cfg.runtime), console)
     enhancer, task, found = _ready(cfg, start(cfg.runtime))
     count = min(count, max(1, len(task.rendered.targets)))
     rules, scale = build(cfg.plan), enhancer.network.scale
