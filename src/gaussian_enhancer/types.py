@@ -199,6 +199,11 @@ def usable(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
     return torch.isfinite(depth) & (depth > 0)
 
 
+def precise(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
+    """The values in single precision where they are in half; others as they are."""
+    return values.to(torch.promote_types(values.dtype, torch.float32))
+
+
 def quantised(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
     """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
     return torch.round(image.clamp(0, 1) * 255) / 255

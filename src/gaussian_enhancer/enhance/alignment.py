@@ -4,7 +4,7 @@ Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -17,7 +17,7 @@ from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, refine_depth
 from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Camera, precise
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,15 @@ class Warp(Protocol):
 
 @dataclass(frozen=True)
 class Unwarped:
-    """References as they are, resized where they differ in size, visible everywhere: the paper's way."""
+    """References as they are, resized where they differ in size, visible everywhere: the paper's way.
+
+    Half precision is resized in single.
+    """
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Take the first ``keep`` references."""
         height, width = target.image.shape[-2:]
-        chosen = list(references[:keep])
+        chosen = [_precise(reference) for reference in references[:keep]]
         warped = []
         for reference in chosen:
             image = resize(reference.image, height, width)
@@ -94,6 +97,7 @@ class Reprojected:
 
     Where the splat's own render of a reference's view is known, depth is refined and colours are matched by it: what
     one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
+    Half precision cannot address pixels: views in it are warped in single precision, and autocast stays outside.
 
     Args:
         depth: what the target's depth is; says how far it is bettered photometrically before the warp (`refine_depth`).
@@ -116,11 +120,15 @@ class Reprojected:
             raise ValueError(f"depth is {self.depth!r}, none of {', '.join(SEARCHES)}")
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
-        """Warp all references and keep those that together show most.
+        """Warp all references and keep those that together show most; no gradient passes through the search of depth.
 
         Raises:
             InputError: a view has no camera, or the target no depth.
         """
+        with torch.autocast(target.image.device.type, enabled=False):
+            return self._warped(_precise(target), [_precise(reference) for reference in references], keep)
+
+    def _warped(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         if not references or keep == 0:
             return _aligned(target, [], [])
         if target.depth is None:
@@ -129,7 +137,8 @@ class Reprojected:
             )
         camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
         shown = [reference.image if reference.render is None else reference.render for reference in references]
-        depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth)
+        with torch.no_grad():
+            depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth)
         warped, exposures = [], []
         for other, reference in zip(cameras, references, strict=True):
             exposure = _own_exposure(reference) if self.match_colour else None
@@ -145,6 +154,13 @@ class Reprojected:
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
+
+
+def _precise(view: Pixels) -> Pixels:
+    """A view with its images in single precision where they were in half."""
+    images = {f.name: getattr(view, f.name) for f in fields(view) if f.name not in ("name", "camera")}
+    half = {n: precise(i) for n, i in images.items() if i is not None and i.dtype in (torch.float16, torch.bfloat16)}
+    return replace(view, **half) if half else view  # type: ignore[arg-type]
 
 
 def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:

@@ -10,6 +10,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.types import precise
+
 
 def deformable_sample(
     x: Float[Tensor, "b c h w"],
@@ -91,7 +93,7 @@ class Deformation(nn.Module):
         """Align a reference's features to the target's; height and width are even."""
         x = F.relu(self.compare(torch.cat([reference, target], dim=1)))
         x = self.predict(F.relu(self.widen(x)))
-        x = F.interpolate(x.float(), scale_factor=2, mode="bilinear", align_corners=False)
+        x = F.interpolate(precise(x), scale_factor=2, mode="bilinear", align_corners=False)
         split = 2 * self.groups * self.kernel**2
         offset, mask = self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
         return deformable_sample(self.narrow(reference), offset, mask, self.mix.weight, self.mix.bias)

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.enhance.block import Block
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import precise
 
 
 class TrustFusion(nn.Module):
@@ -48,8 +49,8 @@ class TrustFusion(nn.Module):
         # Joined as images, which stay channels-last; joined five-dimensional they would be copied around.
         pairs = torch.cat([references.flatten(0, 1), target.repeat_interleave(count, dim=0)], dim=1)
         seen = self.block(F.relu(self.compare(pairs)))
-        logits = 6 * torch.tanh(self.trust(seen).float() / 6)
-        scores = visibility.float() * torch.exp(logits).reshape(batch, count, self.heads, height, width)
+        logits = 6 * torch.tanh(precise(self.trust(seen)) / 6)
+        scores = precise(visibility) * torch.exp(logits).reshape(batch, count, self.heads, height, width)
         weights = scores / (1 + scores.sum(1, keepdim=True))
         values = self.value(seen).reshape(batch, count, self.heads, -1, height, width)
         news = (weights[:, :, :, None].to(values.dtype) * values).sum(1).reshape(batch, channels, height, width)

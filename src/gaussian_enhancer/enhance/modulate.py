@@ -10,13 +10,13 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.types import usable
+from gaussian_enhancer.types import precise, usable
 
 
 def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
     """The median usable depth of each image, 1 where there is none: the length that counts as 1."""
-    known = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1).float()
-    return torch.nan_to_num(known.nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
+    known = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
+    return torch.nan_to_num(precise(known).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
 
 
 def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]) -> Float[Tensor, "b 1 h w"]:
@@ -27,7 +27,7 @@ def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor
         unit: the length that counts as 1, > 0.
     """
     known = usable(depth)
-    ratio = unit[:, None, None, None] / torch.where(known, depth, torch.ones_like(depth)).float()
+    ratio = unit[:, None, None, None] / precise(torch.where(known, depth, torch.ones_like(depth)))
     return torch.where(known, ratio.clamp(0, 4), torch.zeros_like(ratio))
 
 
@@ -64,7 +64,7 @@ class DepthModulation(nn.Module):
             return features
         inverse = normalised_inverse_depth(depth, depth_unit(depth) if unit is None else unit)
         known = usable(depth).to(inverse.dtype)
-        x = F.pixel_unshuffle(torch.cat([inverse, known], dim=1), 2)
+        x = F.pixel_unshuffle(torch.cat([inverse, known], dim=1).to(self.stem.weight.dtype), 2)
         scale, shift = self.modulate(F.relu(self.widen(F.relu(self.stem(x))))).chunk(2, dim=1)
         share = F.avg_pool2d(known, 2).to(features.dtype)
         return features + share * (features * scale + shift)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.objective.terms import Term
+from gaussian_enhancer.types import precise
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,14 @@ class Objective:
         photo: Float[Tensor, "b 3 h w"],
         render: Float[Tensor, "b 3 h w"],
     ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
-        """Return the total and each term's unweighted mean, detached.
+        """Return the total and each term's unweighted mean, detached; images in half precision count as single.
 
         Args:
             enhanced: the network's output.
             photo: what it should have been, [0, 1].
             render: what it started from, [0, 1].
         """
+        enhanced, photo, render = precise(enhanced), precise(photo), precise(render)
         means = {name: entry.term(enhanced, photo, render).mean() for name, entry in self.terms.items()}
         total = torch.stack([self.terms[name].weight * mean for name, mean in means.items()]).sum()
         return total, {name: mean.detach() for name, mean in means.items()}

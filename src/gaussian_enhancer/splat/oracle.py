@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
@@ -67,8 +67,9 @@ def render_oracle(
 ) -> Render:
     """Render one view by definition: C = sum_i c_i a_i prod_{j<i} (1 - a_j) + T background.
 
-    Gaussians with z <= near are culled, the rest sorted by their centre's z; a = min(0.99, opacity exp(-power)),
-    left out below 1/255; a pixel stops before the Gaussian that would bring T below 1e-4 (Kerbl et al. 2023).
+    Gaussians that are not finite or have z <= near are culled, the rest sorted by their centre's z; a = min(0.99,
+    opacity exp(-power)), left out below 1/255; a pixel stops before the Gaussian that would bring T below 1e-4 (Kerbl
+    et al. 2023).
 
     Args:
         gaussians: in the dtype to compute in; three scale axes for ellipsoids, two for disks.
@@ -104,7 +105,7 @@ def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -
         raise InputError(f"splat for method {method.name}", received, f"use one with {axes}, or another method")
     z = (gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3])[:, 2]
     order = torch.argsort(z.detach(), stable=True)
-    sorted_ = gaussians[order[z.detach()[order] > near]]
+    sorted_ = gaussians[order[(z.detach()[order] > near) & _finite(gaussians)[order]]]
     centres = sorted_.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
     axes_camera = camera.rotation @ rotations(sorted_.quaternions)
     directions = torch.nn.functional.normalize(sorted_.means - camera.centre, dim=-1)
@@ -120,6 +121,12 @@ def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -
         opacity = opacity * (scales / smoothed).prod(-1)
         scales = smoothed
     return _ellipse_layers(centres, axes_camera * scales[:, None, :], opacity, colour, camera, method)
+
+
+def _finite(gaussians: Gaussians) -> Bool[Tensor, " n"]:
+    """Which Gaussians have a place, a size and a direction."""
+    shapes = gaussians.means, gaussians.log_scales.exp(), gaussians.quaternions
+    return torch.stack([part.isfinite().all(-1) for part in shapes]).all(0)
 
 
 def _ellipse_layers(

@@ -30,7 +30,8 @@ def render(
 ) -> Render:
     """Render one view, differentiably in the Gaussians' tensors (``smoothing`` excepted).
 
-    float32 on the CPU runs the compiled kernels, other CPU dtypes the plain torch twin (`splat.oracle`), CUDA gsplat.
+    float32 on the CPU runs the compiled kernels, float64 the plain torch twin (`splat.oracle`), CUDA gsplat. Half
+    precision cannot address pixels: float16 and bfloat16 are computed in float32, and the image is float32.
 
     Args:
         gaussians: the splat; three scale axes for ellipsoids, two for disks.
@@ -43,6 +44,8 @@ def render(
     Raises:
         InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used.
     """
+    if gaussians.means.dtype in (torch.float16, torch.bfloat16):
+        gaussians = gaussians.to(torch.float32)
     _check(gaussians, camera, method, near, screen)
     if gaussians.means.device.type == "cuda":
         from gaussian_enhancer.splat.gsplat_backend import render_gsplat
@@ -51,7 +54,7 @@ def render(
     if gaussians.means.dtype != torch.float32:
         from gaussian_enhancer.splat.oracle import render_oracle
 
-        return render_oracle(gaussians, camera, method, background, near=near)
+        return render_oracle(gaussians, camera.to(gaussians.means.dtype), method, background, near=near)
     if isinstance(method, TwoDGS):
         from gaussian_enhancer.splat.render_disks import render_disks
 
