@@ -94,6 +94,7 @@ def render_capture(
     """
     from gaussian_enhancer.splat.io.open import read_splat
     from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
+    from gaussian_enhancer.splat.near import near_plane
     from gaussian_enhancer.splat.render import render
 
     gaussians = read_splat(file, invalid=invalid).to(device)
@@ -113,6 +114,8 @@ def render_capture(
     if not sides[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
 
+    near = near_plane([photo.camera for photo in capture.train_photos if photo.camera is not None])
+
     def lossless(photo: Photo) -> str:
         """The photo's name as a render is stored; a target and the photo of the same view share it."""
         return str(Path(photo.name).with_suffix(".png"))
@@ -121,7 +124,8 @@ def render_capture(
         if photo.camera is None:
             raise InputError(photo.name, "has no camera to render from", "give a capture with cameras")
         camera = photo.camera.to(device)
-        return _Drawing(lambda: render(gaussians, camera, methods[method], capture.background).to("cpu"), parts)
+        how = methods[method]
+        return _Drawing(lambda: render(gaussians, camera, how, capture.background, near=near).to("cpu"), parts)
 
     def target(photo: Photo) -> RenderedView:
         draw = drawn(photo, ("colour", "surface", "alpha"))

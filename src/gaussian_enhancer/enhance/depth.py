@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.enhance.colour import fit_colour
-from gaussian_enhancer.enhance.reproject import fill_depth, look_up, projection
+from gaussian_enhancer.enhance.reproject import IN_FRONT, fill_depth, look_up, projection
 from gaussian_enhancer.types import Camera
 
 
@@ -145,10 +145,11 @@ def _seen(
 def _warped(z: Float[Tensor, "m h w"], one: _Seen) -> tuple[Float[Tensor, "m 3 h w"], Float[Tensor, "m h w"]]:
     """A photo through each hypothesis, and where that lies inside it."""
     depth = z * one.slopes[2] + one.offset[2]
-    safe = depth.clamp_min(1e-6)
+    least = IN_FRONT * z
+    safe = torch.maximum(depth, least)
     x, y = (z * one.slopes[0] + one.offset[0]) / safe, (z * one.slopes[1] + one.offset[1]) / safe
     rows, columns = one.photo.shape[-2:]
-    inside = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows) & (depth > 1e-6)
+    inside = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows) & (depth > least)
     return look_up(one.photo, x, y), inside.to(z.dtype)
 
 

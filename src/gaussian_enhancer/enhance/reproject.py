@@ -14,6 +14,8 @@ from torch import Tensor
 from gaussian_enhancer.types import Camera
 
 FAINTEST = 1 / 255
+IN_FRONT = 1e-6
+"""Least z before a reference, as a share of the depth in the target: scenes have no common unit."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def reproject(
         rows, columns = reference_depth.shape[-2:]
         scale = columns / reference.width, rows / reference.height
         seen = look_up(reference_depth, u * scale[0], v * scale[1], "nearest")[:, 0]
-        difference = (z - seen) / (tolerance * z.clamp_min(1e-6))
+        difference = (z - seen) / (tolerance * z.clamp_min(torch.finfo(dtype).tiny))
         visibility = visibility * torch.where(seen > 0, torch.exp(-0.5 * difference**2), 1.0)
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
@@ -169,7 +171,7 @@ def _landing(
     """Where pixels at a depth land in the reference: columns, rows, z there, and whether inside and in front."""
     homogeneous = depth * slopes + offset
     z = homogeneous[2:]
-    in_front = z > 1e-6
+    in_front = z > IN_FRONT * depth
     x, y = (homogeneous[:2] / torch.where(in_front, z, torch.ones_like(z))).unsqueeze(1)
     inside = (x >= 0) & (x <= reference.width) & (y >= 0) & (y <= reference.height) & in_front
     return x, y, z, inside

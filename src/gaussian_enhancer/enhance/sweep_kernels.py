@@ -25,7 +25,7 @@ def add_differences(depth, multipliers, slopes, offset, photo, image, gain, shif
             for k in range(count):
                 z = depth[y, x] * multipliers[k]
                 far = z * slopes[2, y, x] + offset[2]
-                if far <= _F(1e-6):
+                if far <= _F(1e-6) * z:
                     continue
                 u = (z * slopes[0, y, x] + offset[0]) / far
                 v = (z * slopes[1, y, x] + offset[1]) / far

@@ -19,6 +19,7 @@ from gaussian_enhancer.scene.cameras import write_scene_cameras
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import Method
+from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians, Render
 
@@ -40,6 +41,7 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
         InputError: two photos of one side share a name without ending, one has no camera, or the disk refuses.
     """
     on_cpu = cache(lambda: gaussians.to("cpu"))
+    near = near_plane([photo.camera for photo in scene.train_photos if photo.camera is not None])
     for side, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
         stems = [Path(photo.name).stem for photo in photos]
         for stem in stems:
@@ -48,9 +50,9 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
         for stem, photo in zip(stems, photos, strict=True):
             if photo.camera is None:
                 raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-            view = drawn = render(gaussians, photo.camera, method, scene.background)
+            view = drawn = render(gaussians, photo.camera, method, scene.background, near=near)
             if view.median_depth is None:  # gsplat has none of ellipsoids
-                drawn = render(on_cpu(), photo.camera.to("cpu"), method, scene.background)
+                drawn = render(on_cpu(), photo.camera.to("cpu"), method, scene.background, near=near)
             _write_view(folder / side / f"ours_{step}", stem, photo, view, drawn.surface[0])
 
 

@@ -29,6 +29,7 @@ from gaussian_enhancer.splat.fit.start import starting_gaussians
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
 from gaussian_enhancer.splat.fit.targets import Colour, TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, MipSplatting
+from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
@@ -110,7 +111,7 @@ class _Work:
         self.scene, self.method, self.folder, self.settings, self.watch = scene, method, folder, settings, watch
         self.device = device
         self.photos = TrainingPhotos(scene, device)
-        self.extent = camera_extent(self.photos.cameras)
+        self.extent, self.near = camera_extent(self.photos.cameras), near_plane(self.photos.cameras)
         self.step = 0
         self.smoothing: Tensor | None = None
         self.optimiser: SplatOptimiser
@@ -151,7 +152,8 @@ class _Work:
         with watch.phase("render"):
             drawn = self._drawn()
             gaussians = self._shown(drawn)
-            colour = render(gaussians, camera, self.method, background or self.scene.background, screen=screen).colour
+            behind = background or self.scene.background
+            colour = render(gaussians, camera, self.method, behind, near=self.near, screen=screen).colour
         with watch.phase("loss"):
             loss = photometric_loss(colour, target, settings.ssim_weight)
             total = loss + self._penalty()
@@ -241,7 +243,7 @@ class _Work:
     def _smooth(self) -> None:
         if isinstance(self.method, MipSplatting):
             means = self.optimiser.gaussians(0).means.detach()
-            self.smoothing = smoothing_size(means, self.photos.cameras)
+            self.smoothing = smoothing_size(means, self.photos.cameras, near=self.near)
 
     def _photo_number(self) -> int:
         """Every photo once before any comes again, in an order that seed and round determine."""
