@@ -93,3 +93,27 @@ def test_denoiser_keeps_the_shape_of_codes_and_hears_the_time(vector, grid):
     assert not torch.equal(early.vector if vector else early.grid, late.vector if vector else late.grid)
     assert early.vector.isfinite().all()
     assert early.grid.isfinite().all()
+
+
+class Saturated:
+    """No signal in the first half of the way, no noise in the last third: what stiff schedules come to in float64."""
+
+    def signal(self, time: torch.Tensor) -> torch.Tensor:
+        return ((0.6 - time) / 0.3).clamp(0, 1)
+
+
+@pytest.mark.parametrize("sampler", [Sampler(16), Sampler(16, noise=1.0), Sampler(16, mean=True)])
+def test_a_schedule_that_holds_still_at_its_ends_is_walked(sampler):
+    """Cases steep_64, linear_1000_64: they ended in a division by zero."""
+    generators = spawn(4, torch.Generator().manual_seed(0))
+    start = white(Factors(torch.zeros(4, 2), torch.zeros(4, 1, 1, 2)), generators)
+    seen = []
+
+    def clean(noisy: Factors, time: torch.Tensor) -> Factors:
+        seen.append((float(time[0]), noisy.vector.clone()))
+        return Factors(torch.full_like(noisy.vector, 3.0), torch.full_like(noisy.grid, 3.0))
+
+    codes = sampler(clean, start, Saturated(), generators)
+    assert torch.equal(codes.vector, torch.full((4, 2), 3.0))
+    assert all(torch.equal(z, start.vector) for time, z in seen if time > 0.62), "noise is no signal yet"
+    assert all(torch.equal(z, torch.full((4, 2), 3.0)) for time, z in seen if time < 0.22), "no noise is left"

@@ -8,6 +8,7 @@ Axes: b batch, k channels of features, h height, w width, i = ceil(h / 8), j = c
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -16,6 +17,16 @@ from torch import Tensor, nn
 from gaussian_enhancer.degrade.extract import Refine, Trunk
 from gaussian_enhancer.degrade.factors import Factors, convolution, linear, white
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import precise
+
+
+@runtime_checkable
+class Schedule(Protocol):
+    """How the signal falls from 1 at time 0, never rising."""
+
+    def signal(self, time: Tensor) -> Tensor:
+        """The signal a at times in [0, 1]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -59,9 +70,6 @@ class LinearSchedule:
         return torch.exp(0.5 * (logs[below] + share * (logs[below + 1] - logs[below])))
 
 
-Schedule = CosineSchedule | LinearSchedule
-
-
 @dataclass(frozen=True)
 class Sampler:
     """How noise becomes a code.
@@ -93,7 +101,7 @@ class Sampler:
         schedule: Schedule,
         generators: Sequence[torch.Generator],
     ) -> Factors:
-        """Walk from noise to a code.
+        """Walk from noise to a code; the code is float32 where the noise is in half precision, whose roundings add up.
 
         Args:
             predict: the clean code, given a noisy one and its time.
@@ -103,17 +111,24 @@ class Sampler:
         """
         times = torch.linspace(1, 0, self.steps + 1, dtype=torch.float64)
         signals = schedule.signal(times).tolist()
-        z = start
+        z = Factors(precise(start.vector), precise(start.grid))
         for k in range(self.steps):
-            now = torch.full((start.vector.shape[0],), float(times[k])).to(start.vector)
-            clean = predict(z, now)
+            now = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
+            clean = predict(z.to(start.vector.dtype), now)
+            clean = Factors(clean.vector.to(z.vector.dtype), clean.grid.to(z.grid.dtype))
             z = clean if k == self.steps - 1 else self._step(z, clean, signals[k], signals[k + 1], generators)
         return z
 
     def _step(
         self, z: Factors, clean: Factors, now: float, then: float, generators: Sequence[torch.Generator]
     ) -> Factors:
-        """From signal ``now`` to the larger signal ``then``."""
+        """From signal ``now`` to the signal ``then``, which is no smaller.
+
+        A stiff schedule holds still at either end: there, where no signal has come yet, z stays, and where no noise is
+        left, z is the clean code.
+        """
+        if then == now:
+            return z if now < 1 else clean
         noise_now, noise_then = 1 - now**2, 1 - then**2
         ratio = (now / then) ** 2
         fresh = max(0.0, noise_then / noise_now * (1 - ratio))
@@ -154,12 +169,13 @@ class Denoiser(nn.Module):
 
         Args:
             noisy: z_t.
-            time: t of each sample, in [0, 1].
+            time: t of each sample, in [0, 1]; in single precision at least, as its waves are short.
             features: what `features` said of M.
         """
         frequencies = math.pi * 2.0 ** torch.arange(8, device=time.device, dtype=time.dtype)
         waves = time[:, None] * frequencies
-        embedded = self.time(torch.cat([waves.sin(), waves.cos()], dim=1)) + self.vector_in(noisy.vector)
+        waves = torch.cat([waves.sin(), waves.cos()], dim=1).to(noisy.vector.dtype)
+        embedded = self.time(waves) + self.vector_in(noisy.vector)
         x = self.grid_in(noisy.grid) + features + embedded[:, :, None, None]
         for block in self.joined:
             x = block(x)
