@@ -14,6 +14,7 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.alignment import Pixels, Unwarped
 from gaussian_enhancer.enhance.cache import ReferenceFeatures
+from gaussian_enhancer.enhance.finite import refuse_not_finite
 from gaussian_enhancer.enhance.modulate import depth_unit
 from gaussian_enhancer.enhance.network import Network, Remembering
 from gaussian_enhancer.enhance.plan import ViewPlan
@@ -151,6 +152,7 @@ class Enhancer:
             kept: features of references that are kept between targets; without effect where there are several tiles.
         """
         views = views.to(self.device)
+        refuse_not_finite(views)
         if views.depth is not None and not bool(usable(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
