@@ -60,7 +60,13 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
     data = _data(cfg)
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
-        build(cfg.fusion), build(cfg.objective), metrics, build(cfg.optimiser), cfg.trainer.max_steps, cfg.coarse
+        build(cfg.fusion),
+        build(cfg.objective),
+        metrics,
+        build(cfg.optimiser),
+        cfg.trainer.max_steps,
+        cfg.coarse,
+        cfg.bad_share,
     )
     waiting = Waiting()
     trainer = make_trainer(cfg, job, "last", [waiting], place=place)
@@ -72,6 +78,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
             return None
         gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    dropped = module.dropped.of_all()
     if not trainer.is_global_zero:
         return None
     preparation = build(cfg.preparation)
@@ -90,6 +97,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         "validation": gains,
         "seed": int(cfg.seed),
         "run": job.digest,
+        **({"dropped": dropped} if dropped else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
@@ -101,7 +109,13 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
 
 def _data(cfg: DictConfig) -> "RunsData":
     finer = FinePhotos(Path(cfg.runs) / "photos")
-    data: RunsData = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress, finer=finer)
+    data: RunsData = build(
+        cfg.data,
+        cache=str(Path(cfg.runs) / "samples"),
+        progress=cfg.runtime.progress,
+        finer=finer,
+        bad_share=cfg.bad_share,
+    )
     return data
 
 

@@ -79,7 +79,7 @@ def _shown(loggers: Sequence[Any]) -> list[Any]:
 
 
 def alike(cfg: DictConfig) -> DictConfig:
-    """The configuration as it determines a training: whoever watches it, and however many processes share it.
+    """The configuration as it determines a training: whoever watches or shares it, whatever bad samples it forgives.
 
     Runs that differ in these alone have one folder, so that a training may go on under another logger, or shared.
 
@@ -90,6 +90,7 @@ def alike(cfg: DictConfig) -> DictConfig:
     with open_dict(same):
         same.logger = LOGGER
         same.pop("study", None)
+        same.pop("bad_share", None)
         same.trainer.devices = 1
         same.trainer.pop("strategy", None)
     return same

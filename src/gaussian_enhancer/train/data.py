@@ -16,6 +16,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
+from gaussian_enhancer.train.dropped import refuse_bad
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
 from gaussian_enhancer.train.simulated import Simulation
@@ -48,6 +49,7 @@ class RunsData(LightningDataModule):
         simulate_validation: validate on simulated renders as well, as the training of a simulator does.
         views_per_run: at most so many held-out views of each run, spread evenly; None takes all.
         finer: gives the views of a run their photos 4 times as fine, where the preparation asks for them.
+        bad_share: share of all samples that may be left out for not being finite.
 
     Raises:
         InputError: the share is out of range, or there is nothing to simulate with.
@@ -73,6 +75,7 @@ class RunsData(LightningDataModule):
         simulate_validation: bool = False,
         views_per_run: int | None = None,
         finer: Callable[[Path, RenderedSet], RenderedSet] | None = None,
+        bad_share: float = 0.01,
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}
@@ -95,7 +98,7 @@ class RunsData(LightningDataModule):
             raise InputError("preparation.fine", "is asked for", "tell with finer= where fine photos come from")
         if views_per_run is not None and views_per_run < 1:
             raise InputError("views_per_run", f"is {views_per_run}", "give at least 1")
-        self.views_per_run, self.finer = views_per_run, finer
+        self.views_per_run, self.finer, self.bad_share = views_per_run, finer, bad_share
         self.sources: list[list[Sample]] = []
         self.held_out: list[Sample] = []
 
@@ -174,6 +177,19 @@ class RunsData(LightningDataModule):
                 for group in runs["train"]
             ]
             self.held_out = [sample for group in runs["validation"] for sample in self._samples(group, bar, task)]
+        self._leave_out()
+
+    def _leave_out(self) -> None:
+        """Leave out the samples that are not finite.
+
+        Raises:
+            InputError: they are too many.
+        """
+        every = [sample for source in (*self.sources, self.held_out) for sample in source]
+        bad = [f"{sample.name}: its {sample.bad} is not finite" for sample in every if sample.bad]
+        refuse_bad(bad, len(every), self.bad_share)
+        self.sources = [[sample for sample in source if not sample.bad] for source in self.sources]
+        self.held_out = [sample for sample in self.held_out if not sample.bad]
 
     def _samples(self, runs: Sequence[Path], bar, task) -> list[Sample]:  # type: ignore[no-untyped-def]
         found: list[Sample] = []

@@ -13,10 +13,12 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.pyramid import enlarged
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.objective.objective import Objective
 from gaussian_enhancer.train.average import follow
+from gaussian_enhancer.train.dropped import Dropped, emptied, finite_samples
 from gaussian_enhancer.train.share import gathered
-from gaussian_enhancer.types import Batch, quantised
+from gaussian_enhancer.types import Batch, precise, quantised
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,10 @@ class EnhancerModule(LightningModule):
         steps: length of the training, for the schedule.
         coarse: weight of the objective at each coarser scale of a network that has several (NeRFLiX++'s
             intermediate supervision).
+        bad_share: share of the crops that may be dropped for not being finite, before the training fails.
+
+    Raises:
+        InputError: the share is none.
     """
 
     def __init__(
@@ -79,6 +85,7 @@ class EnhancerModule(LightningModule):
         optimiser: Optimiser,
         steps: int,
         coarse: float = 0.1,
+        bad_share: float = 0.01,
     ) -> None:
         super().__init__()
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -86,22 +93,80 @@ class EnhancerModule(LightningModule):
         self.objective, self.metrics, self.optimiser, self.steps = objective, dict(metrics), optimiser, steps
         self.coarse = coarse
         self.judged: list[Judged] = []
+        self.dropped = Dropped(bad_share)
+        self.crops = 0  # of a step, in this process
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
-        """Loss of a batch of crops."""
-        *coarser, enhanced = self.network.stages(batch.views)
-        with torch.autocast(self.device.type, enabled=False):
-            start = enlarged(batch.views.render, self.network.scale).clamp(0, 1)
-            total, parts = self.objective(enhanced.float(), batch.photo, start)
-            for image in coarser:
-                photo, render = (
-                    F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (batch.photo, start)
-                )
-                total = total + self.coarse * self.objective(image.float(), photo, render)[0]
+        """Loss of a batch of crops.
+
+        Raises:
+            InputError: too many crops were dropped, or the weights are no longer finite.
+        """
+        total, parts = self.loss(batch)
         size = len(batch.names)
         self.log("train/total", total, prog_bar=True, batch_size=size, sync_dist=True)
         self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size, sync_dist=True)
         return total
+
+    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """Objective of a batch, and the means of its terms.
+
+        Samples that are not finite, before the network or after it, are dropped: they weigh nothing, and the batch
+        keeps its size, so that several processes stay in step.
+
+        Raises:
+            InputError: see `training_step`.
+        """
+        kept = finite_samples(batch)
+        self.crops = len(kept)
+        if bool(kept.all()):
+            images = self.network.stages(batch.views)
+            kept = torch.stack([image.detach().flatten(1).float().sum(1).isfinite() for image in images]).all(0)
+            if bool(kept.all()):
+                return self._objective(images, batch.views.render, batch.photo)
+        self.dropped.add([name for name, good in zip(batch.names, kept.tolist(), strict=True) if not good])
+        self.dropped.refuse_many((self.global_step + 1) * self.crops)
+        batch = emptied(batch, kept)
+        images = self.network.stages(batch.views)
+        if not all(bool(image.isfinite().all()) for image in images):
+            received = f"has weights that are not finite at step {self.global_step}"
+            raise InputError("training", received, "lower optimiser.rate, or raise optimiser.warmup")
+        if not bool(kept.any()):
+            nothing = images[-1].detach().new_zeros(())
+            return torch.stack([0.0 * image.float().sum() for image in images]).sum(), dict.fromkeys(
+                self.objective.terms, nothing
+            )
+        chosen = tuple(image[kept] for image in images)
+        total, parts = self._objective(chosen, batch.views.render[kept], batch.photo[kept])
+        return total * kept.float().mean(), parts
+
+    def _objective(self, images: tuple[Tensor, ...], drawn: Tensor, truth: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+        """The objective of enhanced images at all scales, coarse to fine, given renders and photos."""
+        *coarser, enhanced = images
+        with torch.autocast(self.device.type, enabled=False):
+            start = enlarged(drawn, self.network.scale).clamp(0, 1)
+            total, parts = self.objective(precise(enhanced), truth, start)
+            for image in coarser:
+                photo, render = (
+                    F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (truth, start)
+                )
+                total = total + self.coarse * self.objective(precise(image), photo, render)[0]
+        return total, parts
+
+    def on_train_end(self) -> None:
+        """Judge how many crops were dropped, by all processes together."""
+        self.dropped.refuse_many_of_all(self.global_step * self.crops * self.trainer.world_size)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep what was dropped; a checkpoint without such samples is what it was before they were counted."""
+        counts = self.dropped.of_all()
+        if counts:
+            checkpoint["dropped"] = counts
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Go on counting; the first process takes what all had dropped."""
+        if self.trainer.is_global_zero:
+            self.dropped.counts = dict(checkpoint.get("dropped", {}))
 
     def optimizer_step(self, *arguments: Any, **named: Any) -> None:
         """Step, and move the average towards the weights before a checkpoint can be written."""

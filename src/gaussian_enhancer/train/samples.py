@@ -11,7 +11,7 @@ Axes: p planes, h height, w width, r references, H = 4 h, W = 4 w.
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,6 +54,7 @@ class Sample:
         held_out: whether the render was not fitted to the photo, so that the two are a pair to learn from.
         has_reference_renders: whether the splat's own renders of the references' views are known.
         fine: path of the planes that are 4 times as fine; empty where there are none.
+        bad: what is not finite, where the view cannot be learnt from; then there are no planes.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Sample:
     held_out: bool = True
     has_reference_renders: bool = False
     fine: str = ""
+    bad: str = ""
 
     def planes(self) -> np.ndarray:
         """The planes, mapped from the file."""
@@ -137,14 +139,18 @@ def training_targets(rendered: RenderedSet) -> RenderedSet:
 
 
 def _entry(sample: Sample) -> dict[str, Any]:
-    """A sample's values; those of a sample without fine planes are what they were before there were any."""
-    return {name: value for name, value in dataclasses.asdict(sample).items() if name != "fine" or value}
+    """A sample's values; those of a good sample without fine planes are what they were before there were others."""
+    return {name: value for name, value in dataclasses.asdict(sample).items() if name not in ("fine", "bad") or value}
 
 
 def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool: Pool, folder: Path) -> Sample:
     view = rendered.targets[number]
     target = read_target(view)
     photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
+    if bad := _not_finite({"render": target.image, "photo": photo, "opacity": target.alpha}):
+        # Rounded to bytes, NaN would be a colour like any other.
+        height, width = target.image.shape[-2:]
+        return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
     aligned = preparation.align(target, view, pool)
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
@@ -168,6 +174,11 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
     known = target.depth is not None, target.alpha is not None
     name, drawn = f"{rendered.name}/{view.name}", aligned.renders is not None
     return Sample(name, str(path), height, width, len(aligned.names), *known, has_reference_renders=drawn, fine=finer)
+
+
+def _not_finite(images: Mapping[str, Tensor | None]) -> str:
+    """The names of images that are not finite everywhere; empty where all are."""
+    return ", ".join(n for n, image in images.items() if image is not None and not bool(torch.isfinite(image).all()))
 
 
 def _fine_planes(photo: Float[Tensor, "3 H W"], aligned: Aligned) -> Tensor:
