@@ -174,6 +174,21 @@ def test_chances_and_limits_hold():
     assert abs(regional - 0.1 * len(drawn)) < 4.5 * math.sqrt(0.09 * len(drawn))
 
 
+def test_types_that_a_scene_does_not_show_are_named_and_never_drawn():
+    scene = fingerprint(*simulated(only({"noise": 1.0}), 8, seed=4))
+    gate = calibrated(scene, PHOTOS[:2], torch.Generator().manual_seed(0), types=SWITCHES, held_out={})
+    assert {"needle", "jpeg"} <= set(gate.left_out)
+    assert "noise" not in gate.left_out
+    generator = torch.Generator().manual_seed(0)
+    seen = {step.type for _ in range(500) for step in gate.draw(generator)}
+    assert not seen & set(gate.left_out)
+    assert seen | set(gate.left_out) >= set(TESTED)
+    assert gate.table().splitlines()[-1] == f"left out: {', '.join(gate.left_out)}"
+    everything = AdaptiveGate(dict.fromkeys(TYPES, 0.5))
+    assert everything.left_out == ()
+    assert "left out" not in everything.table()
+
+
 GOOD = {"chances": {"blur": 0.5}, "limits": {"blur": 0.5}, "regional": 0.5}
 
 

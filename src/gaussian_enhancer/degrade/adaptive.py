@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gaussian_enhancer.degrade.calibration import responses, solved
 from gaussian_enhancer.degrade.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
-from gaussian_enhancer.degrade.gate import Gate, Step, drawn, known_types, probability, switched_on
+from gaussian_enhancer.degrade.gate import TYPES, Gate, Step, drawn, known_types, probability, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.scene.json_file import member, number, read_json
@@ -87,10 +87,18 @@ class AdaptiveGate:
             if entry.type in on and entry.lot < self.chances.get(entry.type, 0.0)
         )
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Types that are never drawn: the scene does not show them, or they are switched off."""
+        on = switched_on(self.types)
+        return tuple(name for name in TYPES if name not in on or self.chances.get(name, 0.0) == 0)
+
     def table(self) -> str:
-        """Chances and limits, one type a line, for the terminal."""
-        lines = (f"{name:<14}{p:8.3f}{self.limits.get(name, 1.0):8.3f}" for name, p in self.chances.items() if p > 0)
-        return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines))
+        """Chances and limits, one type a line, and the types that are left out, for the terminal."""
+        shown = [name for name in self.chances if name not in self.left_out]
+        lines = [f"{name:<14}{self.chances[name]:8.3f}{self.limits.get(name, 1.0):8.3f}" for name in shown]
+        left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines, *left))
 
     def to_file(self, path: str | Path) -> None:
         """Write chances, limits and the regional share as JSON, whole or not at all; switches are not kept.
