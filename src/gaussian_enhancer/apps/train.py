@@ -66,7 +66,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         build(cfg.optimiser),
         cfg.trainer.max_steps,
         cfg.coarse,
-        cfg.bad_share,
+        _bad_share(cfg),
     )
     waiting = Waiting()
     trainer = make_trainer(cfg, job, "last", [waiting], place=place)
@@ -114,9 +114,16 @@ def _data(cfg: DictConfig) -> "RunsData":
         cache=str(Path(cfg.runs) / "samples"),
         progress=cfg.runtime.progress,
         finer=finer,
-        bad_share=cfg.bad_share,
+        bad_share=_bad_share(cfg),
     )
     return data
+
+
+def _bad_share(cfg: DictConfig) -> float:
+    """What a training forgives; no part of its address, and so missing where a configuration was cut down to that."""
+    from gaussian_enhancer.train.dropped import BAD_SHARE
+
+    return float(cfg.get("bad_share", BAD_SHARE))
 
 
 def with_effect(cfg: DictConfig) -> DictConfig:

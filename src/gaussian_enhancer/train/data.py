@@ -16,7 +16,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
-from gaussian_enhancer.train.dropped import refuse_bad
+from gaussian_enhancer.train.dropped import BAD_SHARE, refuse_bad
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
 from gaussian_enhancer.train.simulated import Simulation
@@ -75,7 +75,7 @@ class RunsData(LightningDataModule):
         simulate_validation: bool = False,
         views_per_run: int | None = None,
         finer: Callable[[Path, RenderedSet], RenderedSet] | None = None,
-        bad_share: float = 0.01,
+        bad_share: float = BAD_SHARE,
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}

@@ -16,6 +16,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch
 
+BAD_SHARE = 0.01
+"""Share of the samples that may be dropped where nothing else is said."""
 FEWEST = 1000
 """Crops that are counted at least before their share is judged: one bad crop among the first ten is no tenth of all."""
 

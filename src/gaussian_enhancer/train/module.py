@@ -16,7 +16,7 @@ from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.objective.objective import Objective
 from gaussian_enhancer.train.average import follow
-from gaussian_enhancer.train.dropped import Dropped, emptied, finite_samples
+from gaussian_enhancer.train.dropped import BAD_SHARE, Dropped, emptied, finite_samples
 from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch, precise, quantised
 
@@ -85,7 +85,7 @@ class EnhancerModule(LightningModule):
         optimiser: Optimiser,
         steps: int,
         coarse: float = 0.1,
-        bad_share: float = 0.01,
+        bad_share: float = BAD_SHARE,
     ) -> None:
         super().__init__()
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
