@@ -25,6 +25,7 @@ JOBS = {
     "measure": "compare images with photos; write records",
     "quality": "every method on every held-out scene: the table of docs/quality.md, and whether its aims are met",
     "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
+    "stability": "stiff and extreme cases in every precision against float64: docs/stability.md",
     "leaving_out": "what the plan leaves out of each scene, what that saves and what it costs",
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",

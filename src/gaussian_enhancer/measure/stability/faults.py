@@ -1,0 +1,75 @@
+"""Faults that the matrix found, each with the case that found it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault.
+
+    Args:
+        case: that found it.
+        fault: what happened.
+        remedy: what happens now.
+    """
+
+    case: str
+    fault: str
+    remedy: str
+
+
+FAULTS: tuple[Fault, ...] = (
+    Fault(
+        "ordinary_3dgs",
+        "splats in bfloat16 or float16, and splats with a camera of another type, ended in an error about matrices",
+        "they are drawn in float32, and the image is float32",
+    ),
+    Fault(
+        "not_finite_3dgs",
+        "the float64 twin made NaN of Gaussians that the compiled kernels leave out",
+        "the twin leaves them out as well",
+    ),
+    Fault(
+        "noise_lr_tiny",
+        "networks in bfloat16, float16 or float64 ended in an error: parts of them were always float32",
+        "normalised depth and trust are computed in float32 at least and handed on in the network's own type",
+    ),
+    Fault(
+        "zero_warp",
+        "views in half precision could not be warped, autocast reached into the geometry, and images that ask for a "
+        "gradient ended in an error of the compiled search",
+        "views are warped in float32 outside of autocast; no gradient passes through the search of depth",
+    ),
+    Fault(
+        "half_size_unwarped",
+        "references in half precision could not be resized",
+        "they are resized in float32",
+    ),
+    Fault(
+        "tiny_warp",
+        "what lies before a camera was judged by 1e-6 scene units: references of a tiny scene were not seen, and the "
+        "check for occlusion passed everything",
+        "it is judged by 1e-6 of the depth; near planes follow the cameras where a scene's unit is extraordinary",
+    ),
+    Fault(
+        "nan_in_render",
+        "a single NaN in a view spread over the enhanced image without a word",
+        "the view is refused by an error that names the part",
+    ),
+    Fault(
+        "steep_64",
+        "schedules that stand still at an end were divided by zero; in half precision the walk's roundings added up, "
+        "and the time's short waves were lost",
+        "z stays where no signal has come, and is the clean code where no noise is left; z and time are float32",
+    ),
+    Fault(
+        "black_objective",
+        "in half precision the objective's squares and constants were rounded away",
+        "the objective is computed in float32 at least",
+    ),
+    Fault(
+        "nan_in_a_sample",
+        "one NaN in a batch made all weights NaN; NaN in a photo became black in the prepared samples",
+        "such samples are named, counted and left without weight; too large a share of them fails the training",
+    ),
+)
