@@ -1,6 +1,7 @@
 """Errors of kernels against float64: by definition, what single precision is known for, what is missing."""
 
 import math
+import time
 
 import pytest
 import torch
@@ -44,6 +45,21 @@ def test_a_case_is_recorded_way_by_way_and_failures_say_why(tmp_path) -> None:
     assert "| a kernel | ours/float32 | 5.0e-01 |" in text
     assert "| a kernel | wild/float16 | not finite |" in text
     assert "- a kernel, `theirs/float16`: RuntimeError: not in this dtype" in text
+
+
+@pytest.mark.parametrize(("seconds", "calls"), [(math.inf, 6), (0.001, 2), (0.12, 3)])
+def test_repeats_fall_where_they_would_take_too_long(seconds, calls) -> None:
+    called: list[int] = []
+
+    def slow() -> torch.Tensor:
+        called.append(1)
+        time.sleep(0.05)
+        return torch.ones(1)
+
+    (record,) = case_records(Case("slow", lambda: torch.ones(1).double(), {"ours/float32": slow}), 5, CPU, seconds)
+    assert 2 <= len(called) <= calls
+    assert f"{len(called) - 1} interleaved repeats" in record.protocol
+    assert record.metrics["relative_error"] == 0
 
 
 def test_an_unknown_case_is_refused(monkeypatch) -> None:

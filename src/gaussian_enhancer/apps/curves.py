@@ -1,7 +1,7 @@
 """The settings that the job tradeoff compares, as ``conf/curves`` states them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,9 +12,10 @@ from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.suite import FINER, USUAL
 from gaussian_enhancer.enhance.baselines.bicubic import Bicubic
 from gaussian_enhancer.enhance.baselines.identity import Identity
+from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.errors import InputError
 
-NULL_NETWORKS = {"identity": Identity, "bicubic": Bicubic}
+NULL_NETWORKS: dict[str, Callable[[], Network]] = {"identity": Identity, "bicubic": Bicubic}
 KEYS = ("network", "weights", "train", "learns", "enhance", "warp", "upscale", "compiled", "only")
 
 

@@ -150,6 +150,7 @@ def latent(device: torch.device) -> Cases:
     ways = {f"cosine/{n} steps": partial(sampled, torch.float32, own, n) for n in (1, 2, 4, 8, 16, 32)}
     ways |= {f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32)}
     ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, own, n) for n in (4, 8, 16)}
+    ways["cosine in float64/256 steps"] = partial(sampled, torch.float64, own, FINEST // 2)
     yield "latent sampler", partial(sampled, torch.float64, own, FINEST), ways
 
 
@@ -165,7 +166,7 @@ def networks(device: torch.device) -> Cases:
         precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
 
         def enhanced(dtype: torch.dtype, network: torch.nn.Module = network, inputs: object = inputs) -> Tensor:
-            with torch.autocast(device.type, dtype, enabled=dtype != torch.float32):
+            with torch.inference_mode(), torch.autocast(device.type, dtype, enabled=dtype != torch.float32):
                 found: Tensor = network(inputs)
             return found
 

@@ -1,5 +1,7 @@
 """Error against run time of each kernel: dtypes and implementations against float64, timed in turn."""
 
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -41,15 +43,16 @@ def all_cases(device: torch.device) -> Iterator[Case]:
 
 
 def numeric_records(
-    repeats: int, names: Sequence[str] | None, device: torch.device, console: Console
+    repeats: int, names: Sequence[str] | None, device: torch.device, console: Console, seconds: float = math.inf
 ) -> Iterator[Record]:
     """One record a way: relative error, largest error, time with its quartiles; why, where there is none.
 
     Args:
-        repeats: of each time.
+        repeats: of each time, at most.
         names: of the cases; None for all.
         device: where to compute.
         console: is told what is measured.
+        seconds: that the repeats of a case may take; of the last round, more.
 
     Raises:
         InputError: there is no case of a name.
@@ -59,24 +62,28 @@ def numeric_records(
         known.append(case.name)
         if names is None or case.name in names:
             console.print(case.name, highlight=False)
-            yield from case_records(case, repeats, device)
+            yield from case_records(case, repeats, device, seconds)
     for name in names or ():
         if name not in known:
             raise InputError("numerics.cases", f"names {name!r}", f"choose from {', '.join(known)}")
 
 
-def case_records(case: Case, repeats: int, device: torch.device) -> Iterator[Record]:
-    """The records of one case."""
-    true = case.reference().double()
+def case_records(case: Case, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
+    """The records of one case; arguments as for `numeric_records`."""
+    true, spent = case.reference().double(), 0.0
     errors: dict[str, tuple[float, float]] = {}
     for way, call in case.ways.items():
         try:
-            errors[way] = errors_of(call().double(), true)
+            begun = time.perf_counter()
+            found = call().double()
+            spent += time.perf_counter() - begun
+            errors[way] = errors_of(found, true)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
             yield Record(MISSING, "", case.name, "", "", way, {}, {"row": reason})
     calls = {way: partial(_called, case.ways[way]) for way in errors}
-    times = timed(calls, repeats, 1, device)
+    repeats = repeats if spent * repeats <= seconds else max(1, int(seconds / spent))
+    times = timed(calls, repeats, 0, device)  # each was called once already
     where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     protocol = f"{where}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
     protocol += "the difference from float64 over that of float64's result"

@@ -74,7 +74,8 @@ def measured(cfg: DictConfig, kind: str, studies: tuple[Study, ...], console: Co
     if kind == "training":
         yield from training_records(Path(cfg.runs), cfg.training.pattern, cfg.training.least_steps)
     elif kind == "numerics":
-        yield from numeric_records(int(cfg.numerics.repeats), cfg.numerics.cases, device, console)
+        limits = int(cfg.numerics.repeats), cfg.numerics.cases
+        yield from numeric_records(*limits, device, console, float(cfg.numerics.seconds))
     else:
         distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
         with TemporaryDirectory() as folder:
