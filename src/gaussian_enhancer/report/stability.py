@@ -15,6 +15,11 @@ from gaussian_enhancer.report.stability_figures import RAISED, outcome_of
 SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
 """A cell's outcome in one character; a dot stands where a case has no such pass."""
 
+_FAULTS = (
+    "Found while the matrix was built, by its cells or by reading what a case reaches. Each is fixed; the case and a "
+    "test hold it.\n"
+)
+
 ABOUT = """\
 Every case of the catalogue is computed in five precisions, forward and backward, and compared with float64 on the very
 same numbers: inputs and weights are rounded to the precision first, so that what is measured is the computation and not
@@ -53,8 +58,8 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
         parts += ["## Order of the latent sampler\n", _order(order, figures["order"])]
     parts += ["## What was refused, and what has failed\n", _said(cells)]
     parts += [
-        "## Faults that the matrix found\n",
-        "Each is fixed; its case, and a test with the case's name, hold it.\n",
+        "## Faults found and fixed\n",
+        _FAULTS,
     ]
     parts += [
         Table(("case", "what happened", "now"), tuple((f"`{f.case}`", f.fault, f.remedy) for f in FAULTS)).markdown()

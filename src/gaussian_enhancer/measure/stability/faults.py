@@ -1,4 +1,4 @@
-"""Faults that the matrix found, each with the case that found it."""
+"""Faults found while the matrix was built, by its cells or by reading what a case reaches, each with that case."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ class Fault:
     """A fault.
 
     Args:
-        case: that found it.
+        case: that holds it.
         fault: what happened.
         remedy: what happens now.
     """
@@ -61,11 +61,6 @@ FAULTS: tuple[Fault, ...] = (
         "schedules that stand still at an end were divided by zero; in half precision the walk's roundings added up, "
         "and the time's short waves were lost",
         "z stays where no signal has come, and is the clean code where no noise is left; z and time are float32",
-    ),
-    Fault(
-        "black_objective",
-        "in half precision the objective's squares and constants were rounded away",
-        "the objective is computed in float32 at least",
     ),
     Fault(
         "nan_in_a_sample",
