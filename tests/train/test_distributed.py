@@ -129,6 +129,7 @@ def test_two_processes_enhance_as_one_does(three_views, tmp_path):
         assert image == (two / "test/ours_100/enhanced" / name).read_bytes()
         assert image != (one / "test/ours_100/renders" / name).read_bytes()
     assert [record.view for record in read_records(two / "records.jsonl")] == images
+    assert (one / "plan.json").read_bytes() == (two / "plan.json").read_bytes()
     assert (two / "done").is_file()
 
 

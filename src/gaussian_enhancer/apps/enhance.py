@@ -85,8 +85,8 @@ def run(cfg: DictConfig) -> float | None:
     else:
         _keep_fine_sources(task.rendered, side, scale)
     write_records(job.folder / "records.jsonl", [_cost(one, job.folder.name, task) for one in written])
-    decided = tuple(one.plan for one in written if one.plan is not None)
-    replace(plan, views=decided).to_file(job.folder / "plan.json")
+    decided = tuple(one.plan for one in written if one.plan is not None)  # none come back from several processes
+    replace(plan, views=decided or plan.views).to_file(job.folder / "plan.json")
     job.finish()
     return _tell(written, job.folder, console)
 

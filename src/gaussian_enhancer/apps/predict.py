@@ -58,7 +58,7 @@ def predicted(
         planner: leaves out what a view does not need; None enhances all of it.
 
     Returns:
-        All views, those of the other processes included, in the set's order, without their pixels.
+        All views, those of the other processes included, in the set's order, without their pixels and plans.
     """
     quieten()
     own = Strided(len(rendered.targets), place.rank, place.ranks)
@@ -74,6 +74,7 @@ def predicted(
     module = Prediction(enhancer, part, folder, planner)
     loader: DataLoader[int] = DataLoader(range(len(part.targets)), batch_size=None)  # type: ignore[arg-type]
     trainer.predict(module, loader, return_predictions=False)
-    written = [replace(one, image=torch.empty(3, 0, 0)) for one in module.written]  # no tensor of inference mode
+    # No tensor of inference mode, and no more than a pipe holds: who plans ahead knows the plans.
+    written = [replace(one, image=torch.empty(3, 0, 0), plan=None) for one in module.written]
     found = {one.name: one for one in gathered(written)}
     return [found[view.name] for view in rendered.targets]
