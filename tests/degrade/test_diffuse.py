@@ -116,4 +116,4 @@ def test_a_schedule_that_holds_still_at_its_ends_is_walked(sampler):
     codes = sampler(clean, start, Saturated(), generators)
     assert torch.equal(codes.vector, torch.full((4, 2), 3.0))
     assert all(torch.equal(z, start.vector) for time, z in seen if time > 0.62), "noise is no signal yet"
-    assert all(torch.equal(z, torch.full((4, 2), 3.0)) for time, z in seen if time < 0.22), "no noise is left"
+    assert min(time for time, _ in seen) > 0.26, "where no noise is left the walk ends"

@@ -1,10 +1,12 @@
+import pytest
 import torch
 
 from gaussian_enhancer.degrade.draws import spawn
-from gaussian_enhancer.degrade.gate import TYPES, NoGate, RandomGate
+from gaussian_enhancer.degrade.gate import TYPES, AllGate, NoGate, RandomGate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.errors import InputError
 
 LIGHT = {name: name in ("blur", "noise", "cloudy", "floater") for name in TYPES}
 
@@ -65,3 +67,22 @@ def test_the_second_stage_gets_the_first_ones_output_and_has_the_last_word():
     assert torch.equal(seen[0][0].image, degrade(view, steps, generators).image)
     assert seen[0][1] is real
     assert torch.equal(done.image, torch.ones_like(done.image))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_simulated_in_single(dtype):
+    """Case constant_simulated: it was an error about types of matrices, and autocast rounded what artefacts drew."""
+    half = photo().to(dtype)
+    done = Simulator(AllGate())(half, seeded(1))
+    assert done.image.dtype == torch.float32
+    expected = Simulator(AllGate())(half.to(torch.float32), seeded(1))
+    assert torch.equal(done.image, expected.image)
+    with torch.autocast("cpu", dtype):
+        assert torch.equal(Simulator(AllGate())(half.to(torch.float32), seeded(1)).image, expected.image)
+
+
+def test_a_photo_that_is_not_finite_is_refused():
+    view = photo()
+    view.image[1, 0, 3, 3] = float("nan")
+    with pytest.raises(InputError, match="photo: has colours that are not finite"):
+        simulator()(view, seeded(1))

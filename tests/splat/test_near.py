@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 import torch
 
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.methods import ThreeDGS, TwoDGS
 from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.oracle import render_oracle
@@ -68,6 +69,15 @@ def test_half_precision_is_drawn_in_single(dtype, axes):
     assert half.means.grad is not None
     assert half.means.grad.dtype == dtype
     assert half.means.grad.abs().sum() > 0
+
+
+def test_a_gradient_that_half_precision_cannot_hold_is_refused():
+    """Case focal_1e5_3dgs: it was infinite."""
+    half = gaussians(axes=3, dtype=torch.float16)
+    half.means.requires_grad_()
+    image = render(half, camera(0.0), ThreeDGS())
+    with pytest.raises(InputError, match="splat's means: is larger than"):
+        (1e9 * image.colour.sum()).backward()
 
 
 @pytest.mark.parametrize("axes", [2, 3])

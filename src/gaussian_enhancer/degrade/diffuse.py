@@ -113,6 +113,8 @@ class Sampler:
         signals = schedule.signal(times).tolist()
         z = Factors(precise(start.vector), precise(start.grid))
         for k in range(self.steps):
+            if k > 0 and signals[k] == 1:
+                return z  # no noise is left: z is the clean code, of which the network knows nothing more
             now = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
             clean = predict(z.to(start.vector.dtype), now)
             clean = Factors(clean.vector.to(z.vector.dtype), clean.grid.to(z.grid.dtype))
@@ -124,11 +126,10 @@ class Sampler:
     ) -> Factors:
         """From signal ``now`` to the signal ``then``, which is no smaller.
 
-        A stiff schedule holds still at either end: there, where no signal has come yet, z stays, and where no noise is
-        left, z is the clean code.
+        A stiff schedule holds still where no signal has come yet: there z stays.
         """
         if then == now:
-            return z if now < 1 else clean
+            return z
         noise_now, noise_then = 1 - now**2, 1 - then**2
         ratio = (now / then) ** 2
         fresh = max(0.0, noise_then / noise_now * (1 - ratio))

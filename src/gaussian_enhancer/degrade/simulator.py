@@ -14,6 +14,7 @@ from gaussian_enhancer.degrade.draws import spawn
 from gaussian_enhancer.degrade.gate import Gate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import quantised
 
 
@@ -67,12 +68,23 @@ class Simulator:
     ) -> View:
         """Simulate splat renders of photographed views; colours in [0, 1], rounded to 8 bits as renders on disk are.
 
+        Artefacts are computed in float32 at least, outside autocast: half precision holds neither pixels' positions nor
+        the steps of 8 bits. Views in half precision come back in float32.
+
         Args:
             view: photos, with depth and opacity where they are known.
             generators: one source of randomness for each sample, or one to seed them all from; on the CPU.
             real: real renders of the same views, for the stage 2 that needs them.
+
+        Raises:
+            InputError: a photo is not finite.
         """
+        if not bool(torch.isfinite(view.image).all()):
+            raise InputError("photo", "has colours that are not finite", "give colours in [0, 1]")
+        if view.image.dtype in (torch.float16, torch.bfloat16):
+            view, real = view.to(torch.float32), None if real is None else real.float()
         each = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
         steps = [self.gate.draw(one) for one in each]
-        refined = self.second(degrade(view, steps, each), each, real)
+        with torch.autocast(view.image.device.type, enabled=False):
+            refined = self.second(degrade(view, steps, each), each, real)
         return View(quantised(refined.image), refined.depth, refined.alpha)

@@ -25,7 +25,7 @@ class View(Movable):
         alpha: opacity in [0, 1]; None where unknown.
 
     Raises:
-        InputError: the image is not a batch of three floating-point channels, is empty or not finite, or depth or
+        InputError: the image is not a batch of three floating-point channels, is empty, or depth or
             opacity are of another size.
     """
 

@@ -3,6 +3,8 @@
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w width.
 """
 
+import dataclasses
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -42,10 +44,11 @@ def render(
         screen: is filled with statistics for densification, if given.
 
     Raises:
-        InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used.
+        InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used; in the backward
+            pass, if a gradient is larger than the splat's own dtype holds.
     """
     if gaussians.means.dtype in (torch.float16, torch.bfloat16):
-        gaussians = gaussians.to(torch.float32)
+        gaussians = _widened(gaussians)
     _check(gaussians, camera, method, near, screen)
     if gaussians.means.device.type == "cuda":
         from gaussian_enhancer.splat.gsplat_backend import render_gsplat
@@ -60,6 +63,21 @@ def render(
 
         return render_disks(gaussians, camera, background, near=near, screen=screen)
     return _render_ellipsoids(gaussians, camera, method, background, near, screen)
+
+
+def _widened(gaussians: Gaussians) -> Gaussians:
+    """A splat of half precision in float32, whose gradients are refused where half precision cannot hold them."""
+    wide, largest = gaussians.to(torch.float32), torch.finfo(gaussians.means.dtype).max
+    for field in dataclasses.fields(wide):
+        value = getattr(wide, field.name)
+        if value is not None and value.requires_grad:
+            value.register_hook(partial(_held, field.name, str(gaussians.means.dtype), largest))
+    return wide
+
+
+def _held(name: str, dtype: str, largest: float, gradient: Tensor) -> None:
+    if float(gradient.abs().max()) > largest:
+        raise InputError(f"gradient of the splat's {name}", f"is larger than {dtype} holds", "fit in float32")
 
 
 def _check(gaussians: Gaussians, camera: Camera, method: Method, near: float, screen: ScreenStatistics | None) -> None:

@@ -25,6 +25,16 @@ FAULTS: tuple[Fault, ...] = (
         "they are drawn in float32, and the image is float32",
     ),
     Fault(
+        "focal_1e5_3dgs",
+        "gradients of a splat in float16 became infinite where they are larger than float16 holds",
+        "they are refused by an error that names the part",
+    ),
+    Fault(
+        "constant_simulated",
+        "photos in half precision ended in an error of the artefacts, and autocast rounded what they draw",
+        "artefacts are computed in float32 outside of autocast; a photo that is not finite is refused",
+    ),
+    Fault(
         "not_finite_3dgs",
         "the float64 twin made NaN of Gaussians that the compiled kernels leave out",
         "the twin leaves them out as well",
@@ -61,6 +71,12 @@ FAULTS: tuple[Fault, ...] = (
         "schedules that stand still at an end were divided by zero; in half precision the walk's roundings added up, "
         "and the time's short waves were lost",
         "z stays where no signal has come, and is the clean code where no noise is left; z and time are float32",
+    ),
+    Fault(
+        "steep_1000",
+        "where no noise was left long before the end, the denoiser went on with its own clean code, which grew beyond "
+        "what single precision holds",
+        "the walk ends where no noise is left",
     ),
     Fault(
         "nan_in_a_sample",

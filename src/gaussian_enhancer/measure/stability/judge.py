@@ -17,6 +17,9 @@ from gaussian_enhancer.measure.stability.case import Case, Precision, Problem, U
 WITHIN, REFUSED, FAILED = "within tolerance", "refused", "FAILED"
 """How a cell ends."""
 
+ROUNDING = 1e-12
+"""Share of the largest gradient below which a gradient is zero but for float64's roundings."""
+
 KIND = "stability"
 """Kind of the matrix's records."""
 
@@ -92,10 +95,15 @@ def difference(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], prob
         direction: "forward" or "backward".
     """
     worst = 0.0
+    largest = max((float(value.norm()) for value in expected.values()), default=0.0)
     for name, value in found.items():
         gap, size = (value.double() - expected[name]), expected[name]
         if direction == "backward":
             error, scale = float(gap.norm()), float(size.norm())
+            if (
+                scale < ROUNDING * largest
+            ):  # nothing but float64's own roundings: it is to be as small beside the others
+                scale = largest
         else:
             last = max(0, math.ceil(problem.share * gap.numel()) - 1)
             error = float(gap.abs().flatten().sort().values[last]) if gap.numel() else 0.0

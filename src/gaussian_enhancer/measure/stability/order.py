@@ -21,8 +21,10 @@ def measured_order(steps: Sequence[int], finest: int, known: Collection[str] = (
     protocol = f"DDIM in float64, root mean square difference of codes to {finest} steps of the same schedule"
     for name in [name for name in SCHEDULES if steps and name not in known]:
         for count, error in order(name, tuple(steps), finest).items():
-            metrics: dict[str, float | None] = {"steps": float(count), "error": error}
-            yield Record(KIND, "sampler", name, "float64", "forward", str(count), metrics, protocol=protocol)
+            known_error = error if math.isfinite(error) else None
+            metrics: dict[str, float | None] = {"steps": float(count), "error": known_error}
+            reasons = {} if known_error is not None else {"error": "the walk diverges"}
+            yield Record(KIND, "sampler", name, "float64", "forward", str(count), metrics, reasons, protocol=protocol)
 
 
 def slopes(records: Sequence[Record]) -> dict[str, float]:
