@@ -117,3 +117,19 @@ def test_a_schedule_that_holds_still_at_its_ends_is_walked(sampler):
     assert torch.equal(codes.vector, torch.full((4, 2), 3.0))
     assert all(torch.equal(z, start.vector) for time, z in seen if time > 0.62), "noise is no signal yet"
     assert min(time for time, _ in seen) > 0.26, "where no noise is left the walk ends"
+
+
+def test_long_walks_stay_outside_autocast():
+    """Case steep_1000: in bfloat16 it ended as far from the solution as a code is large."""
+    inside = []
+
+    def clean(noisy: Factors, time: torch.Tensor) -> Factors:
+        inside.append(torch.is_autocast_enabled("cpu"))
+        return noisy
+
+    generators = spawn(1, torch.Generator().manual_seed(0))
+    start = white(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), generators)
+    with torch.autocast("cpu", torch.bfloat16):
+        for steps in (64, 65):
+            Sampler(steps)(clean, start, CosineSchedule(), generators)
+    assert inside == [True] * 64 + [False] * 65

@@ -7,6 +7,7 @@ Axes: b batch, k channels of features, h height, w width, i = ceil(h / 8), j = c
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -18,6 +19,10 @@ from gaussian_enhancer.degrade.extract import Refine, Trunk
 from gaussian_enhancer.degrade.factors import Factors, convolution, linear, white
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import precise
+
+
+LONG = 64
+"""Steps of the sampler beyond which half precision is not trusted with a walk."""
 
 
 @runtime_checkable
@@ -103,6 +108,8 @@ class Sampler:
     ) -> Factors:
         """Walk from noise to a code; the code is float32 where the noise is in half precision, whose roundings add up.
 
+        Walks of more than `LONG` steps stay outside autocast, where a stiff schedule magnifies them beyond use.
+
         Args:
             predict: the clean code, given a noisy one and its time.
             start: standard normal factors.
@@ -116,7 +123,8 @@ class Sampler:
             if k > 0 and signals[k] == 1:
                 return z  # no noise is left: z is the clean code, of which the network knows nothing more
             now = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
-            clean = predict(z.to(start.vector.dtype), now)
+            with torch.autocast(now.device.type, enabled=False) if self.steps > LONG else nullcontext():
+                clean = predict(z.to(start.vector.dtype), now)
             clean = Factors(clean.vector.to(z.vector.dtype), clean.grid.to(z.grid.dtype))
             z = clean if k == self.steps - 1 else self._step(z, clean, signals[k], signals[k + 1], generators)
         return z
