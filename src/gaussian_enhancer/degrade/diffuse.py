@@ -20,7 +20,6 @@ from gaussian_enhancer.degrade.factors import Factors, convolution, linear, whit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import precise
 
-
 LONG = 64
 """Steps of the sampler beyond which half precision is not trusted with a walk."""
 

@@ -76,8 +76,8 @@ FAULTS: tuple[Fault, ...] = (
         "steep_1000",
         "where no noise was left long before the end, the denoiser went on with its own clean code, which grew beyond "
         "what single precision holds",
-        "the walk ends where no noise is left; walks of more than 64 steps stay outside autocast, whose roundings a stiff "
-        "schedule magnified to the size of the codes",
+        "the walk ends where no noise is left; walks of more than 64 steps stay outside autocast, whose roundings a "
+        "stiff schedule magnified to the size of the codes",
     ),
     Fault(
         "nan_in_a_sample",
