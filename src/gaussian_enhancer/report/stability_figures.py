@@ -46,7 +46,7 @@ def matrix_figure(records: Sequence[Record]) -> Markup:
             if record is not None:
                 parts.append(_cell(LEFT + place * CELL + 6 * (place // 2), y, record))
         y += ROW
-    return _picture(LEFT + len(columns) * CELL + 40, y + 10, parts)
+    return _picture(LEFT + len(columns) * CELL + 96, y + 10, parts)
 
 
 def _cell(x: Number, y: Number, record: Record) -> Markup:
