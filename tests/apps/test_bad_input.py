@@ -356,9 +356,9 @@ def test_enhance_accepts_what_the_cases_below_spoil(workplace: None, form: str) 
 )
 def test_enhance_truncated_image(workplace: None, refused: Refused, form: str, file: str) -> None:
     """Also the last of several: the first ones must not be written before it is found out."""
-    cut(Path("fitted", file))
-    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "output=out")
-    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form])
+    cut(Path("fitted", file))  # a plan may leave photos unread: a fit of two steps has no depth to warp them through
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "plan=full", "output=out")
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "plan=full")
 
 
 @pytest.mark.parametrize("form", ["run", "renders"])

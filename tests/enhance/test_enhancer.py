@@ -117,7 +117,8 @@ def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, 
     plain = list(enhancer(rendered))
     assert sum(seen) == scales * (len(used) + 2 * len(kept))
     for one, other in zip(kept, plain, strict=True):
-        assert torch.equal(one.image, other.image)
+        # Processors may sum a batch of two in another order than a batch of one.
+        torch.testing.assert_close(one.image, other.image, atol=1e-6 if precision == "float32" else 0, rtol=0)
 
 
 def test_warped_references_and_tiles_are_encoded_anew(plane_run):

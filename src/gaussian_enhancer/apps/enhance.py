@@ -50,6 +50,8 @@ def run(cfg: DictConfig) -> float | None:
         Median milliseconds an image took in the network; None where the plan alone was asked for.
     """
     console = Console(stderr=True)
+    if cfg.output and Path(cfg.output).is_file():
+        raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
     count = _processes(cfg)
     cfg = within_budget(cfg, _ready, start(cfg.runtime), console)
     enhancer, task, found = _ready(cfg, start(cfg.runtime))

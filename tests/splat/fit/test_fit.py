@@ -154,8 +154,8 @@ def test_export_moves_a_splat_once_where_the_device_gives_no_median_depth(scene,
     export.export_views(tmp_path / "whole", scene, gaussians, ThreeDGS(), 3)
     moved, drawn, move = [], export.render, type(gaussians).to
 
-    def without_median(given, *rest):
-        view = drawn(given, *rest)
+    def without_median(given, *rest, **options):
+        view = drawn(given, *rest, **options)
         return dataclasses.replace(view, median_depth=None) if given is gaussians else view
 
     def counted(one, *where):
