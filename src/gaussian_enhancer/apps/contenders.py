@@ -12,7 +12,7 @@ from torch import Tensor
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.cells import composed
 from gaussian_enhancer.apps.curves import NULL_NETWORKS, Setting
-from gaussian_enhancer.apps.enhance import _ready
+from gaussian_enhancer.apps.enhance import ready
 from gaussian_enhancer.apps.rows import Runs
 from gaussian_enhancer.apps.run import find_run
 from gaussian_enhancer.apps.suite import Experiment
@@ -90,7 +90,7 @@ class Ready:
         job = composed("enhance", self.cfg, setting.enhance if planned else ("plan=full", *setting.enhance))
         with open_dict(job):
             job.update({"weights": weights, "run": str(run)})
-        enhancer, *_ = _ready(job, self.device)
+        enhancer, *_ = ready(job, self.device)
         if setting.warp == "none":
             enhancer.preparation = replace(enhancer.preparation, warp=Unwarped())
         if setting.compiled:

@@ -53,8 +53,8 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.output and Path(cfg.output).is_file():
         raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
     count = _processes(cfg)
-    cfg = within_budget(cfg, _ready, start(cfg.runtime), console)
-    enhancer, task, found = _ready(cfg, start(cfg.runtime))
+    cfg = within_budget(cfg, ready, start(cfg.runtime), console)
+    enhancer, task, found = ready(cfg, start(cfg.runtime))
     count = min(count, max(1, len(task.rendered.targets)))
     rules, scale = build(cfg.plan), enhancer.network.scale
     planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered)
@@ -106,7 +106,7 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     return kept
 
 
-def _ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited]:
+def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited]:
     """What enhances, what is enhanced of what was given, and what of it is used."""
     pretrained = load_weights(cfg.weights)
     task = read_task(cfg, device.type, pretrained.preparation.fine)
@@ -124,7 +124,7 @@ def _share(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enha
 
     device = start(cfg.runtime)
     device = torch.device("cuda", place.rank) if device.type == "cuda" else device
-    enhancer, task, _ = _ready(cfg, device)
+    enhancer, task, _ = ready(cfg, device)
     rules = plan.rules
     planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, plan.views)
     return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from gaussian_enhancer.measure.compare import Table, written
 from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record
 from gaussian_enhancer.measure.study import Aims, Cell, Study, better
+from gaussian_enhancer.report.sources import sources
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex", "lpips_vgg")
 """The page's metrics in their order; those without a single record are left out."""
@@ -195,15 +196,8 @@ def _places(rows: Mapping[str, Sequence[str]], cells: int) -> str:
 def _sources(records: Iterable[Record], source: str) -> str:
     """Protocol, machine, commit and time of the records."""
     records = list(records)
-    lines = [
-        f"- protocol: {'; '.join(sorted({record.protocol for record in records}))}",
-        f"- machine: {'; '.join(sorted({record.machine for record in records}))}",
-        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)",
-        f"- measured: {min((r.time for r in records), default='')} to {max((r.time for r in records), default='')}",
-        f"- frames: {len(records)} records in [{source.rsplit('/', 1)[-1]}]({source})",
-        f"- better is {', '.join(f'{n} {_way(n)}' for n in METRICS if any(n in r.metrics for r in records))}",
-    ]
-    return "\n".join(lines) + "\n"
+    way = ", ".join(f"{n} {_way(n)}" for n in METRICS if any(n in r.metrics for r in records))
+    return sources(records, source, "frames: ") + f"- better is {way}\n"
 
 
 def _way(metric: str) -> str:

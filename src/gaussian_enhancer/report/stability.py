@@ -10,6 +10,7 @@ from gaussian_enhancer.measure.stability.case import PASSES, PRECISIONS, Case
 from gaussian_enhancer.measure.stability.faults import FAULTS
 from gaussian_enhancer.measure.stability.judge import FAILED, KIND, REFUSED, WITHIN
 from gaussian_enhancer.measure.stability.order import slopes
+from gaussian_enhancer.report.sources import sources
 from gaussian_enhancer.report.stability_figures import RAISED, outcome_of
 
 SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
@@ -64,7 +65,7 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
     parts += [
         Table(("case", "what happened", "now"), tuple((f"`{f.case}`", f.fault, f.remedy) for f in FAULTS)).markdown()
     ]
-    parts += ["## Where the numbers come from\n", _sources(records, source)]
+    parts += ["## Where the numbers come from\n", sources(records, source)]
     return "\n".join(parts)
 
 
@@ -147,14 +148,3 @@ def _said(cells: Sequence[Record]) -> str:
         more = f" and {len(places) - 1} more cells" if len(places) > 1 else ""
         lines.append(f"- {outcome}, {places[0]}{more}: {words}\n")
     return "".join(lines) or "Nothing.\n"
-
-
-def _sources(records: Sequence[Record], source: str) -> str:
-    lines = [
-        f"- protocol: {'; '.join(sorted({record.protocol for record in records}))}",
-        f"- machine: {'; '.join(sorted({record.machine for record in records}))}",
-        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)",
-        f"- measured: {min(record.time for record in records)} to {max(record.time for record in records)}",
-        f"- {len(records)} records in [{source.rsplit('/', 1)[-1]}]({source})",
-    ]
-    return "\n".join(lines) + "\n"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.report.sources import sources
 from gaussian_enhancer.report.tradeoff_kernels import kernel_parts
 from gaussian_enhancer.report.tradeoff_quality import Asked, quality_parts
 from gaussian_enhancer.report.tradeoff_training import training_parts
@@ -39,7 +40,7 @@ def write_pages(
             if drawing:
                 drawings[f"{name}.svg"] = drawing
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
-        parts.append(_sources(records[kind], f"{link}/{kind}.jsonl"))
+        parts.append(sources(records[kind], f"{link}/{kind}.jsonl", between="; or "))
     for name, drawing in drawings.items():
         yield _written(folder / name, drawing)
     yield _written(page, "\n".join(parts))
@@ -57,17 +58,6 @@ KINDS = {
     "training": "Training",
     "numerics": "Numerics",
 }
-
-
-def _sources(records: Sequence[Record], source: str) -> str:
-    lines = [
-        f"- protocol: {'; or '.join(sorted({record.protocol for record in records} - {''}))}",
-        f"- machine: {'; '.join(sorted({record.machine for record in records}))}",
-        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)",
-        f"- measured: {min((r.time for r in records), default='')} to {max((r.time for r in records), default='')}",
-        f"- {len(records)} records in [{source.rsplit('/', 1)[-1]}]({source})",
-    ]
-    return "\n".join(lines) + "\n"
 
 
 def _written(path: Path, text: str) -> Path:
