@@ -16,7 +16,6 @@ from rich.console import Console
 from gaussian_enhancer.apps.build import build, require
 from gaussian_enhancer.apps.cells import StudyCell, composed, fitted_cell
 from gaussian_enhancer.apps.enhance import file_reads
-from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.plan import Plan, Rules
@@ -24,6 +23,7 @@ from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.suitable import suited
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.cost import Timing, peak_memory, timed
 from gaussian_enhancer.measure.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 
 RUNNING, FAILED, DONE = "running", "failed", "done"
 
@@ -123,5 +123,4 @@ def _read(mark: Path) -> dict[str, object]:
 
 
 def _write(mark: Path, values: dict[str, object]) -> None:
-    with whole_file(mark) as temporary:
-        temporary.write_text(json.dumps(values) + "\n", encoding="utf-8")
+    write_text(mark, json.dumps(values) + "\n")

@@ -7,9 +7,10 @@ from omegaconf import DictConfig, ListConfig
 from rich.console import Console
 from rich.progress import track
 
-from gaussian_enhancer.apps.run import open_run, write_text
+from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.compare import (
     Comparison,
     Pair,

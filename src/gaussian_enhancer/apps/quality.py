@@ -13,8 +13,8 @@ from rich.console import Console
 
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.cells import StudyCell, measured_row
-from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING, Aims, Study
 from gaussian_enhancer.report.quality import Section, quality_page

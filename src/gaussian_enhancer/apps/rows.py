@@ -17,9 +17,10 @@ from gaussian_enhancer.apps import marks, train
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.cells import StudyCell, composed, images_of, measure_now, sketched
 from gaussian_enhancer.apps.pipeline import finished_fit
-from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest, write_text
+from gaussian_enhancer.apps.run import Run, find_run, open_run, run_digest
 from gaussian_enhancer.apps.suite import Experiment
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.images import Label
 from gaussian_enhancer.measure.pair import PROTOCOL
 from gaussian_enhancer.measure.perceptual import perceptual_distance

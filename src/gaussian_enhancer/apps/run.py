@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.apps import marks
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
 """Keys that do not change a result: where it is written, on which device, with how many threads."""
@@ -116,13 +116,3 @@ def digest_of(values: dict[str, Any]) -> str:
     """Eight hexadecimal digits of SHA-256 over the values in canonical JSON."""
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()[:8]
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a small text file so that a reader sees the old or the new content, never a part.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

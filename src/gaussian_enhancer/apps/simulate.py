@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import track
 
 from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.apps.run import open_run, write_text
+from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.degrade.adaptive import AdaptiveGate, MixedGate, calibrated_on
 from gaussian_enhancer.degrade.draws import spawn
@@ -25,7 +25,7 @@ from gaussian_enhancer.degrade.simulator import SecondStage, Simulator
 from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import save_array, whole_file
+from gaussian_enhancer.files import save_array, whole_file, write_text
 from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
 from gaussian_enhancer.report.simulation_parts import (
     gate_section,

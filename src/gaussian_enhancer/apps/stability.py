@@ -8,9 +8,9 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from gaussian_enhancer.apps.build import require
-from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.records import Record, append_records, read_records, write_records
 from gaussian_enhancer.measure.stability.case import Case
 from gaussian_enhancer.measure.stability.catalogue import catalogue

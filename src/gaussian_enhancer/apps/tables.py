@@ -17,10 +17,10 @@ from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.costs import cost_records
 from gaussian_enhancer.apps.plan import planned, told
 from gaussian_enhancer.apps.rows import Runs
-from gaussian_enhancer.apps.run import write_text
 from gaussian_enhancer.apps.suite import Experiment, asked_names, experiment, known_names
 from gaussian_enhancer.apps.workers import made_ahead
 from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.measure.tables import Dataset, read_description, write_description

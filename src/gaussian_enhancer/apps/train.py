@@ -11,11 +11,12 @@ from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.apps.build import build, plain, require
 from gaussian_enhancer.apps.finer import FinePhotos
-from gaussian_enhancer.apps.run import Run, open_run, write_text
+from gaussian_enhancer.apps.run import Run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.together import Place, together
 from gaussian_enhancer.apps.trainer import alike, alone, make_trainer, processes, quieten
 from gaussian_enhancer.enhance.weights import count_parameters, design_of, preparation_of, save_weights
+from gaussian_enhancer.files import write_text
 
 if TYPE_CHECKING:
     from gaussian_enhancer.train.data import RunsData

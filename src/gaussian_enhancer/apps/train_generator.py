@@ -9,13 +9,14 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from gaussian_enhancer.apps.build import build, plain, require
-from gaussian_enhancer.apps.run import Run, open_run, write_text
+from gaussian_enhancer.apps.run import Run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.trainer import alike, make_trainer, processes, quieten
 from gaussian_enhancer.degrade.generative import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.weights import load_model, save_model
 from gaussian_enhancer.enhance.weights import count_parameters
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 
 STEPS = ("paired", "diffused")
 

@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.calibration import responses, solved
 from gaussian_enhancer.degrade.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gate import TYPES, Gate, Step, drawn, known_types, probability, switched_on
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
@@ -107,8 +107,7 @@ class AdaptiveGate:
             InputError: if the system refuses to write.
         """
         record = {"chances": dict(self.chances), "limits": dict(self.limits), "regional": self.regional}
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(record, indent=1) + "\n")
 
     @classmethod
     def from_file(cls, path: str | Path, types: Mapping[str, bool] | None = None) -> "AdaptiveGate":

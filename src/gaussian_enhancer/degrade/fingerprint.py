@@ -20,7 +20,7 @@ from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
@@ -79,8 +79,7 @@ class Fingerprint:
         Raises:
             InputError: if the system refuses to write.
         """
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(dataclasses.asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
 
     @classmethod
     def from_json(cls, path: str | Path) -> "Fingerprint":

@@ -12,7 +12,7 @@ from typing import Any
 
 from gaussian_enhancer.enhance.regions import Region
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, read_json
 
 CHOICES = {"references": ("all", "auto"), "depth": ("all", "auto", "none"), "tiles": ("all", "auto")}
@@ -145,8 +145,7 @@ class Plan:
         Raises:
             InputError: the file cannot be written.
         """
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(dataclasses.asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
 
     @classmethod
     def from_file(cls, path: Path) -> "Plan":

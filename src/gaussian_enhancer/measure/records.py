@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable, whole_file
+from gaussian_enhancer.files import unwritable, write_text
 from gaussian_enhancer.measure.provenance import this_commit, this_machine
 
 HIGHER_IS_BETTER = {
@@ -85,8 +85,7 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
         InputError: if the file cannot be written.
     """
     text = "".join(_line(record) for record in records)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def append_records(path: str | Path, records: Iterable[Record]) -> None:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.cards import Pictures, card, pictured
 from gaussian_enhancer.report.compared import ComparedView, check_names
 from gaussian_enhancer.report.markup import Markup, fill, head, joined, json_block, resource, tag
@@ -41,8 +41,7 @@ def write_report(
         InputError: no views, a name twice, images of one view that differ in size, or the file cannot be written.
     """
     text = document(title, views, provenance, most_pictured=most_pictured)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def document(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from PIL import Image
 from torch import Tensor
 
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.figures import contact_sheet, data_uri
 from gaussian_enhancer.report.markup import Markup, fill, head, joined, resource, tag
 
@@ -100,8 +100,7 @@ def write_page(
         "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
-    with whole_file(path) as temporary:
-        temporary.write_text(fill("simulation.html", values), encoding="utf-8")
+    write_text(path, fill("simulation.html", values))
 
 
 def _section(section: Section, budget: int) -> Markup:

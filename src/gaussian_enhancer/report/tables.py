@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.compare import Table as PlainTable
 from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record
 from gaussian_enhancer.measure.results import Results
@@ -51,8 +51,7 @@ def write_reports(folder: Path, table: Table, records: Sequence[Record]) -> list
     written = []
     for suffix, text in texts.items():
         path = folder / f"{table.name}{suffix}"
-        with whole_file(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
         written.append(path)
     return written
 

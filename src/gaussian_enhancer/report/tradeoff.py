@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.records import Record
 from gaussian_enhancer.report.sources import sources
 from gaussian_enhancer.report.tradeoff_kernels import kernel_parts
@@ -61,6 +61,5 @@ KINDS = {
 
 
 def _written(path: Path, text: str) -> Path:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path

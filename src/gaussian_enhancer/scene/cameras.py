@@ -13,7 +13,7 @@ from typing import Any, Literal
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.posed import rigid
 from gaussian_enhancer.scene.rendered import RenderedView
@@ -52,8 +52,7 @@ def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Seq
     if len(views) != len(splits):
         raise InputError("splits", f"has {len(splits)} entries for {len(views)} views", "give one for each view")
     entries = [_entry(i, view, side) for i, (view, side) in enumerate(zip(views, splits, strict=True))]
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(entries, indent=1), encoding="utf-8")
+    write_text(path, json.dumps(entries, indent=1))
 
 
 def write_scene_cameras(path: Path, scene: Scene) -> None:

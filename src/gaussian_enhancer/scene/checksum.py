@@ -12,7 +12,7 @@ from email.message import Message
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.datasets import Archive
 
 
@@ -45,8 +45,7 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
         if wanted is not None and wanted != (found := _md5(file)):
             raise InputError(place, f"has MD5 {found} where {wanted} is {where}", _remedy(place))
     if stated[f"in {beside.name}"] is None:
-        with whole_file(beside) as temporary:
-            temporary.write_text(f"{sha256}  {place.name}\n", encoding="utf-8")
+        write_text(beside, f"{sha256}  {place.name}\n")
     return sha256
 
 

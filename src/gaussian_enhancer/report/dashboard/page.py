@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.provenance import this_commit
 from gaussian_enhancer.measure.study import MISSING
 from gaussian_enhancer.report.dashboard.diagrams import Diagram
@@ -56,8 +56,7 @@ def write_dashboard(
         InputError: the file cannot be written.
     """
     text = document(title, listed, runs, pictures, diagrams)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def document(
