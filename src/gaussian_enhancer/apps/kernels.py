@@ -60,7 +60,7 @@ def deformable(device: torch.device) -> Cases:
 
 
 def reprojection(device: torch.device) -> Cases:
-    """A photo warped through depth; half-precision inputs are computed on in single precision."""
+    """A photo warped through depth, compiled and by tensors; half precision is computed on in single precision."""
     views = plane(*SIZE)
     target, source = views.targets[0], views.references[0]
     photo, depth = source.read_photo, target.read_depth
@@ -69,12 +69,15 @@ def reprojection(device: torch.device) -> Cases:
     cameras = [camera.to(device) for camera in (target.camera, source.camera)]
     inputs = [read().double().to(device) for read in (depth, photo)]
 
-    def warped(dtype: torch.dtype, precise: torch.dtype) -> Tensor:
+    def warped(dtype: torch.dtype, precise: torch.dtype, tensors: bool = False) -> Tensor:
         here, there = (Camera(c.K.to(precise), c.world_to_camera.to(precise), c.height, c.width) for c in cameras)
         z, image = (part.to(dtype) for part in inputs)
-        return reproject(here, z, there, image).colour
+        # The compiled kernels give no gradient: where one may be asked for, tensors compute.
+        return reproject(here, z.requires_grad_(tensors), there, image).colour.detach()
 
-    ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
+    ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32, True) for name, dtype in DTYPES.items()}
+    if device.type == "cpu":
+        ways |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
     yield "reprojection", partial(warped, torch.float64, torch.float64), ways
 
 

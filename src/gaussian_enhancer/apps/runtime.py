@@ -5,14 +5,16 @@ import os
 import torch
 from omegaconf import DictConfig
 
+from gaussian_enhancer import memory
 from gaussian_enhancer.errors import InputError
 
 
 def start(runtime: DictConfig) -> torch.device:
-    """Set the number of CPU threads and choose the device.
+    """Set the number of CPU threads and what becomes of freed memory, and choose the device.
 
     Args:
-        runtime: ``device`` (auto, cpu or cuda) and ``threads`` (None: all cores).
+        runtime: ``device`` (auto, cpu or cuda), ``threads`` (None: all cores), and ``keep_memory``: whether freed
+            memory is kept for what is allocated next, not given back to the system.
 
     Raises:
         InputError: the device is unknown or absent, or the thread count is not positive.
@@ -20,6 +22,8 @@ def start(runtime: DictConfig) -> torch.device:
     threads = len(os.sched_getaffinity(0)) if runtime.threads is None else runtime.threads
     if not isinstance(threads, int) or threads < 1:
         raise InputError("runtime.threads", f"is {threads!r}", "give a positive number or null")
+    if runtime.keep_memory:
+        memory.keep_freed()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)  # numbers below 1e-38 cost tens of times more and mean nothing here
     os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))

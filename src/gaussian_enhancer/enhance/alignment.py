@@ -3,7 +3,7 @@
 Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Protocol, runtime_checkable
 
@@ -14,10 +14,14 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
 from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, refine_depth
+from gaussian_enhancer.enhance.projection import array, compiled
 from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, precise
+
+WINDOW = 7
+"""Side of the squares over which references are compared with the render, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,18 @@ class Pixels:
     alpha: Float[Tensor, "1 h w"] | None = None
     render: Float[Tensor, "3 _ _"] | None = None
     fine: Float[Tensor, "3 _ _"] | None = None
+
+    def on(self, device: torch.device) -> "Pixels":
+        """The view with its images on a device; its camera, of which a few numbers are read, stays."""
+        return self._mapped(lambda image: image.to(device))
+
+    def precise(self) -> "Pixels":
+        """The view with its images in single precision where they were in half."""
+        return self._mapped(precise)
+
+    def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "camera")}
+        return replace(self, **{name: change(image) for name, image in images.items() if image is not None})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -81,7 +97,7 @@ class Unwarped:
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Take the first ``keep`` references."""
         height, width = target.image.shape[-2:]
-        chosen = [_precise(reference) for reference in references[:keep]]
+        chosen = [reference.precise() for reference in references[:keep]]
         warped = []
         for reference in chosen:
             image = resize(reference.image, height, width)
@@ -126,7 +142,7 @@ class Reprojected:
             InputError: a view has no camera, or the target no depth.
         """
         with torch.autocast(target.image.device.type, enabled=False):
-            return self._warped(_precise(target), [_precise(reference) for reference in references], keep)
+            return self._warped(target.precise(), [reference.precise() for reference in references], keep)
 
     def _warped(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         if not references or keep == 0:
@@ -154,13 +170,6 @@ class Reprojected:
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
-
-
-def _precise(view: Pixels) -> Pixels:
-    """A view with its images in single precision where they were in half."""
-    images = {f.name: getattr(view, f.name) for f in fields(view) if f.name not in ("name", "camera")}
-    half = {n: precise(i) for n, i in images.items() if i is not None and i.dtype in (torch.float16, torch.bfloat16)}
-    return replace(view, **half) if half else view  # type: ignore[arg-type]
 
 
 def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
@@ -192,9 +201,24 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
 def _disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """Mean absolute colour difference of a reference to the render where it is visible, over 7x7 pixels."""
     seen = warped.visibility
+    if compiled(warped.colour, image, seen):
+        return _disagreement_compiled(warped, image)
     difference = (warped.colour - image).abs().mean(0, keepdim=True)
-    weighted, total = F.avg_pool2d(torch.cat([difference * seen, seen]), 7, 1, 3, count_include_pad=False).split(1)
+    weighted, total = F.avg_pool2d(
+        torch.cat([difference * seen, seen]), WINDOW, 1, WINDOW // 2, count_include_pad=False
+    ).split(1)
     return weighted / total.clamp_min(1e-6)
+
+
+def _disagreement_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+    """The same by a compiled kernel."""
+    from gaussian_enhancer.enhance.warp_kernels import disagree
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
+    with kernel_lock:
+        disagree(array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy())
+    return result
 
 
 def _agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:

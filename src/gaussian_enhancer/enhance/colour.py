@@ -8,6 +8,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.types import precise
+
 
 def fit_colour(
     source: Float[Tensor, "3 h w"],
@@ -34,11 +36,11 @@ def fit_colour(
     Returns:
         Gain and offset of each channel; gains lie in [1/3, 3].
     """
-    source, target, weight = source.double(), target.double(), weight.double()
     step = min(4, *source.shape[-2:])
-    mass = F.avg_pool2d(weight, step).flatten(1)
-    s, t = (F.avg_pool2d(image * weight, step).flatten(1) / mass.clamp_min(1e-6) for image in (source, target))
-    gain, offset = source.new_ones(3, 1), source.new_zeros(3, 1)
+    mass = F.avg_pool2d(precise(weight), step).flatten(1).double()
+    averaged = (F.avg_pool2d(precise(image) * weight, step).flatten(1).double() for image in (source, target))
+    s, t = (image / mass.clamp_min(1e-6) for image in averaged)
+    gain, offset = mass.new_ones(3, 1), mass.new_zeros(3, 1)
     if float(mass.sum()) < 1e-3:
         return torch.cat([gain, offset], dim=1)
     for _ in range(iterations):

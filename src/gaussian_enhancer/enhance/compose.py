@@ -54,10 +54,13 @@ def compose(
         return enhanced
     weight = F.interpolate(trust.flatten(0, 1).to(render.dtype), scale_factor=2, mode="bilinear")
     weight = weight.unflatten(0, visibility.shape[:2]) * (visibility > 0)
-    news = decoded[:, 4:5] * (weight * (views.references - render[:, None])).sum(1)
-    if views.reference_renders is not None:
-        news = news + decoded[:, 5:6] * (weight * (views.references - views.reference_renders)).sum(1)
-    return enhanced + news
+    for i in range(visibility.shape[1]):  # one by one: images of all references at once would be read from memory again
+        photo = views.references[:, i]
+        news = decoded[:, 4:5] * (photo - render)
+        if views.reference_renders is not None:
+            news = news + decoded[:, 5:6] * (photo - views.reference_renders[:, i])
+        enhanced = enhanced + weight[:, i] * news
+    return enhanced
 
 
 @dataclass(frozen=True)

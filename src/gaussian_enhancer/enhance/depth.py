@@ -15,7 +15,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.enhance.colour import fit_colour
-from gaussian_enhancer.enhance.reproject import IN_FRONT, fill_depth, look_up, projection
+from gaussian_enhancer.enhance.projection import Projection, array, arrays, compiled, land, look_up, read_at
+from gaussian_enhancer.enhance.reproject import fill_depth
 from gaussian_enhancer.types import Camera
 
 
@@ -49,12 +50,10 @@ SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
 
 @dataclass(frozen=True)
 class _Seen:
-    """A reference as the search sees it: projection of the target's pixels, photo of fitting size, colour match."""
+    """A reference as the search sees it: projection of the target's pixels, photo of fitting size and colours."""
 
-    slopes: Float[Tensor, "3 h w"]
-    offset: Float[Tensor, "3 1 1"]
+    projection: Projection
     photo: Float[Tensor, "3 p q"]
-    colours: Float[Tensor, "3 2"]
 
 
 def refine_depth(
@@ -82,8 +81,7 @@ def refine_depth(
     for how in SEARCHES[kind] if cameras else ():
         z = fill_depth(depth).to(render.dtype)
         seen = [_seen(target, z, render, camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
-        compiled = z.device.type == "cpu" and z.dtype == torch.float32
-        change = (_search_compiled if compiled else search)(z, render, seen, how)
+        change = (_search_compiled if compiled(z, render) else search)(z, render, seen, how)
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
     return depth
 
@@ -96,10 +94,9 @@ def search(
     multipliers = torch.exp(steps * math.log1p(how.span))[:, None, None]
     cost, weight = z.new_zeros(2, how.hypotheses, *z.shape[-2:])
     for one in seen:
-        warped, inside = _warped(z * multipliers, one)
-        colours = one.colours.to(z.dtype)
-        difference = (warped * colours[:, :1, None] + colours[:, 1:, None] - image).abs().mean(1)
-        cost, weight = cost + difference * inside, weight + inside
+        landing = land(one.projection, z * multipliers)
+        difference = (look_up(one.photo, landing.x, landing.y) - image).abs().mean(1)
+        cost, weight = cost + difference * landing.inside, weight + landing.inside
     total, share = _window(cost, how.window), _window(weight, how.window)
     # A hypothesis that fewer references see is not cheaper for it: each is judged by the mean of those that do.
     visible = share > 0.1
@@ -118,14 +115,10 @@ def _search_compiled(
     multipliers = np.exp(steps * np.float32(math.log1p(how.span)))
     cost, weight = np.zeros((2, *z.shape[-2:], how.hypotheses), np.float32)
     best = np.empty(z.shape[-2:], np.float32)
+    surface, wanted = array(z[0]), _pixels(image)
     with kernel_lock:
         for one in seen:
-            gain, shift = np.ascontiguousarray(one.colours.float().numpy().T)
-            offset = one.offset.flatten().numpy()
-            images = _pixels(one.photo), _pixels(image)
-            add_differences(
-                z[0].contiguous().numpy(), multipliers, one.slopes.numpy(), offset, *images, gain, shift, cost, weight
-            )
+            add_differences(surface, multipliers, *arrays(one.projection), _pixels(one.photo), wanted, cost, weight)
         find_valleys(cost, weight, steps, np.float32(how.penalty), how.window // 2, best)
     return torch.from_numpy(best)[None]
 
@@ -135,22 +128,12 @@ def _seen(
 ) -> _Seen:
     """Prepare a reference: not finer than the target, its colours fitted through the depth that is there."""
     ratio = float(camera.resized(*photo.shape[-2:]).K[0, 0] / target.K[0, 0])
-    size = [max(1, round(side / max(1.0, ratio))) for side in photo.shape[-2:]]
-    photo = _resized(photo.to(image.dtype), *size)
-    one = _Seen(*projection(target, camera.resized(*size), z.dtype), photo, image.new_ones(3, 2))
-    warped, inside = _warped(z, one)
-    return _Seen(one.slopes, one.offset, photo, fit_colour(warped[0], image, inside))
-
-
-def _warped(z: Float[Tensor, "m h w"], one: _Seen) -> tuple[Float[Tensor, "m 3 h w"], Float[Tensor, "m h w"]]:
-    """A photo through each hypothesis, and where that lies inside it."""
-    depth = z * one.slopes[2] + one.offset[2]
-    least = IN_FRONT * z
-    safe = torch.maximum(depth, least)
-    x, y = (z * one.slopes[0] + one.offset[0]) / safe, (z * one.slopes[1] + one.offset[1]) / safe
-    rows, columns = one.photo.shape[-2:]
-    inside = (x >= 0) & (x <= columns) & (y >= 0) & (y <= rows) & (depth > least)
-    return look_up(one.photo, x, y), inside.to(z.dtype)
+    height, width = (max(1, round(side / max(1.0, ratio))) for side in photo.shape[-2:])
+    photo = _resized(photo.to(image.dtype), height, width)
+    projection = Projection.between(target, camera.resized(height, width), z)
+    landing = land(projection, z)
+    colours = fit_colour(read_at(photo, landing, (height, width), landing.inside), image, landing.inside).to(photo)
+    return _Seen(projection, photo * colours[:, :1, None] + colours[:, 1:, None])
 
 
 def _valley(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:

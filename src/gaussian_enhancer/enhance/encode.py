@@ -39,5 +39,7 @@ class Encoder(nn.Module):
             mask: opacity of a render or visibility of a reference, in [0, 1].
             further: what else is known of each pixel.
         """
-        x = torch.cat([image - 0.5, mask] + ([] if further is None else [further]), dim=1)
-        return self.blocks(self.stem(F.pixel_unshuffle(x, 2)))
+        planes = [image - 0.5, mask] + ([] if further is None else [further])
+        if torch.is_autocast_enabled(image.device.type):  # what the stem would do, at the size that it reads
+            planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
+        return self.blocks(self.stem(F.pixel_unshuffle(torch.cat(planes, dim=1), 2)))

@@ -110,6 +110,7 @@ class Enhancer:
                 yield self._in_parts(view, target, planner, plan, started)
                 continue
             chosen = None if planner is None or plan is None else planner.chosen(plan)
+            target = target.on(self.device)
             aligned = self.preparation.align(target, view, pool, chosen)
             prepared = time.perf_counter()
             image = self.enhance(join(target, aligned), aligned.names, kept)[0]
@@ -130,7 +131,7 @@ class Enhancer:
         enhancing = 0.0
         for region in plan.regions or ():
             seen = region.grown(planner.rules.margin, height, width)
-            part = cut_pixels(target, seen)
+            part = cut_pixels(target, seen).on(self.device)
             aligned = self.preparation.align(part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen)
             prepared = time.perf_counter()
             enhanced = self.enhance(join(part, aligned, unit), aligned.names)[0]

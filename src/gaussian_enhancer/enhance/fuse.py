@@ -43,18 +43,28 @@ class TrustFusion(nn.Module):
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
         """Fuse, and tell how far each reference was trusted at each pixel."""
-        batch, count, channels, height, width = references.shape
+        batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        # Joined as images, which stay channels-last; joined five-dimensional they would be copied around.
-        pairs = torch.cat([references.flatten(0, 1), target.repeat_interleave(count, dim=0)], dim=1)
-        seen = self.block(F.relu(self.compare(pairs)))
+        seen = self.block(F.relu(self._compared(target, references)))
         logits = 6 * torch.tanh(precise(self.trust(seen)) / 6)
-        scores = precise(visibility) * torch.exp(logits).reshape(batch, count, self.heads, height, width)
+        scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
-        values = self.value(seen).reshape(batch, count, self.heads, -1, height, width)
-        news = (weights[:, :, :, None].to(values.dtype) * values).sum(1).reshape(batch, channels, height, width)
-        return target + self.project(news), weights.mean(2, keepdim=True)
+        values = self.value(seen).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
+        # Reference by reference, so that nothing of all references' size is made of what is added up at once.
+        shares = weights.to(values.dtype)[:, :, :, None]
+        news = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
+        return target + self.project(news.flatten(1, 2)), weights.mean(2, keepdim=True)
+
+    def _compared(
+        self, target: Float[Tensor, "b c h w"], references: Float[Tensor, "b r c h w"]
+    ) -> Float[Tensor, "n c h w"]:
+        """`compare` of each reference with the target beside it; the target's part is computed once for all of them."""
+        batch, count, channels = references.shape[:3]
+        weight, bias = self.compare.weight, self.compare.bias
+        theirs = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(0, (batch, count))
+        own = F.conv2d(target, weight[:, channels:], bias, padding=1)
+        return (theirs + own[:, None]).flatten(0, 1)
 
 
 class MeanFusion(nn.Module):

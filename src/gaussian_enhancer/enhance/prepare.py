@@ -45,7 +45,7 @@ class Preparation:
     def align(
         self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
     ) -> Aligned:
-        """The best references of a pool on the target's grid.
+        """The best references of a pool on the target's grid, computed on the target's device.
 
         Args:
             target: the target's pixels.
@@ -56,7 +56,8 @@ class Preparation:
         chosen = tuple(candidates or ())
         if self.references and candidates is None:
             chosen = rank_references(view, pool.views, self.candidates, depth=target.depth)
-        return self.warp(target, [pool.read(index, self.fine) for index in chosen], self.references)
+        device = target.image.device
+        return self.warp(target, [pool.read(index, self.fine).on(device) for index in chosen], self.references)
 
 
 class Pool:

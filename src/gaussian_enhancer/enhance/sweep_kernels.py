@@ -16,27 +16,31 @@ _F = np.float32
 
 @kernel
 @no_type_check
-def add_differences(depth, multipliers, slopes, offset, photo, image, gain, shift, cost, weight):
+def add_differences(depth, multipliers, matrix, offset, across, down, in_front, photo, image, cost, weight):
     """Add one photo's mean absolute colour difference to each hypothesis, and 1 to the weight of those it shows."""
     height, width, count = cost.shape
-    rows, columns = photo.shape[0], photo.shape[1]
     for y in prange(height):
+        b = _F(y) + _F(0.5)
         for x in range(width):
+            a = _F(x) + _F(0.5)
+            across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
+            down_slope = matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]
+            far_slope = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]
             for k in range(count):
                 z = depth[y, x] * multipliers[k]
-                far = z * slopes[2, y, x] + offset[2]
-                if far <= _F(1e-6) * z:
+                far = z * far_slope + offset[2]
+                if far <= in_front * z:
                     continue
-                u = (z * slopes[0, y, x] + offset[0]) / far
-                v = (z * slopes[1, y, x] + offset[1]) / far
-                if u >= 0 and u <= columns and v >= 0 and v <= rows:
-                    cost[y, x, k] += _difference(photo, u - _F(0.5), v - _F(0.5), image[y, x], gain, shift)
+                u = (z * across_slope + offset[0]) / far
+                v = (z * down_slope + offset[1]) / far
+                if u >= 0 and u <= across and v >= 0 and v <= down:
+                    cost[y, x, k] += _difference(photo, u - _F(0.5), v - _F(0.5), image[y, x])
                     weight[y, x, k] += _F(1)
 
 
 @inner
 @no_type_check
-def _difference(photo, u, v, colour, gain, shift):
+def _difference(photo, u, v, colour):
     """Mean absolute difference of a colour to a photo read bilinearly; beyond the border, the border's colours."""
     rows, columns = photo.shape[0], photo.shape[1]
     u, v = min(max(u, _F(0)), _F(columns - 1)), min(max(v, _F(0)), _F(rows - 1))
@@ -47,7 +51,7 @@ def _difference(photo, u, v, colour, gain, shift):
     for c in range(3):
         top = photo[y0, x0, c] + fx * (photo[y0, x1, c] - photo[y0, x0, c])
         bottom = photo[y1, x0, c] + fx * (photo[y1, x1, c] - photo[y1, x0, c])
-        total += abs(gain[c] * (top + fy * (bottom - top)) + shift[c] - colour[c])
+        total += abs(top + fy * (bottom - top) - colour[c])
     return total / _F(3)
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import psutil
 import torch
 
+from gaussian_enhancer import memory
+
 Call = Callable[[], object]
 RESET_SLACK = 16 * 2**20  # bytes by which a mark that was just reset may lie above what is held
 
@@ -86,6 +88,7 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
         call()
         torch.cuda.synchronize(device)
         return torch.cuda.max_memory_allocated(device)
+    memory.give_back()
     if _reset_high_water_mark():
         call()
         return _resident("VmHWM")
