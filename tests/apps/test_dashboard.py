@@ -12,15 +12,15 @@ from gaussian_enhancer.errors import InputError
 CONF = Path(__file__).parents[2] / "conf"
 
 
-def job(*overrides: str):
+def make(*overrides: str) -> None:
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("dashboard", overrides=list(overrides))
+        dashboard.run(compose("dashboard", overrides=list(overrides)))
 
 
 def test_the_page_and_its_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_results(tmp_path / "desk")
     write_runs(tmp_path / "runs")
-    dashboard.run(job(f"folder={folder}", f"runs={tmp_path / 'runs'}", f"output={tmp_path / 'page'}"))
+    make(f"folder={folder}", f"runs={tmp_path / 'runs'}", f"output={tmp_path / 'page'}")
     text = (tmp_path / "page" / "dashboard.html").read_text(encoding="utf-8")
     assert "<title>GaussianEnhancer suite · desk</title>" in text
     assert "2 of 5 settings" not in text
@@ -36,7 +36,7 @@ def test_the_page_and_its_pictures_are_written(tmp_path: Path, capsys: pytest.Ca
 def test_without_runs_the_page_says_what_it_lacks(tmp_path: Path) -> None:
     folder = write_results(tmp_path / "desk")
     runs = f"runs={tmp_path / 'none'}"
-    dashboard.run(job(f"folder={folder}", runs, "title=Mine", "images_per_scene=1"))
+    make(f"folder={folder}", runs, "title=Mine", "images_per_scene=1")
     text = (tmp_path / "none" / "dashboard" / "dashboard.html").read_text(encoding="utf-8")
     assert "<title>Mine</title>" in text
     assert "the run is not on this machine" in text
@@ -49,4 +49,4 @@ def test_a_damaged_configuration_is_refused_by_name(tmp_path: Path) -> None:
     runs = write_runs(tmp_path / "runs", pictures=False)
     (runs / "train" / "gepp-seed0" / "config.yaml").write_text("a: [1\n")
     with pytest.raises(InputError, match=r"gepp-seed0/config\.yaml"):
-        dashboard.run(job(f"folder={folder}", f"runs={runs}"))
+        make(f"folder={folder}", f"runs={runs}")

@@ -9,12 +9,14 @@ from rich.console import Console
 from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.apps.build import require
+from gaussian_enhancer.apps.cells import composed
+from gaussian_enhancer.apps.leaving_out import aims_of
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.report.dashboard.diagrams import copy_diagrams
 from gaussian_enhancer.report.dashboard.folder import all_records, read_folder
 from gaussian_enhancer.report.dashboard.page import write_dashboard
 from gaussian_enhancer.report.dashboard.pictures import Pictures, copy_pictures
 from gaussian_enhancer.report.dashboard.runs import source_runs
+from gaussian_enhancer.report.dashboard.studies import read_study
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -35,7 +37,11 @@ def run(cfg: DictConfig) -> float | None:
     pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
-    write_dashboard(path, title, listed, sources, pictures, copy_diagrams(Path(cfg.tradeoff), output))
+    aims = aims_of(composed("leaving_out", cfg, ()))
+    studies = [
+        read_study(str(name), Path(one.records), Path(one.diagrams), output, aims) for name, one in cfg.studies.items()
+    ]
+    write_dashboard(path, title, listed, sources, pictures, studies)
     absent = sum(bool(source.absent) for source in sources)
     counts = f"{len(listed)} tables, {len(all_records(listed))} records, {len(pictures.shown)} views with pictures"
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""

@@ -13,6 +13,7 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.apps.backbones import with_backbones
 from gaussian_enhancer.apps.build import build, require
 from gaussian_enhancer.apps.cells import StudyCell, composed, fitted_cell
 from gaussian_enhancer.apps.enhance import file_reads
@@ -64,6 +65,7 @@ def run(cfg: DictConfig) -> float | None:
     Raises:
         InputError: the configuration names an unknown plan, or a file cannot be read or written.
     """
+    cfg = with_backbones(cfg)
     require(cfg)
     console = Console(stderr=True)
     for name in (cfg.baseline, cfg.shown):
@@ -73,7 +75,7 @@ def run(cfg: DictConfig) -> float | None:
     if not cfg.records_only:
         records = [record for name in cfg.worlds.cells for record in _cell(cfg, str(name), console)]
         write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
-    aims = Aims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
+    aims = aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
     sections = [
         Section(title, name, read_records(files[name]) if files[name].is_file() else (), aims)
@@ -87,6 +89,11 @@ def run(cfg: DictConfig) -> float | None:
     console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
     ratios = [cell.ratio for cell in sections[0].cells() if cell.ratio is not None]
     return min(ratios, default=None)
+
+
+def aims_of(cfg: DictConfig) -> Aims:
+    """What the shown plan is held to; see ``conf/leaving_out.yaml``."""
+    return Aims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 
 def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> Done:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from gaussian_enhancer.apps.backbones import with_backbones
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.marks import NAMES, State, state_of
 from gaussian_enhancer.apps.plan import planned
 from gaussian_enhancer.apps.suite import asked_names, experiment
-from gaussian_enhancer.apps.tables import with_backbones
 from gaussian_enhancer.errors import InputError
 
 

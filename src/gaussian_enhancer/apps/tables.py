@@ -4,14 +4,14 @@ Fits, trainings and measurements are runs of their own, made where they are miss
 job goes on where it stopped. The table's description and records are written together; reports come from these alone.
 """
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.apps.backbones import with_backbones
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.cells import StudyCell
 from gaussian_enhancer.apps.costs import cost_records
@@ -56,15 +56,6 @@ def run(cfg: DictConfig) -> None:
                 draw(runs, one, found, folder)
         report(folder, one.table.name, console)
     index(folder)
-
-
-def with_backbones(cfg: DictConfig) -> DictConfig:
-    """The configuration with LPIPS's backbones where the captures' folder holds some and none are named."""
-    beside = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", ".")) / "lpips"
-    if cfg.backbones is None and beside.is_dir():
-        with open_dict(cfg):
-            cfg.backbones = str(beside)
-    return cfg
 
 
 def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.apps.backbones import with_backbones
 from gaussian_enhancer.apps.build import require
 from gaussian_enhancer.apps.contenders import Ready
 from gaussian_enhancer.apps.curves import Study, read_studies
@@ -19,7 +20,6 @@ from gaussian_enhancer.apps.interleaved import study_records
 from gaussian_enhancer.apps.numerics import numeric_records
 from gaussian_enhancer.apps.offers import Offer, write_offers
 from gaussian_enhancer.apps.runtime import start
-from gaussian_enhancer.apps.tables import with_backbones
 from gaussian_enhancer.apps.trainings import training_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.perceptual import perceptual_distance

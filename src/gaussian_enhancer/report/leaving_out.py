@@ -231,7 +231,7 @@ def _section(section: Section) -> Iterator[str]:
         cells = section.cells(plan)
         yield f"### `{plan}` against `{section.aims.baseline}`\n"
         yield 'Positive numbers under "lost" are worse; PSNR in dB.\n'
-        yield _costs(cells, section.aims).markdown()
+        yield cost_table(cells, section.aims).markdown()
         if plan == section.aims.shown:
             yield "What was left out:\n"
             yield _left_out(cells)
@@ -245,8 +245,13 @@ def _section(section: Section) -> Iterator[str]:
         yield f"Machine: {machines}. Times: {how}. Commit: {commits}.\n"
 
 
-def _costs(cells: Sequence[Cell], aims: Aims) -> Table:
-    """One line a scene: times, memory, errors, whether the aims are met."""
+def cost_table(cells: Sequence[Cell], aims: Aims) -> Table:
+    """One line a scene: times, memory, errors, whether the aims are met.
+
+    Args:
+        cells: a plan on every scene.
+        aims: what it is held to.
+    """
     rows = []
     for cell in cells:
         fast, good = cell.verdicts(aims)

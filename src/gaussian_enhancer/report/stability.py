@@ -49,7 +49,7 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
     """
     cells = [record for record in records if record.kind == KIND]
     order = [record for record in records if record.kind != KIND]
-    parts = ["# Stability\n", ABOUT, "## In short\n", _counts(cells)]
+    parts = ["# Stability\n", ABOUT, "## In short\n", count_table(cells).markdown()]
     parts += [f"![The matrix in colour; the pointer on a cell shows its error]({figures['matrix']})\n"]
     known = {case.name: case for case in cases}
     for family in dict.fromkeys(record.run for record in cells):
@@ -69,12 +69,17 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
     return "\n".join(parts)
 
 
-def _counts(cells: Sequence[Record]) -> str:
+def count_table(cells: Sequence[Record]) -> Table:
+    """How many cells ended in which way, by precision.
+
+    Args:
+        cells: records of the matrix.
+    """
     found = Counter((record.splat, outcome_of(record)) for record in cells)
     rows = [(precision.name, *(str(found[precision.name, outcome]) for outcome in SYMBOLS)) for precision in PRECISIONS]
     rows.append(("all", *(str(sum(found[p.name, outcome] for p in PRECISIONS)) for outcome in SYMBOLS)))
     heads = tuple(f"{symbol} {outcome}" for outcome, symbol in SYMBOLS.items())
-    return Table(("precision", *heads), tuple(rows)).markdown()
+    return Table(("precision", *heads), tuple(rows))
 
 
 def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:

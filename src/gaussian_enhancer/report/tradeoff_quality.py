@@ -58,26 +58,25 @@ def quality_parts(records: Sequence[Record], titles: Mapping[str, str], asked: A
         asked: what is chosen for.
     """
     yield READING, "", ""
-    for study in dict.fromkeys(record.variant.split("/")[0] for record in records):
-        own = [
-            replace(r, variant=r.variant.removeprefix(f"{study}/"))
-            for r in records
-            if r.variant.startswith(f"{study}/")
-        ]
-        for side in dict.fromkeys(record.scene.split("/")[0] for record in own):
-            of_side = [record for record in own if record.scene.startswith(f"{side}/")]
-            groups = {group: summarised(found) for group, found in grouped(of_side).items()}
-            yield f"### {titles.get(study, study)}: {side} scenes\n\n{_scenes(of_side)}\n", "", ""
-            name = f"{study}_{side}"
-            title = f"{titles.get(study, study)}, {side} scenes"
-            yield _choices(groups, asked), name, diagram(title, list(_panels(groups)), len(groups))
-            found, reasons = groups[ALL]
-            yield (
-                f"Settings, all scenes, fastest first (**on the front** of mean squared error):\n\n{_table(found)}",
-                "",
-                "",
-            )
-            yield _missing(reasons), "", ""
+    for (study, side), own in by_side(records).items():
+        groups = {group: summarised(found) for group, found in grouped(own).items()}
+        title = titles.get(study, study)
+        yield f"### {title}: {side} scenes\n\n{_scenes(own)}\n", "", ""
+        drawing = diagram(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
+        yield _choices(groups, asked), f"{study}_{side}", drawing
+        found, reasons = groups[ALL]
+        heading = "Settings, all scenes, fastest first (**on the front** of mean squared error):"
+        yield f"{heading}\n\n{setting_table(found).markdown()}", "", ""
+        yield _missing(reasons), "", ""
+
+
+def by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
+    """Records by study and by the side of their scenes, "validation" or "test"; variants without the study's name."""
+    found: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        study, _, variant = record.variant.partition("/")
+        found.setdefault((study, record.scene.split("/")[0]), []).append(replace(record, variant=variant))
+    return found
 
 
 def grouped(records: Sequence[Record]) -> dict[str, list[Record]]:
@@ -140,7 +139,12 @@ def points_of(found: Sequence[Summary]) -> tuple[Point, ...]:
     return tuple(Point(one.name, one.milliseconds, one.error("mse") or 0.0) for one in found)
 
 
-def _table(found: Sequence[Summary]) -> str:
+def setting_table(found: Sequence[Summary]) -> Table:
+    """One line a setting, fastest first, those on the front of mean squared error in bold.
+
+    Args:
+        found: settings, each over the same views.
+    """
     best = {point.name for point in front(points_of(found))}
     distances = list(dict.fromkeys(name for one in found for name in one.perceptual))
     rows = []
@@ -152,7 +156,7 @@ def _table(found: Sequence[Summary]) -> str:
         errors += [written(key, one.perceptual.get(key)) for key in distances]
         rows.append((name, f"{one.milliseconds:.0f}", f"{one.low:.0f} to {one.high:.0f}", memory, compiling, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")
-    return Table((*heads, *(ERRORS.get(name, name) for name in distances)), tuple(rows)).markdown()
+    return Table((*heads, *(ERRORS.get(name, name) for name in distances)), tuple(rows))
 
 
 def _missing(reasons: Mapping[str, str]) -> str:

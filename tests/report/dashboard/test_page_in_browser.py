@@ -19,7 +19,7 @@ from gaussian_enhancer.report.dashboard.pictures import copy_pictures
 from gaussian_enhancer.report.dashboard.runs import source_runs
 
 pytestmark = pytest.mark.browser
-PARTS = ("tables", "curves", "distributions", "pictures", "tradeoff", "settings", "measurements")
+PARTS = ("tables", "curves", "distributions", "pictures", "tradeoff", "stability", "plan", "settings", "measurements")
 
 
 @pytest.fixture(scope="module")

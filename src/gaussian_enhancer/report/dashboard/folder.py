@@ -9,6 +9,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.records import Record, read_checked
 from gaussian_enhancer.measure.tables import Table, read_description
 
+KINDS = ("table", "figure")
+
 
 @dataclass(frozen=True)
 class Listed:
@@ -30,7 +32,7 @@ class Listed:
 
 
 def read_folder(folder: str | Path) -> tuple[Listed, ...]:
-    """Every table of a folder, in the order of its numbers.
+    """Every table of a folder in the order of its numbers, then every figure, then what has no number.
 
     Args:
         folder: holds ``<name>.json`` and ``<name>.jsonl``.
@@ -66,7 +68,8 @@ def _listed(path: Path) -> Listed:
     return Listed(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
 
 
-def _number(name: str) -> tuple[str, int, str]:
-    """``table_2`` before ``table_10``."""
+def _number(name: str) -> tuple[int, str, int]:
+    """``table_2`` before ``table_10``, tables before figures, and these before studies."""
     head, _, tail = name.rpartition("_")
-    return (head, int(tail), name) if tail.isdigit() else (name, -1, name)
+    numbered = tail.isdigit() and head in KINDS
+    return (KINDS.index(head), head, int(tail)) if numbered else (len(KINDS), name, 0)

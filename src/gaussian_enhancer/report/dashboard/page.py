@@ -7,11 +7,11 @@ from pathlib import Path
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.measure.provenance import this_commit
 from gaussian_enhancer.measure.study import MISSING
-from gaussian_enhancer.report.dashboard.diagrams import Diagram
 from gaussian_enhancer.report.dashboard.folder import Listed, all_records
 from gaussian_enhancer.report.dashboard.packed import packed_tables
 from gaussian_enhancer.report.dashboard.pictures import Pictures
 from gaussian_enhancer.report.dashboard.runs import SourceRun, packed_runs
+from gaussian_enhancer.report.dashboard.studies import Study
 from gaussian_enhancer.report.markup import Markup, fill, head, json_block, resource
 
 SCRIPTS = (
@@ -25,7 +25,7 @@ SCRIPTS = (
     "pictures",
     "settings",
     "measurements",
-    "tradeoff",
+    "studies",
     "tabs",
 )
 """The page's script in its order, one file a part, in ``report/templates/dashboard``."""
@@ -40,7 +40,7 @@ def write_dashboard(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    diagrams: Sequence[Diagram] = (),
+    studies: Sequence[Study] = (),
 ) -> None:
     """Write the page.
 
@@ -50,12 +50,12 @@ def write_dashboard(
         listed: tables and records.
         runs: the runs that the records name.
         pictures: what lies beside the page.
-        diagrams: of error over run time, beside the page as well.
+        studies: beside the tables, their diagrams beside the page.
 
     Raises:
         InputError: the file cannot be written.
     """
-    text = document(title, listed, runs, pictures, diagrams)
+    text = document(title, listed, runs, pictures, studies)
     write_text(path, text)
 
 
@@ -64,11 +64,11 @@ def document(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    diagrams: Sequence[Diagram] = (),
+    studies: Sequence[Study] = (),
 ) -> Markup:
     """The page's HTML; arguments as for `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
-    data["diagrams"] = [vars(one) for one in diagrams]
+    data["studies"] = [study.packed() for study in studies]
     scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js") for name in SCRIPTS)]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)

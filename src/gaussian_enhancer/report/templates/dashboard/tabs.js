@@ -4,7 +4,9 @@ const PARTS = {
   curves: ["Training curves", drawCurves],
   distributions: ["Distributions", drawDistributions],
   pictures: ["Before / after", drawPictures],
-  tradeoff: ["Error / time", drawTradeoff],
+  tradeoff: ["Error / time", drawStudy("tradeoff")],
+  stability: ["Stability", drawStudy("stability")],
+  plan: ["Left out", drawStudy("plan")],
   settings: ["Configurations", drawSettings],
   measurements: ["Records", drawMeasurements],
 };
