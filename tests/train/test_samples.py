@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
@@ -46,6 +47,17 @@ def test_samples_are_prepared_once_for_each_preparation(plane_run, tmp_path):
     other = prepare_samples(rendered, Preparation(Unwarped(), 2, 2), tmp_path, "a")
     assert other[0].path != first[0].path
     assert prepare_samples(rendered, Preparation(), tmp_path, "b")[0].path != first[0].path
+
+
+def test_of_two_trainings_that_begin_together_one_prepares(plane_run, tmp_path):
+    rendered, done = read_run(plane_run), []
+    with ThreadPoolExecutor(2) as executor:
+        both = [
+            executor.submit(prepare_samples, rendered, Preparation(), tmp_path, "a", progress=lambda: done.append(1))
+            for _ in range(2)
+        ]
+    assert both[0].result() == both[1].result()
+    assert len(done) == len(rendered.targets)
 
 
 def test_missing_parts_stay_missing(plane_run, tmp_path):

@@ -87,7 +87,7 @@ def prepare_samples(
     progress: Callable[[], None] = lambda: None,
     held_out: bool = True,
 ) -> list[Sample]:
-    """The samples of a set, prepared now or found in the cache.
+    """The samples of a set, prepared now or found in the cache; of trainings that begin together one prepares them.
 
     Args:
         rendered: targets with photos, and references.
@@ -115,12 +115,17 @@ def prepare_samples(
         progress()
         return dataclasses.replace(sample, held_out=held_out)
 
+    from filelock import FileLock
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with ThreadPoolExecutor(workers) as executor:
-            samples = list(executor.map(prepared, range(len(rendered.targets))))
-        with whole_file(index) as temporary:
-            temporary.write_text(json.dumps([_entry(sample) for sample in samples]))
+        with FileLock(folder / "lock"):
+            if index.is_file():  # another training has prepared the set meanwhile
+                return [Sample(**entry) for entry in json.loads(index.read_text())]
+            with ThreadPoolExecutor(workers) as executor:
+                samples = list(executor.map(prepared, range(len(rendered.targets))))
+            with whole_file(index) as temporary:
+                temporary.write_text(json.dumps([_entry(sample) for sample in samples]))
     except OSError as error:
         raise unwritable(folder, error) from error
     return samples

@@ -9,7 +9,7 @@ const drawStudy = (name) => (panel) => {
   panel.append(note(study.note));
   for (const { title, columns, rows } of study.tables) {
     const heads = columns.map((label, place) => ({ label, word: place === 0, value: (row) => sortable(row[place]), cell: (row) => row[place] }));
-    panel.append(element("section", { class: "part" }, element("h2", {}, title), grid({ columns: heads, rows, caption: title })));
+    panel.append(element("section", { class: "part" }, element("h2", {}, title), grid({ columns: heads, rows, caption: plural(rows.length, "line") })));
   }
   for (const { title, file } of study.diagrams) {
     const picture = element("img", { src: file, alt: title, loading: "lazy", class: "diagram" });
