@@ -112,7 +112,7 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited
     task = read_task(cfg, device.type, pretrained.preparation.fine)
     asked = _asked(pretrained, cfg, task.depth)
     found = suited(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
-    strength = _strength(pretrained, cfg)
+    strength = pretrained.strength if cfg.strength is None else float(cfg.strength)
     enhancer = Enhancer(pretrained.network, found.preparation, device, cfg.precision, cfg.tile, strength=strength)
     check_tiles(enhancer.tile, enhancer.halo)
     return enhancer, replace(task, rendered=found.rendered), found
@@ -166,16 +166,6 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Prepara
         return preparation
     count = cfg.max_references
     return replace(preparation, references=count, candidates=max(count, preparation.candidates))
-
-
-def _strength(pretrained: Pretrained, cfg: DictConfig) -> float:
-    """The share that the user asks for, or the one that the weights' card found best on its validation runs."""
-    if cfg.strength is not None:
-        return float(cfg.strength)
-    value = pretrained.card.get("strength", 1.0)
-    if not isinstance(value, int | float):
-        raise InputError(f"weights {cfg.weights}", f"state strength {value!r}", "give strength= as a number")
-    return float(value)
 
 
 def file_reads(

@@ -106,8 +106,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         device: where the network runs.
     """
     found = suited(rendered, pretrained.preparation, rules, pretrained.network.scale)
-    strength = float(pretrained.card.get("strength", 1.0))
-    enhancer = Enhancer(pretrained.network, found.preparation, device, strength=strength)
+    enhancer = Enhancer(pretrained.network, found.preparation, device, strength=pretrained.strength)
     planner = None if rules.full else Planner(rules, found.preparation, found.rendered)
     for read in file_reads(found.rendered, found.preparation, False, planner, False):
         read()

@@ -86,6 +86,19 @@ class Pretrained:
     preparation: Preparation
     card: dict[str, Any]
 
+    @property
+    def strength(self) -> float:
+        """The share of the network's change that the card found best on validation runs; 1 where it states none.
+
+        Raises:
+            InputError: it states something that is no number.
+        """
+        value = self.card.get("strength", 1.0)
+        if not isinstance(value, int | float):
+            name = f"weights {self.card.get('name', 'without a name')}"
+            raise InputError(name, f"state strength {value!r}", "give strength= as a number")
+        return float(value)
+
 
 def save_weights(path: Path, network: Network, preparation: Preparation, card: Mapping[str, Any]) -> None:
     """Write weights, whole or not at all, in half precision.
