@@ -3,8 +3,7 @@ import dataclasses
 import pytest
 import torch
 
-from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, Unwarped, rank
-from gaussian_enhancer.enhance.reproject import Warped
+from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import identity_camera
 from synthetic_runs import plane_camera, plane_view
@@ -53,18 +52,6 @@ def test_missing_geometry_is_refused_by_name():
         Reprojected()(dataclasses.replace(target, depth=None), [reference], 1)
     with pytest.raises(InputError, match=r"1.png.*no camera"):
         Reprojected()(target, [dataclasses.replace(reference, camera=None)], 1)
-
-
-def test_ranking_prefers_what_agrees_and_what_is_new():
-    image = torch.full((3, 32, 32), 0.5)
-    left, right = torch.zeros(1, 32, 32), torch.zeros(1, 32, 32)
-    left[..., :20], right[..., 20:] = 1, 1
-    good_left, good_right = Warped(image * left, left), Warped(image * right, right)
-    wrong = Warped((image + 0.3) * left, left)
-    everywhere = Warped((image + 0.3), torch.ones(1, 32, 32))
-    assert rank(image, [wrong, good_right, good_left], keep=2) == [2, 1]
-    assert rank(image, [everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
-    assert rank(image, [], keep=2) == []
 
 
 @pytest.mark.parametrize("own_render", [True, False])

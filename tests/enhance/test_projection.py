@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from gaussian_enhancer.enhance import projection
-from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, _disagreement
+from gaussian_enhancer.enhance.alignment import Pixels, Reprojected
 from gaussian_enhancer.enhance.projection import Landing, Projection, depth_agreement, land, read_at
-from gaussian_enhancer.enhance.reproject import Warped, _footprint, reproject
+from gaussian_enhancer.enhance.reproject import _footprint, reproject
 from gaussian_enhancer.types import Camera
 from textured_plane import REFERENCE, TARGET, plane, turned
 
@@ -72,15 +72,6 @@ def test_the_border_is_continued():
     read = read_at(image, landing, (2, 3), torch.ones_like(x))
     torch.testing.assert_close(read[0, 0], torch.tensor([0.0, 3.0, 5.0, 5.0]))
     torch.testing.assert_close(read_at(image.double(), landing, (2, 3), torch.ones_like(x)).float(), read)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (5, 40), (48, 64)])
-def test_disagreement_agrees(size):
-    colour, image, visibility = torch.rand(3, *size), torch.rand(3, *size), torch.rand(1, *size)
-    visibility[..., : size[1] // 2] = 0
-    found = _disagreement(Warped(colour, visibility), image)
-    truth = _disagreement(Warped(colour.double(), visibility.double()), image.double())
-    torch.testing.assert_close(found.double(), truth, rtol=1e-4, atol=1e-5)
 
 
 def test_gradients_reach_the_photo_and_the_depth():

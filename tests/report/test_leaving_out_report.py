@@ -6,7 +6,8 @@ from xml.etree import ElementTree
 import pytest
 
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, diagram, leaving_out_page
+from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, leaving_out_page
+from gaussian_enhancer.report.leaving_out_figure import diagram
 
 AIMS = Aims("full", "auto", 1.5, 0.98, 0.02)
 

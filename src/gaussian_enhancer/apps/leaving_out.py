@@ -30,7 +30,8 @@ from gaussian_enhancer.measure.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
-from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, diagram, leaving_out_page
+from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, leaving_out_page
+from gaussian_enhancer.report.leaving_out_figure import diagram
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 

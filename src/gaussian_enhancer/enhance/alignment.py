@@ -12,16 +12,13 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.enhance.agreement import agreeing, rank
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
 from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, refine_depth
-from gaussian_enhancer.enhance.projection import array, compiled
 from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, precise
-
-WINDOW = 7
-"""Side of the squares over which references are compared with the render, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -164,68 +161,12 @@ class Reprojected:
             if self.match_colour and exposure is None:
                 exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
-            warped.append(one if self.agreement is None else _agreeing(one, target.image, self.agreement))
+            warped.append(one if self.agreement is None else agreeing(one, target.image, self.agreement))
             exposures.append(exposure)
         order = rank(target.image, warped, keep, self.softness)
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
-
-
-def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
-    """Indices of the references that together show most of the target, best first.
-
-    A reference's worth at a pixel is visibility x exp(-|reference - render| / softness), differences averaged over
-    7x7 pixels. The next one is always that which adds most to the best worth so far, counting a tenth of its own
-    worth so that agreement decides among those that show the same.
-
-    Args:
-        image: the render.
-        warped: references on its grid.
-        keep: how many to return at most.
-        softness: colour difference at which worth falls to 1/e.
-    """
-    if not warped:
-        return []
-    worth = torch.stack([o.visibility * torch.exp(-_disagreement(o, image) / softness) for o in warped]).flatten(1)
-    order: list[int] = []
-    best = torch.zeros_like(worth[0])
-    while len(order) < min(keep, len(warped)):
-        gain = (worth - best).clamp_min(0).mean(1) + 0.1 * worth.mean(1)
-        gain[order] = -1
-        order.append(int(gain.argmax()))
-        best = torch.maximum(best, worth[order[-1]])
-    return order
-
-
-def _disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """Mean absolute colour difference of a reference to the render where it is visible, over 7x7 pixels."""
-    seen = warped.visibility
-    if compiled(warped.colour, image, seen):
-        return _disagreement_compiled(warped, image)
-    difference = (warped.colour - image).abs().mean(0, keepdim=True)
-    weighted, total = F.avg_pool2d(
-        torch.cat([difference * seen, seen]), WINDOW, 1, WINDOW // 2, count_include_pad=False
-    ).split(1)
-    return weighted / total.clamp_min(1e-6)
-
-
-def _disagreement_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """The same by a compiled kernel."""
-    from gaussian_enhancer.enhance.warp_kernels import disagree
-    from gaussian_enhancer.splat.compiled import kernel_lock
-
-    result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
-    with kernel_lock:
-        disagree(array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy())
-    return result
-
-
-def _agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
-    """The reference without what differs from the render by more than a limit."""
-    kept = _disagreement(warped, image) <= limit
-    render = None if warped.render is None else warped.render * kept
-    return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)
 
 
 def _own_exposure(reference: Pixels) -> Float[Tensor, "3 2"] | None:
