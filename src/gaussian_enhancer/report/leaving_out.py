@@ -1,4 +1,4 @@
-"""The page of what plans leave out, as Markdown from its records alone,."""
+"""The page of what plans leave out, as Markdown from its records alone."""
 
 import math
 import os
