@@ -1,7 +1,7 @@
 """Whether enhancement flickers: warped-frame error of raw and enhanced frames along a smooth path through a capture.
 
     python ablations/flicker.py RUN [RUN ...] [--weights NAME] [--frames 60] [--cameras 6] [--strength S]
-        [--json docs/results/flicker.jsonl]
+        [--steady S ...] [--json docs/results/flicker.jsonl]
 
 The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
 enhanced with the run's training photos as references, as a view of a capture would be. The next frame is then warped
@@ -9,12 +9,14 @@ onto each through rendered depth, which is the same for all variants. Of a proce
 exactly as well: steady photos still differ, since rendered depth is not exact and the warp blurs, and all the more the
 sharper they are. A blurred render is steadier than the truth by this measure; therefore the network's change alone is
 followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
-frame: pairs where the choice changes are compared with those where it stays.
+frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
+from the frame before (`enhance steady=S`) are variants of their own.
 """
 
 import argparse
 import dataclasses
 import itertools
+import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,10 +26,13 @@ from pathlib import Path
 import torch
 from depth import at_one_size, world_of
 from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio
 
 from gaussian_enhancer.apps.task import render_capture
 from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.weights import Pretrained, load_weights
+from gaussian_enhancer.enhance.prepare import read_target
+from gaussian_enhancer.enhance.steady import Carried, steadied
+from gaussian_enhancer.enhance.weights import load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.consistency import PROTOCOL, Place, WarpedError, sequence_errors
 from gaussian_enhancer.measure.realism import finished_runs, scene_of
@@ -39,6 +44,9 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.types import Camera
+
+STEADY = "steady "
+"""What names of variants begin with whose change is partly carried over; the share follows."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,10 @@ def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
     return RenderedSet(fitted.name, tuple(map(_kept, drawn.targets)), fitted.references, fitted.background)
 
 
-def rendered_sequence(rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = ()) -> Filmed:
-    """Raw and enhanced frames of a path, and photos where they are known."""
+def rendered_sequence(
+    rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = (), steady: Sequence[float] = ()
+) -> Filmed:
+    """Raw, enhanced and steadied frames of a path, and photos where they are known."""
     at_one_size(enhancer)
     enhanced = list(enhancer(rendered))
     places, raw = [], []
@@ -87,9 +97,19 @@ def rendered_sequence(rendered: RenderedSet, enhancer: Enhancer, photos: Sequenc
         raw.append(view.read())
     images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
     images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))
+    for share in steady:
+        images[f"{STEADY}{share:g}"] = tuple(_steadied(rendered, [one.image for one in enhanced], share))
     if photos:
         images["photo"] = tuple(photos)
     return Filmed(tuple(places), images, tuple(one.references for one in enhanced))
+
+
+def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
+    """Frames as the job enhance gives them with ``steady=share``."""
+    before: Carried | None = None
+    for view, frame in zip(rendered.targets, frames, strict=True):
+        image, before = steadied(frame, read_target(view), before, share)
+        yield image
 
 
 def exact_photos(run: Path, cameras: Sequence[Camera]) -> tuple[Tensor, ...]:
@@ -116,7 +136,9 @@ def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
                 extra = {"references_new": float(changed[t][0]), "references_reordered": float(changed[t][1])}
             elif variant == "change":
                 extra = {"size": float((images[t] - 0.5).abs().mean())}
-            note = f"{PROTOCOL}; weights {weights}" if variant in ("enhanced", "change") else PROTOCOL
+            if "photo" in sequence.images and variant not in ("photo", "change"):
+                extra["psnr"] = float(peak_signal_noise_ratio(images[t], sequence.images["photo"][t], data_range=1.0))
+            note = PROTOCOL if variant in ("raw", "photo") else f"{PROTOCOL}; weights {weights}"
             yield Record("consistency", *what, {**_metrics(error), **extra}, _reasons(error), size, note)
 
 
@@ -140,12 +162,20 @@ def table(found: Sequence[Record]) -> str:
         elsewhere = {view: value for view, value in excess.items() if view not in new}
         cells += [str(len(new)), _mean(there, "+.3f", 255), _mean(elsewhere, "+.3f", 255)]
         lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *_steady_lines(found)])
 
 
-def strength_of(pretrained: Pretrained, asked: float | None) -> float:
-    """The share of the change that is applied: what is asked for, else the card's."""
-    return float(pretrained.card.get("strength", 1.0)) if asked is None else asked
+def _steady_lines(found: Sequence[Record]) -> Iterator[str]:
+    """Flicker over that of the raw frames, and the gain in PSNR where exact photos are known, by share carried over."""
+    yield "| run | frames | error / raw | gain, dB |"
+    yield "|---|---|---|---|"
+    for run in dict.fromkeys(record.run for record in found):
+        mine = [record for record in found if record.run == run]
+        raw, exact = _values(mine, "raw"), _values(mine, "raw", "psnr")
+        for name in dict.fromkeys(r.variant for r in mine if r.variant == "enhanced" or r.variant.startswith(STEADY)):
+            ratio = sum(_values(mine, name).values()) / sum(raw.values()) if any(raw.values()) else math.nan
+            gains = {view: value - exact[view] for view, value in _values(mine, name, "psnr").items()}
+            yield f"| {run} | {name} | {ratio:.3f} | {_mean(gains, '+.2f')} |"
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
@@ -167,7 +197,7 @@ def _reasons(error: WarpedError) -> dict[str, str]:
 def _values(found: Sequence[Record], variant: str, metric: str = "warped_error") -> dict[str, float]:
     """A metric of a variant by frame, of the pairs that could be measured."""
     mine = [record for record in found if record.variant == variant]
-    return {r.view: value for r in mine if r.metrics["visible"] and (value := r.metrics[metric]) is not None}
+    return {r.view: value for r in mine if r.metrics["visible"] and (value := r.metrics.get(metric)) is not None}
 
 
 def _mean(values: Mapping[str, float], form: str, unit: float = 1.0) -> str:
@@ -196,16 +226,17 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--cameras", type=int, default=6, help="how many of the capture's cameras the path passes")
     parser.add_argument("--strength", type=float, help="share of the change to apply; the card's where absent")
+    parser.add_argument("--steady", type=float, nargs="*", default=[], help="shares carried over, each a variant")
     parser.add_argument("--json", type=Path, help="write every record there")
     options = parser.parse_args()
     torch.set_flush_denormal(True)
     pretrained = load_weights(options.weights)
-    strength = strength_of(pretrained, options.strength)
+    strength = pretrained.strength if options.strength is None else options.strength
     enhancer = Enhancer(pretrained.network, pretrained.preparation, strength=strength)
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:
         cameras = path_cameras(run, options.cameras, options.frames)
-        sequence = rendered_sequence(path_renders(run, cameras), enhancer, exact_photos(run, cameras))
+        sequence = rendered_sequence(path_renders(run, cameras), enhancer, exact_photos(run, cameras), options.steady)
         found += records(run, sequence, f"{Path(options.weights).name}, strength {strength:g}")
         if options.json:
             write_records(options.json, found)

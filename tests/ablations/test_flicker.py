@@ -1,10 +1,9 @@
 import dataclasses
 from functools import partial
-from typing import ClassVar
 
 import pytest
 import torch
-from flicker import changes, exact_photos, path_cameras, records, rendered_sequence, strength_of, table
+from flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table
 from test_sif import small
 
 from gaussian_enhancer.enhance.enhancer import Enhancer
@@ -74,6 +73,18 @@ def named(plane_run, tmp_path):
     return run
 
 
+def test_carrying_changes_over_calms_what_is_unsteady(plane_run, tmp_path):
+    rendered = plane_path()
+    photos = [view.read() + 0.05 for view in rendered.targets]
+    enhancer = Enhancer(Unsteady(0.1), Preparation(), precision="float32")
+    found, all_records = means(named(plane_run, tmp_path), rendered_sequence(rendered, enhancer, photos, [0.5]))
+    assert sum(found["steady 0.5"]) < 0.6 * sum(found["enhanced"])
+    lines = [line.split("|")[2:5] for line in table(all_records).splitlines()[-2:]]
+    assert [name.strip() for name, _, _ in lines] == ["enhanced", "steady 0.5"]
+    assert float(lines[1][1]) < 0.6 * float(lines[0][1])
+    assert float(lines[0][2]) < float(lines[1][2])  # half-way between the two brightnesses is the photos
+
+
 def test_identity_flickers_as_its_input(plane_run, tmp_path):
     found, _ = means(named(plane_run, tmp_path), filmed(small()))
     assert found["raw"] == found["enhanced"]
@@ -121,11 +132,3 @@ def test_frames_without_depth_are_refused():
 def test_networks_that_enlarge_are_refused():
     with pytest.raises(InputError, match="4 times"):
         filmed(Enlarging())
-
-
-def test_strength_is_the_cards_unless_asked():
-    class Card:
-        card: ClassVar = {"strength": 0.4}
-
-    assert strength_of(Card, None) == 0.4
-    assert strength_of(Card, 1.0) == 1.0

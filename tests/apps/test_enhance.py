@@ -58,6 +58,16 @@ def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, t
     assert all(record.kind == "cost" and record.variant == "enhanced" for record in records)
 
 
+def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
+    with pytest.raises(InputError, match="by one process"):
+        run(configured(f"run={plane_run}", "steady=0.5", "runtime.processes=2", f"output={tmp_path / 'none'}"))
+    run(configured(f"run={plane_run}", "steady=0.5", "weights=lr_tiny", f"output={tmp_path / 'path'}"))
+    run(configured(f"run={plane_run}", "weights=lr_tiny", f"output={tmp_path / 'each'}"))
+    names = sorted(path.name for path in (tmp_path / "path").iterdir())
+    same = [(tmp_path / "path" / name).read_bytes() == (tmp_path / "each" / name).read_bytes() for name in names]
+    assert same == [True, False]
+
+
 def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
     torch.manual_seed(0)
     network = SIF((8, 8, 8), (1, 1, 1))
@@ -223,7 +233,8 @@ def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
 
 def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
     auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
-    assert with_effect(full) == with_effect(configured(f"run={plane_run}", "plan=full", "dry_run=true"))
+    assert with_effect(full) == with_effect(configured(f"run={plane_run}", "plan=full", "dry_run=true", "steady=0"))
+    assert with_effect(full) != with_effect(configured(f"run={plane_run}", "plan=full", "steady=0.5"))
     assert "plan" not in with_effect(full)
     assert with_effect(auto) != with_effect(full)
     assert with_effect(auto) != with_effect(configured(f"run={plane_run}", "plan.share=0.2"))

@@ -96,13 +96,14 @@ def run(cfg: DictConfig) -> float | None:
 def with_effect(cfg: DictConfig) -> DictConfig:
     """The configuration without what changes no image: a plan that leaves nothing out, and how much is shown of it.
 
-    Runs from before there were plans are found again by ``plan=full``.
+    Runs from before there were plans are found again by ``plan=full``. Views that are not steadied are as before, too.
     """
     kept = copy.deepcopy(cfg)
     with open_dict(kept):
-        idle = ["dry_run"] + ["budget_ms"] * (kept.get("budget_ms") is None) + ["plan"] * build(cfg.plan).full
-        for name in idle:
-            kept.pop(name, None)
+        unset = {name: not kept.get(name) for name in ("budget_ms", "steady")}
+        for name, idle in {"dry_run": True, **unset, "plan": build(cfg.plan).full}.items():
+            if idle:
+                kept.pop(name, None)
     return kept
 
 
@@ -113,7 +114,8 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited
     asked = _asked(pretrained, cfg, task.depth)
     found = suited(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
     strength = pretrained.strength if cfg.strength is None else float(cfg.strength)
-    enhancer = Enhancer(pretrained.network, found.preparation, device, cfg.precision, cfg.tile, strength=strength)
+    how = device, cfg.precision, cfg.tile
+    enhancer = Enhancer(pretrained.network, found.preparation, *how, strength=strength, steady=float(cfg.steady))
     check_tiles(enhancer.tile, enhancer.halo)
     return enhancer, replace(task, rendered=found.rendered), found
 
@@ -134,11 +136,13 @@ def _processes(cfg: DictConfig) -> int:
     """How many processes share the views.
 
     Raises:
-        InputError: the number is not positive, or there are fewer graphics cards.
+        InputError: the number is not positive, there are fewer graphics cards, or frames depend on those before.
     """
     count = cfg.runtime.get("processes", 1)
     if not isinstance(count, int) or count < 1:
         raise InputError("runtime.processes", f"is {count!r}", "give a positive number")
+    if count > 1 and cfg.steady:
+        raise InputError("runtime.processes", f"is {count} with steady={cfg.steady}", "enhance a path by one process")
     if count > 1 and choose_device(cfg.runtime.device).type == "cuda" and count > torch.cuda.device_count():
         received = f"is {count} on {torch.cuda.device_count()} graphics cards"
         raise InputError("runtime.processes", received, "give at most one process a card")

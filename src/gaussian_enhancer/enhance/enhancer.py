@@ -22,6 +22,7 @@ from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.regions import cut_pixels
+from gaussian_enhancer.enhance.steady import Carried, steadied
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -63,9 +64,11 @@ class Enhancer:
         tile: side of the tiles that larger images are cut into, a multiple of 16.
         halo: pixels around a tile that are computed and thrown away, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
+        steady: share of the change that each target takes over from the one before it, in [0, 1): for frames of a path,
+            at the render's own resolution (`steadied`).
 
     Raises:
-        InputError: precision or strength is out of range.
+        InputError: precision, strength or steady is out of range.
     """
 
     def __init__(
@@ -77,14 +80,19 @@ class Enhancer:
         tile: int = 1024,
         halo: int = 96,
         strength: float = 1.0,
+        steady: float = 0.0,
     ) -> None:
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
+        if not 0 <= steady < 1:
+            raise InputError("steady", f"is {steady}", "use a number from 0 (each view by itself) to below 1")
+        if steady and network.scale > 1:
+            raise InputError("steady", "is for weights at the render's own resolution", "choose others, or steady=0")
         self.device = torch.device("cpu") if device is None else device
         self.network = network.eval().to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.preparation = preparation
         self.dtype = choose_precision(precision, self.device)
-        self.tile, self.halo, self.strength = tile, halo, strength
+        self.tile, self.halo, self.strength, self.steady = tile, halo, strength, steady
 
     def __call__(self, rendered: RenderedSet, planner: Planner | None = None) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
@@ -94,8 +102,18 @@ class Enhancer:
             planner: leaves out what a view does not need; None enhances every pixel with every reference.
 
         Raises:
-            InputError: a view cannot be read, or lacks what the preparation needs.
+            InputError: a view cannot be read, or lacks what the preparation or carrying changes needs.
         """
+        before: Carried | None = None
+        for one, target in self._each(rendered, planner):
+            if not self.steady:
+                yield one
+                continue
+            image, before = steadied(one.image, target, before, self.steady)
+            yield dataclasses.replace(one, image=image)
+
+    def _each(self, rendered: RenderedSet, planner: Planner | None) -> Iterator[tuple[Enhanced, Pixels]]:
+        """Each target enhanced by itself, and its pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
         pool = Pool(rendered.references) if planner is None else planner.pool
@@ -107,16 +125,16 @@ class Enhancer:
             target = read_target(view)
             plan = None if planner is None else planner(view, target)
             if planner is not None and plan is not None and plan.regions is not None:
-                yield self._in_parts(view, target, planner, plan, started)
+                yield self._in_parts(view, target, planner, plan, started), target
                 continue
             chosen = None if planner is None or plan is None else planner.chosen(plan)
-            target = target.on(self.device)
-            aligned = self.preparation.align(target, view, pool, chosen)
+            moved = target.on(self.device)
+            aligned = self.preparation.align(moved, view, pool, chosen)
             prepared = time.perf_counter()
-            image = self.enhance(join(target, aligned), aligned.names, kept)[0]
+            image = self.enhance(join(moved, aligned), aligned.names, kept)[0]
             ended = time.perf_counter()
             times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
-            yield Enhanced(view.name, image, *times, aligned.names, plan)
+            yield Enhanced(view.name, image, *times, aligned.names, plan), target
 
     def _in_parts(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
