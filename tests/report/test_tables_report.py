@@ -193,6 +193,21 @@ def test_a_view_without_a_number_is_counted_out_loud(tmp_path: Path) -> None:
     assert math.isfinite(float(exact["2dgs", "ge", "mean", "psnr"]["value"]))
 
 
+def test_a_metric_that_was_measured_nowhere_is_a_note_and_no_column(tmp_path: Path) -> None:
+    bare = [
+        dataclasses.replace(one, metrics={**one.metrics, "ssim": None}, reasons={"ssim": "no window fits"})
+        for one in all_records()
+    ]
+    own = dataclasses.replace(TABLE, paper={})
+    found = reports(tmp_path / "own", own, bare)
+    assert "SSIM" not in found[".md"].split("## Missing")[0]
+    assert re.search(r"\[1\] SSIM: .*no window fits", found[".md"])
+    line = next(line for line in found[".md"].splitlines() if line.startswith("| GE++"))
+    assert [cell.strip() for cell in line.split("|")[-4:-1]] == ["2", "2", "6"]
+    assert cells(found[".csv"])["3dgs", "gepp", "mean", "ssim"]["missing"]
+    assert "SSIM" in reports(tmp_path / "papers", TABLE, bare)[".md"].split("## Missing")[0]  # the paper has numbers
+
+
 def test_captions_call_stand_ins_by_their_name_and_pages_their_sources(tmp_path: Path) -> None:
     records = all_records()
     write_records(tmp_path / "table_2.jsonl", records)

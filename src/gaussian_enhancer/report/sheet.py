@@ -42,13 +42,14 @@ class Figures:
         for line in self.lines:
             self.blocks.setdefault((line.block, line.dataset), []).append(line)
         self.quantities = {quantity.key: quantity for quantity in quantities(set(table.metrics))}
+        self.shown = tuple(metric for metric in table.metrics if self._known(metric)) or table.metrics
 
     def sheet(self) -> Sheet:
         """The printed table."""
         notes = Notes()
         columns = (
             "row",
-            *(title for metric in self.table.metrics for title in self._columns(metric)),
+            *(title for metric in self.shown for title in self._columns(metric)),
             "scenes",
             "seeds",
             "views",
@@ -75,6 +76,13 @@ class Figures:
         if not line.statistic:
             return row
         return f"{row}, {line.statistic}" if len(self.table.rows) > 2 else line.statistic
+
+    def _known(self, metric: str) -> bool:
+        """Whether any cell has a number of its own or of the paper: a column of nothing else is said in the notes."""
+        numbers = [line.numbers[metric] for line in self.lines]
+        own = [value for n in numbers for value in (n.value, n.gain)]
+        papers = [value for n in numbers for value in (n.paper, n.paper_gain)] if self.table.paper else []
+        return any(value is not None for value in own + papers)
 
     def _by_scene(self, lines: Sequence[Line]) -> Iterator[Line]:
         """Lines over scenes and seeds for every line over seeds; of one scene they are the same, and left out."""
@@ -119,8 +127,13 @@ class Figures:
     def _pieces(self, line: Line, members: Sequence[Line], notes: Notes) -> tuple[Piece, ...]:
         pieces = [Piece(self.title(line))]
         for metric in self.table.metrics:
-            pieces += self._cells(line, metric, notes)
-        counts = [(n.scenes, n.seeds, n.views) for n in line.numbers.values()]
+            if metric in self.shown:
+                pieces += self._cells(line, metric, notes)
+                continue
+            for told in line.numbers[metric].reasons:
+                place, _, reason = told.partition(": ")
+                notes.number(self._place(line), f"{place}: {self.quantities[metric].label}: {reason}")
+        counts = [(n.scenes, n.seeds, n.views) for metric, n in line.numbers.items() if metric in self.shown]
         return (*pieces, *(Piece(_range(column)) for column in zip(*counts, strict=True)))
 
     def _cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Piece]:
