@@ -6,6 +6,7 @@ the scene's median camera spacing. Where the target's depth is known, the cost i
 Axes: h w the target's size, H W a reference's size, n candidates.
 """
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -21,6 +22,8 @@ from gaussian_enhancer.types import Camera
 
 View = Photo | RenderedView
 DIRECTION_WEIGHT = 50.0
+SAMPLED = 2**12
+"""Pixels by which it is judged how much of a target a candidate shows."""
 
 
 def pose_costs(target: Camera, candidates: Sequence[Camera], unit: float = 1.0) -> Float[Tensor, " n"]:
@@ -69,7 +72,13 @@ def covisibility(
         tolerance: by what share a point may lie behind the reference's surface and still count as seen.
         stride: every how many pixels one is tried, in each direction.
     """
-    points = _surface(depth, target, stride)
+    return _shown(_surface(depth, target, stride), reference, reference_depth, tolerance)
+
+
+def _shown(
+    points: Float[Tensor, "n 3"], reference: Camera, reference_depth: Float[Tensor, "1 H W"] | None, tolerance: float
+) -> float:
+    """Share of points of the world that a reference shows; see `covisibility`."""
     if len(points) == 0:
         return 0.0
     seen = points @ reference.rotation.double().T + reference.world_to_camera[:3, 3].double()
@@ -99,6 +108,9 @@ def rank_references(
     given, by ``(1 + cost) / covisibility``: a reference that sees half of the target must be twice as near. Without
     cameras the nearest names in natural order are taken.
 
+    Covisibility is that of some 4,000 pixels, evenly spread, however large the view: captures may have hundreds of
+    candidates.
+
     Args:
         target: the view that is to be enhanced.
         candidates: training views; test views do not belong here (see `scene_references`).
@@ -123,7 +135,9 @@ def rank_references(
     unit = camera_spacing(cameras) if distance == "relative" else 1.0
     costs = pose_costs(target.camera, cameras, unit)
     if depth is not None:
-        seen = [covisibility(depth, target.camera, camera) for camera in cameras]
+        stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
+        points = _surface(depth, target.camera, stride)
+        seen = [_shown(points, camera, None, 0.0) for camera in cameras]
         costs = (1 + costs) / costs.new_tensor(seen).clamp_min(1e-6)
     return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
 
