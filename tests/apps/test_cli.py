@@ -1,6 +1,5 @@
 """The command line: dispatch, Hydra's grammar, exit codes, completion, content-addressed runs."""
 
-import os
 import subprocess
 import sys
 import types
@@ -49,20 +48,6 @@ def test_job_gets_overrides(toy_job):
     assert toy_job[0]["size"] == 3
     assert toy_job[0]["colour"] == {"name": "blue"}
     assert toy_job[0]["extra"] == {"deep": [1, 2]}
-
-
-@pytest.mark.parametrize(
-    ("given", "then"),
-    [({}, cli.SPINS), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "ACTIVE"}, None)],
-)
-def test_idle_threads_sleep_soon_unless_the_user_says_otherwise(toy_job, monkeypatch, given, then):
-    for name in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY"):
-        monkeypatch.setenv(name, "")  # so that what the job sets is taken back
-        monkeypatch.delenv(name)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    cli.main(["toy"])
-    assert os.environ.get("GOMP_SPINCOUNT") == then
 
 
 def test_single_run_leaves_no_folder_behind(toy_job, tmp_path):

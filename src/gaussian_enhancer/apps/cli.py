@@ -6,7 +6,6 @@ job's name is Hydra's: overrides, ``--cfg job``, ``--help``, ``-m`` for multirun
 
 import errno
 import importlib
-import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -34,9 +33,6 @@ JOBS = {
     "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
-
-SPINS = "10000"
-"""Rounds for which an idle OpenMP thread waits awake before it sleeps."""
 
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 """System errors that only writing causes: a full disk, a quota, a file-size limit, a read-only file system."""
@@ -95,10 +91,6 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     """Hand a job to Hydra, with the remaining words of the command line as its own."""
     import hydra
 
-    # Read once, when the OpenMP library is loaded with torch. By default its threads spin for long after each loop, and
-    # those of torch and of the compiled kernels then stand in each other's way: twice the time on two cores.
-    if "OMP_WAIT_POLICY" not in os.environ:
-        os.environ.setdefault("GOMP_SPINCOUNT", SPINS)
     sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
     try:
         hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
