@@ -5,6 +5,7 @@ Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -43,6 +44,14 @@ class Pixels:
     render: Float[Tensor, "3 _ _"] | None = None
     fine: Float[Tensor, "3 _ _"] | None = None
 
+    @cached_property
+    def exposure(self) -> Float[Tensor, "3 2"] | None:
+        """What brings the photo to the exposure of the splat's render of the same view; None where there is none."""
+        if self.render is None:
+            return None
+        small = resize(self.image, *self.render.shape[-2:])
+        return fit_colour(small, self.render, torch.ones_like(small[:1]))
+
     def on(self, device: torch.device) -> "Pixels":
         """The view with its images on a device; its camera, of which a few numbers are read, stays."""
         return self._mapped(lambda image: image.to(device))
@@ -52,8 +61,12 @@ class Pixels:
         return self._mapped(precise)
 
     def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
+        """The view with changed images; itself, with what it has computed, where nothing changes."""
         images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "camera")}
-        return replace(self, **{name: change(image) for name, image in images.items() if image is not None})  # type: ignore[arg-type]
+        changed = {name: change(image) for name, image in images.items() if image is not None}
+        if all(image is images[name] for name, image in changed.items()):
+            return self
+        return replace(self, **changed)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -152,11 +165,14 @@ class Reprojected:
         shown = [reference.image if reference.render is None else reference.render for reference in references]
         with torch.no_grad():
             depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth)
+        rendered = target.depth
+        if target.alpha is not None:  # says where holes are; they are filled once for all references
+            depth, rendered = fill_depth(depth), fill_depth(rendered)
         warped, exposures = [], []
         for other, reference in zip(cameras, references, strict=True):
-            exposure = _own_exposure(reference) if self.match_colour else None
+            exposure = reference.exposure if self.match_colour else None
             photo = reference.image if exposure is None else apply_colour(reference.image, exposure)
-            how = reference.depth, target.alpha, self.tolerance, target.depth, reference.render
+            how = reference.depth, target.alpha, self.tolerance, rendered, reference.render
             one = reproject(camera, depth, other, photo, *how)
             if self.match_colour and exposure is None:
                 exposure = fit_colour(one.colour, target.image, one.visibility)
@@ -167,14 +183,6 @@ class Reprojected:
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
-
-
-def _own_exposure(reference: Pixels) -> Float[Tensor, "3 2"] | None:
-    """What brings a reference's photo to the exposure of the splat's render of the same view, where there is one."""
-    if reference.render is None:
-        return None
-    small = resize(reference.image, *reference.render.shape[-2:])
-    return fit_colour(small, reference.render, torch.ones_like(small[:1]))
 
 
 def _finely(
