@@ -92,12 +92,12 @@ def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence
         preparation: how they are warped.
         views: targets with cameras and depth.
     """
-    pool, better = Pool(rendered.references), []
-    for view in views:
-        target = read_target(view)
+    pool, better, warp = Pool(rendered.references), "", preparation.warp
+    targets = [read_target(view) for view in views]
+    for target in targets:
         if target.depth is None or not bool(usable(target.depth).any()):
-            return f"the depth of {view.name} holds no finite positive value"
-        warp = preparation.warp
+            return f"the depth of {target.name} holds no finite positive value"
+    for view, target in zip(views, targets, strict=True):
         bare = any(one.camera is None for one in (view, *rendered.references))
         if not isinstance(warp, Reprojected) or not rendered.references or bare:
             continue
@@ -111,10 +111,10 @@ def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence
         others["a flat plane"] = torch.full_like(small.depth, median)
         given = _disagreement(warp, small, references)
         best = min((_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items())
-        better.append(best[1] if best[0] < CLEARLY * given else "")
-    if better and all(better):
-        return f"the depth is none of what the renders show ({better[0]} fits better)"
-    return ""
+        if best[0] >= CLEARLY * given:
+            return ""  # one view that it fits is enough, and the others need not be looked at
+        better = better or best[1]
+    return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 
 def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
