@@ -177,7 +177,8 @@ def test_unknown_tables_are_refused(asked, tmp_path, monkeypatch) -> None:
 def test_costs_are_measured_at_the_size_of_the_output(tmp_path) -> None:
     weights = tmp_path / "w.safetensors"
     save_weights(weights, SIF((8, 8), (1, 1)), Preparation(), {})
-    runs = rows.Runs(OmegaConf.create({"scale": {"repeats": 2}, "runtime": {"device": "cpu", "threads": 1}}))
+    runtime = {"device": "cpu", "threads": 1, "keep_memory": False}
+    runs = rows.Runs(OmegaConf.create({"scale": {"repeats": 2}, "runtime": runtime}))
     (found,) = costs._timed(runs, {"ge": str(weights)}, "1k", (32, 48), "name")
     assert found.size == (48, 32)
     assert found.metrics["milliseconds"] > 0
