@@ -107,7 +107,7 @@ def prepare_samples(
     folder = cache / f"{rendered.name}-{digest}"
     index = folder / "index.json"
     if index.is_file():
-        return [Sample(**entry) for entry in json.loads(index.read_text())]
+        return _listed(index)
     pool = Pool(rendered.references)
 
     def prepared(number: int) -> Sample:
@@ -121,7 +121,7 @@ def prepare_samples(
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / "lock"):
             if index.is_file():  # another training has prepared the set meanwhile
-                return [Sample(**entry) for entry in json.loads(index.read_text())]
+                return _listed(index)
             with ThreadPoolExecutor(workers) as executor:
                 samples = list(executor.map(prepared, range(len(rendered.targets))))
             with whole_file(index) as temporary:
@@ -129,6 +129,11 @@ def prepare_samples(
     except OSError as error:
         raise unwritable(folder, error) from error
     return samples
+
+
+def _listed(index: Path) -> list[Sample]:
+    """The samples that a finished set names."""
+    return [Sample(**entry) for entry in json.loads(index.read_text())]
 
 
 def training_targets(rendered: RenderedSet) -> RenderedSet:
