@@ -29,9 +29,10 @@ def test_equals_torchvision(kernel, groups, size):
 def test_is_a_plain_convolution_at_birth_and_learns_offsets_and_masks(kernel, width):
     torch.manual_seed(0)
     module = Deformation(8, kernel=kernel, width=width)
-    reference, target = torch.rand(1, 8, 12, 16), torch.rand(1, 8, 12, 16)
-    torch.testing.assert_close(module(reference, target), module.mix(module.narrow(reference)))
-    module(reference, target).square().sum().backward()
+    references, target = torch.rand(2, 3, 8, 12, 16), torch.rand(2, 8, 12, 16)
+    plain = module.mix(module.narrow(references.flatten(0, 1))).unflatten(0, (2, 3))
+    torch.testing.assert_close(module(references, target), plain)
+    module(references, target).square().sum().backward()
     moved = module.predict.weight.grad.abs().sum((1, 2, 3))
     split = 2 * module.groups * kernel**2
     assert moved[:split].min() > 0
@@ -43,5 +44,5 @@ def test_offsets_are_bounded():
     torch.nn.init.constant_(module.predict.bias, 1e4)
     ramp = torch.arange(20.0).expand(1, 4, 20, 20)
     torch.testing.assert_close(
-        module(ramp, ramp)[..., :17, :17], 2 * (ramp + 2)[..., :17, :17] + module.mix.bias[:, None, None]
+        module(ramp[:, None], ramp)[:, 0, :, :17, :17], 2 * (ramp + 2)[..., :17, :17] + module.mix.bias[:, None, None]
     )

@@ -5,7 +5,6 @@ choosing and aligning references and the network.
 """
 
 import functools
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,14 +40,12 @@ class First:
         call: the same again.
         image: the enhanced view.
         megabytes: peak memory.
-        seconds: that it took, compilation left out.
         compiling: seconds that compilation took; None where nothing was compiled.
     """
 
     call: Callable[[], object]
     image: Float[Tensor, "3 _ _"]
     megabytes: float
-    seconds: float
     compiling: float | None
 
 
@@ -143,9 +140,7 @@ def _firsts(
                 call()  # draws photos, whose memory is not the setting's
             compiling = _compiling(call, device) if name in compiled else None
             peak = peak_memory(functools.partial(_kept, call, images), device)
-            begun = time.perf_counter()
-            call()
-            yield name, First(call, images[0], peak / 1e6, time.perf_counter() - begun, compiling)
+            yield name, First(call, images[0], peak / 1e6, compiling)
         except Exception as error:
             if name not in compiled:
                 raise
@@ -171,10 +166,12 @@ def _measured(
     device: torch.device,
     distances: Sequence[PerceptualDistance],
 ) -> Iterator[Record]:
-    rounds = study.seconds / max(1e-9, sum(one.seconds for one in firsts.values()))
-    repeats = max(1, min(study.repeats, int(rounds)))
+    calls = {name: one.call for name, one in firsts.items()}
     # Measuring memory has given it back to the system: a round in turn takes it anew, as long use would have it.
-    times = timed({name: one.call for name, one in firsts.items()}, repeats, 1, device)
+    warm = timed(calls, repeats=1, warm_up=0, device=device)
+    rounds = 1e3 * study.seconds / max(1e-6, sum(one.milliseconds for one in warm.values()))
+    repeats = max(1, min(study.repeats, int(rounds)))
+    times = timed(calls, repeats, 0, device)
     (target,) = view.targets
     where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"

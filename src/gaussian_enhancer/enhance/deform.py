@@ -1,6 +1,6 @@
 """Modulated deformable sampling (DCNv2: Zhu et al., CVPR 2019) by grid_sample.
 
-Axes: b batch, c channels, d output channels, h height, w width, k kernel side.
+Axes: b batch, r references, c channels, d output channels, h height, w width, k kernel side.
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def deformable_sample(
 
 
 class Deformation(nn.Module):
-    """Reads a reference's features where the target's features suggest.
+    """Reads references' features where the target's features suggest, each by itself.
 
     Offsets are reach x tanh(.) (BasicVSR++'s remedy against runaway offsets, Chan et al., CVPR 2022) and masks
     2 x sigmoid(.), both from a zero-initialised convolution: at birth a plain convolution. They are predicted at
@@ -88,25 +88,27 @@ class Deformation(nn.Module):
             nn.init.dirac_(self.mix.weight)
 
     def forward(
-        self, reference: Float[Tensor, "b c h w"], target: Float[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
-        """Align a reference's features to the target's; height and width are even."""
-        x = F.relu(self.compare(torch.cat([reference, target], dim=1)))
+        self, references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]
+    ) -> Float[Tensor, "b r c h w"]:
+        """Align references' features to the target's; height and width are even."""
+        each = references.flatten(0, 1)
+        x = F.relu(self.compare(torch.cat([each, target.repeat_interleave(references.shape[1], dim=0)], dim=1)))
         x = self.predict(F.relu(self.widen(x)))
         x = F.interpolate(precise(x), scale_factor=2, mode="bilinear", align_corners=False)
         split = 2 * self.groups * self.kernel**2
         offset, mask = self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
-        return deformable_sample(self.narrow(reference), offset, mask, self.mix.weight, self.mix.bias)
+        aligned = deformable_sample(self.narrow(each), offset, mask, self.mix.weight, self.mix.bias)
+        return aligned.unflatten(0, references.shape[:2])
 
 
 class Unmoved(nn.Module):
-    """No learned alignment: the reference's features as they are."""
+    """No learned alignment: references' features as they are."""
 
     def forward(
-        self, reference: Float[Tensor, "b c h w"], target: Float[Tensor, "b c h w"]
-    ) -> Float[Tensor, "b c h w"]:
-        """Return the reference's features."""
-        return reference
+        self, references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]
+    ) -> Float[Tensor, "b r c h w"]:
+        """Return the references' features."""
+        return references
 
 
 @dataclass(frozen=True)

@@ -82,10 +82,8 @@ class Gather(nn.Module):
         alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
         target = self.encode_render(views.render, alpha)
         features = self.encode(views) if encoded is None else encoded.to(target.dtype)
-        count = features.shape[1]
-        if count:
-            aligned = self.align(features.flatten(0, 1), target.repeat_interleave(count, dim=0))
-            features = aligned.unflatten(0, features.shape[:2])
+        if features.shape[1]:
+            features = self.align(features, target)
         seen = F.avg_pool2d(views.visibility.flatten(0, 1), 2).unflatten(0, views.visibility.shape[:2])
         fused, trust = self.fuse(target, features, seen)
         return self.modulate(fused, views.depth, views.depth_unit), trust

@@ -3,7 +3,7 @@
 The pose cost is NeRFLiX's (Zhou et al., CVPR 2023, ``inference/pose_matching.py``): centre distance plus 50 times one
 minus the cosine between viewing directions. Scene units are arbitrary, so that by default distances are divided by
 the scene's median camera spacing. Where the target's depth is known, the cost is weighed by covisibility.
-Axes: h w the target's size, H W a reference's size, n candidates.
+Axes: h w the target's size, n candidates.
 """
 
 import math
@@ -54,44 +54,27 @@ def camera_spacing(cameras: Sequence[Camera]) -> float:
 
 
 def covisibility(
-    depth: Float[Tensor, "1 h w"],
-    target: Camera,
-    reference: Camera,
-    reference_depth: Float[Tensor, "1 H W"] | None = None,
-    *,
-    tolerance: float = 0.05,
-    stride: int = 4,
-) -> float:
-    """Share of the target's pixels with depth that land inside a reference's image, in front of it.
+    depth: Float[Tensor, "1 h w"], target: Camera, references: Sequence[Camera], *, stride: int = 4
+) -> Float[Tensor, " n"]:
+    """Share of the target's pixels with depth that land inside each reference's image, in front of it (float64).
+
+    What another surface hides is not looked for: references are ranked before their depth is read.
 
     Args:
         depth: z depth of the target, 0 where nothing was hit.
         target: its camera.
-        reference: the camera that the pixels are projected into.
-        reference_depth: z depth of the reference; where given, pixels behind its surface do not count.
-        tolerance: by what share a point may lie behind the reference's surface and still count as seen.
+        references: the cameras that the pixels are projected into.
         stride: every how many pixels one is tried, in each direction.
     """
-    return _shown(_surface(depth, target, stride), reference, reference_depth, tolerance)
-
-
-def _shown(
-    points: Float[Tensor, "n 3"], reference: Camera, reference_depth: Float[Tensor, "1 H W"] | None, tolerance: float
-) -> float:
-    """Share of points of the world that a reference shows; see `covisibility`."""
-    if len(points) == 0:
-        return 0.0
-    seen = points @ reference.rotation.double().T + reference.world_to_camera[:3, 3].double()
-    pixels = seen @ reference.K.double().T
-    x, y = (pixels[:, :2] / seen[:, 2:].clamp_min(1e-12)).unbind(1)
-    inside = (seen[:, 2] > 0) & (x >= 0) & (x < reference.width) & (y >= 0) & (y < reference.height)
-    if reference_depth is not None:
-        height, width = reference_depth.shape[1:]
-        column = (x[inside] * width / reference.width).long().clamp(0, width - 1)
-        row = (y[inside] * height / reference.height).long().clamp(0, height - 1)
-        surface = reference_depth[0, row, column].double()
-        inside[inside.clone()] = (surface == 0) | (seen[inside, 2] <= surface * (1 + tolerance))
-    return float(inside.double().mean())
+    points = _surface(depth, target, stride)
+    if len(points) == 0 or not references:
+        return points.new_zeros(len(references))
+    projections = torch.stack([one.K.double() @ one.world_to_camera[:3].double() for one in references])
+    x, y, z = (points @ projections[:, :, :3].mT + projections[:, None, :, 3]).unbind(-1)
+    ahead = z.clamp_min(1e-12)
+    widths, heights = (points.new_tensor([getattr(one, side) for one in references]) for side in ("width", "height"))
+    inside = (z > 0) & (x >= 0) & (y >= 0) & (x < widths[:, None] * ahead) & (y < heights[:, None] * ahead)
+    return inside.double().mean(1)
 
 
 def rank_references(
@@ -136,9 +119,7 @@ def rank_references(
     costs = pose_costs(target.camera, cameras, unit)
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
-        points = _surface(depth, target.camera, stride)
-        seen = [_shown(points, camera, None, 0.0) for camera in cameras]
-        costs = (1 + costs) / costs.new_tensor(seen).clamp_min(1e-6)
+        costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
     return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
 
 
@@ -154,7 +135,7 @@ def scene_references(scene: Scene, index: int, count: int) -> tuple[int, ...]:
     return tuple(scene.train[i] for i in ranked)
 
 
-def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Float[Tensor, "n 3"]:
+def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Float[Tensor, "p 3"]:
     """World positions (float64) of every stride-th pixel that has depth; the depth map may be of another size."""
     height, width = depth.shape[1:]
     y, x = torch.meshgrid(torch.arange(0, height, stride), torch.arange(0, width, stride), indexing="ij")
