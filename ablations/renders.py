@@ -95,10 +95,10 @@ def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
 
 
 def table(rows: list[dict], head: str = "training renders") -> str:
-    """Mean gains by row over all views, with the interval of the colour-aligned gain, then that gain by scene."""
+    """Mean gains by row over all views, the colour-aligned one with its interval and worst view, then that by scene."""
     names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
     metrics = [name for name in METRICS if name in rows[0]]
-    heads = [head, *metrics, "95% of psnr_aligned", "views worse", *scenes]
+    heads = [head, *metrics, "95% of psnr_aligned", "worst view", "views worse", *scenes]
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name in names:
         mine = [r for r in rows if r["row"] == name]
@@ -107,9 +107,8 @@ def table(rows: list[dict], head: str = "training renders") -> str:
         worse = sum(value < 0 for value in aligned)
         means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
         by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]
-        lines.append(
-            "| " + " | ".join([name, *means, f"{low:+.3f} to {high:+.3f}", f"{worse} of {len(mine)}", *by_scene]) + " |"
-        )
+        spread = [f"{low:+.3f} to {high:+.3f}", f"{min(aligned):+.3f}", f"{worse} of {len(mine)}"]
+        lines.append("| " + " | ".join([name, *means, *spread, *by_scene]) + " |")
     return "\n".join(lines)
 
 
