@@ -1,13 +1,14 @@
-"""How much hangs on depth: the same weights with references warped through five kinds of it.
+"""How much hangs on depth: the same weights with references warped through six kinds of it.
 
     python ablations/depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
         [--json docs/results/depth.jsonl]
 
 References are warped through the splat's expected depth and through its surface (median depth), each as it is and
-searched as its kind asks for (`enhance.depth`), and, in procedural scenes, through the depth that the world itself has,
-of target and references alike. Candidates are the same, and the network sees the stored depth in all of them. Beside
-the network's gain stand two figures that no network has a part in: how close the best warped reference is to the
-photo, on the pixels that it shows, and what handing on the splat's mistakes gives,
+searched as its kind asks for (`enhance.depth`), the surface also smoothed before it is searched (`enhance.smooth`),
+and, in procedural scenes, through the depth that the world itself has, of target and references alike. Candidates are
+the same, and the network sees the stored depth in all of them. Beside the network's gain stand two figures that no
+network has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what
+handing on the splat's mistakes gives,
 render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
 and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
 """
@@ -43,14 +44,15 @@ from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, quantised
 
-SEARCHED: tuple[tuple[str, str, DepthKind], ...] = (
-    ("expected", "expected", "exact"),
-    ("expected, searched", "expected", "expected"),
-    ("surface", "surface", "exact"),
-    ("surface, searched", "surface", "surface"),
-    ("exact", "exact", "exact"),
+SEARCHED: tuple[tuple[str, str, DepthKind, bool], ...] = (
+    ("expected", "expected", "exact", False),
+    ("expected, searched", "expected", "expected", False),
+    ("surface", "surface", "exact", False),
+    ("surface, searched", "surface", "surface", False),
+    ("surface, smoothed, searched", "surface", "surface", True),
+    ("exact", "exact", "exact", False),
 )
-"""Name of a row, which depth it warps through, and how that is searched."""
+"""Name of a row, which depth it warps through, how that is searched, and whether it is smoothed before."""
 FAR = 1e4
 """How many times further than all else the sky lies, which has no depth of its own."""
 
@@ -132,7 +134,10 @@ def preparations(base: Preparation, depths: Mapping[str, Depths]) -> dict[str, P
     if not isinstance(warp, Reprojected):
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
     known = [row for row in SEARCHED if row[1] in depths]
-    return {name: replace(base, warp=Through(depths[kind], replace(warp, depth=how))) for name, kind, how in known}
+    return {
+        name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth)))
+        for name, kind, how, smooth in known
+    }
 
 
 def propagated(
@@ -218,7 +223,7 @@ def table(found: Sequence[Record]) -> str:
     raw = {(record.run, record.view): record for record in found if record.variant == "raw"}
     runs = list(dict.fromkeys(record.run for record in found))
     for label, chosen in [*((run, {run}) for run in runs), ("all", set(runs))]:
-        for depth, _, _ in SEARCHED:
+        for depth, *_ in SEARCHED:
             mine = [record for record in found if record.variant == depth and record.run in chosen]
             if not mine:
                 continue

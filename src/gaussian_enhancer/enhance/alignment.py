@@ -133,6 +133,7 @@ class Reprojected:
         agreement: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference does not
             count as showing the same: glass that mirrors the sky from one place and not from another, or what the depth
             check missed. None leaves that unchecked.
+        smooth: fit planes to depth that is the splat's surface before it is searched (`smooth_depth`).
     """
 
     depth: DepthKind = "surface"
@@ -140,6 +141,7 @@ class Reprojected:
     tolerance: float = 0.05
     softness: float = 0.08
     agreement: float | None = 0.2
+    smooth: bool = True
 
     def __post_init__(self) -> None:
         if self.depth not in SEARCHES:
@@ -164,7 +166,7 @@ class Reprojected:
         camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
         shown = [reference.image if reference.render is None else reference.render for reference in references]
         with torch.no_grad():
-            depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth)
+            depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth, self.smooth)
         rendered = target.depth
         if target.alpha is not None:  # says where holes are; they are filled once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)

@@ -17,7 +17,8 @@ from torch import Tensor
 from gaussian_enhancer.enhance.colour import fit_colour
 from gaussian_enhancer.enhance.projection import Projection, array, arrays, compiled, land, look_up, read_at
 from gaussian_enhancer.enhance.reproject import fill_depth
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.enhance.smooth import smooth_depth
+from gaussian_enhancer.types import Camera, usable
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ DepthKind = Literal["surface", "expected", "exact"]
 """What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (Search(0.02, 7),),
+    "surface": (Search(0.02, 7, window=9),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
@@ -63,8 +64,11 @@ def refine_depth(
     cameras: Sequence[Camera],
     photos: Sequence[Float[Tensor, "3 _ _"]],
     kind: DepthKind = "surface",
+    smooth: bool = True,
 ) -> Float[Tensor, "1 h w"]:
     """Depth at which the references agree best with the render, within a span around what was rendered.
+
+    The splat's surface is smoothed first (`smooth_depth`): median depth jumps from Gaussian to Gaussian.
 
     A plane sweep relative to the rendered surface: for each multiplier m = (1 + span)^k, k in [-1, 1], the cost is
     the references' mean absolute colour difference to the render over a window plus penalty x |k|; the smallest wins,
@@ -77,7 +81,11 @@ def refine_depth(
         cameras: the references' cameras.
         photos: the references' colours, [0, 1], at any resolution.
         kind: of the depth; decides which searches are made, one after the other, each around the last one's result.
+        smooth: give a surface that is one smoothness; without effect on the other kinds.
     """
+    if smooth and kind == "surface":
+        valid = usable(depth)
+        depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
     for how in SEARCHES[kind] if cameras else ():
         z = fill_depth(depth).to(render.dtype)
         seen = [_seen(target, z, render, camera, photo) for camera, photo in zip(cameras, photos, strict=True)]
