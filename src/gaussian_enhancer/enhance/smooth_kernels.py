@@ -8,7 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import kernel
+from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
 _ONE = _F(1)
@@ -18,47 +18,67 @@ _ONE = _F(1)
 @no_type_check
 def fit_planes(depth, render, step, reach, sharpness, contrast, ridge, furthest, result):
     """Write how far each pixel's plane lies beyond it; depth and render have a margin of ``reach`` samples."""
-    height, width = result.shape
-    margin = reach * step
-    for y in prange(height):
-        sums = np.zeros((9, width), np.float32)
-        one, sx, sy, sxx, sxy, syy, sp, sxp, syp = (
-            sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8],
-        )  # fmt: skip
-        row = y + margin
-        here = depth[row, margin : margin + width]
-        red, green, blue = (
-            render[0, row, margin : margin + width],
-            render[1, row, margin : margin + width],
-            render[2, row, margin : margin + width],
-        )
-        for j in range(-reach, reach + 1):
-            dy, other = _F(j), row + j * step
-            for i in range(-reach, reach + 1):
-                dx, left = _F(i), margin + i * step
-                for x in range(width):
-                    beyond = min(here[x] / depth[other, left + x] - _ONE, furthest)
-                    far = beyond * sharpness
-                    far = _ONE + far * far
-                    differs = (
-                        abs(render[0, other, left + x] - red[x])
-                        + abs(render[1, other, left + x] - green[x])
-                        + abs(render[2, other, left + x] - blue[x])
-                    ) * contrast
-                    weight = _ONE / (far * far * (_ONE + differs * differs))
-                    wx, wy, wp = weight * dx, weight * dy, weight * beyond
-                    one[x] += weight
-                    sx[x] += wx
-                    sy[x] += wy
-                    sxx[x] += wx * dx
-                    sxy[x] += wx * dy
-                    syy[x] += wy * dy
-                    sp[x] += wp
-                    sxp[x] += wp * dx
-                    syp[x] += wp * dy
-        for x in range(width):
-            xx, yy, xy = sxx[x] + ridge, syy[x] + ridge, sxy[x]
-            area = xx * yy - xy * xy
-            across, down = (sx[x] * yy - sy[x] * xy) / area, (sy[x] * xx - sx[x] * xy) / area
-            rest = one[x] - across * sx[x] - down * sy[x]
-            result[y, x] = (sp[x] - across * sxp[x] - down * syp[x]) / rest
+    for y in prange(result.shape[0]):
+        _fit_row(depth, render, y + reach * step, step, reach, sharpness, contrast, ridge, furthest, result[y])
+
+
+@inner
+@no_type_check
+def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthest, result):
+    """The same for one row, by loops that LLVM makes vectors of: over slices, few at a time, by counters alone."""
+    width, margin = len(result), reach * step
+    here, end = depth[row, margin : margin + width], margin + width
+    contrasts, weight, beyond = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    sums = np.zeros((9, width), np.float32)
+    for j in range(-reach, reach + 1):
+        for i in range(-reach, reach + 1):
+            other, left, right, dx, dy = row + j * step, margin + i * step, end + i * step, _F(i), _F(j)
+            contrasts[:] = 0
+            for c in range(3):
+                _add_contrast(contrasts, render[c, other, left:right], render[c, row, margin:end], contrast)
+            _weigh(here, depth[other, left:right], contrasts, sharpness, furthest, weight, beyond)
+            _add(sums[0], weight, _ONE)
+            _add(sums[1], weight, dx)
+            _add(sums[2], weight, dy)
+            _add(sums[3], weight, dx * dx)
+            _add(sums[4], weight, dx * dy)
+            _add(sums[5], weight, dy * dy)
+            _add(sums[6], beyond, _ONE)
+            _add(sums[7], beyond, dx)
+            _add(sums[8], beyond, dy)
+    for x in range(width):
+        one, sx, sy = sums[0, x], sums[1, x], sums[2, x]
+        xx, xy, yy = sums[3, x] + ridge, sums[4, x], sums[5, x] + ridge
+        area = xx * yy - xy * xy
+        across, down = (sx * yy - sy * xy) / area, (sy * xx - sx * xy) / area
+        rest = one - across * sx - down * sy
+        result[x] = (sums[6, x] - across * sums[7, x] - down * sums[8, x]) / rest
+
+
+@inner
+@no_type_check
+def _add_contrast(total, one, other, scale):
+    """Add absolute differences times a scale."""
+    for x in range(len(total)):
+        total[x] += scale * abs(one[x] - other[x])
+
+
+@inner
+@no_type_check
+def _weigh(here, there, contrasts, sharpness, furthest, weight, beyond):
+    """Write each sample's weight, and its inverse depth beyond the pixel's times that."""
+    for x in range(len(weight)):
+        ahead = min(here[x] / there[x] - _ONE, furthest)
+        far = ahead * sharpness
+        far = _ONE + far * far
+        share = _ONE / (far * far * (_ONE + contrasts[x] * contrasts[x]))
+        weight[x] = share
+        beyond[x] = share * ahead
+
+
+@inner
+@no_type_check
+def _add(total, values, factor):
+    """Add values times a factor."""
+    for x in range(len(total)):
+        total[x] += factor * values[x]
