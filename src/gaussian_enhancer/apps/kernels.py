@@ -25,6 +25,7 @@ from gaussian_enhancer.degrade.weights import load_model
 from gaussian_enhancer.enhance.deform import deformable_sample
 from gaussian_enhancer.enhance.prepare import Pool, join, read_target
 from gaussian_enhancer.enhance.reproject import reproject
+from gaussian_enhancer.enhance.smooth import smooth_depth
 from gaussian_enhancer.enhance.weights import load_weights
 from gaussian_enhancer.types import Camera
 
@@ -60,7 +61,10 @@ def deformable(device: torch.device) -> Cases:
 
 
 def reprojection(device: torch.device) -> Cases:
-    """A photo warped through depth, compiled and by tensors; half precision is computed on in single precision."""
+    """Depth smoothed, and a photo warped through depth, each compiled and by tensors.
+
+    Half precision is computed on in single precision.
+    """
     views = plane(*SIZE)
     target, source = views.targets[0], views.references[0]
     photo, depth = source.read_photo, target.read_depth
@@ -79,6 +83,16 @@ def reprojection(device: torch.device) -> Cases:
     if device.type == "cpu":
         ways |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
     yield "reprojection", partial(warped, torch.float64, torch.float64), ways
+    draw = torch.Generator().manual_seed(0)
+    rough = inputs[0] * (1 + 0.01 * torch.randn(inputs[0].shape, generator=draw, dtype=torch.float64).to(device))
+
+    def smoothed(dtype: torch.dtype, tensors: bool = False) -> Tensor:
+        return smooth_depth(rough.to(dtype).requires_grad_(tensors), inputs[1].to(dtype)).detach()
+
+    ways = {"tensors/float32": partial(smoothed, torch.float32, True)}
+    if device.type == "cpu":
+        ways["compiled/float32"] = partial(smoothed, torch.float32)
+    yield "smoothing of depth", partial(smoothed, torch.float64), ways
 
 
 def resampling(device: torch.device) -> Cases:
