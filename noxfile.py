@@ -115,14 +115,14 @@ def realism(session: nox.Session) -> None:
 
 
 WEIGHTS = (
-    "+recipe=lr fusion=ssif_lr size=base trainer.max_steps=1500 label=lr_base +card.name=lr_base",
+    "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
+    "+recipe=lr_shipped fusion=ssif_lr size=base trainer.max_steps=1500 label=lr_base +card.name=lr_base",
     "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
     "+recipe=ssif_sr size=tiny label=sr_tiny +card.name=sr_tiny",
-    "+recipe=lr fusion=sif label=row_sif",
-    "+recipe=lr fusion=ssif_lr label=row_ssif_lr",
-    "+recipe=lr fusion=nafnet alignment=none label=row_nafnet",
-    "+recipe=lr fusion=edvr alignment=none label=row_edvr",
-    "+recipe=lr fusion=ssif_lr mode=paper label=row_paper",
+    "+recipe=lr_shipped fusion=sif label=row_sif",
+    "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
+    "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
+    "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
 )
 """Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget."""
 

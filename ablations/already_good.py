@@ -42,7 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path)
     parser.add_argument("--views", type=int, default=3, help="of each run, evenly spread")
-    parser.add_argument("--weights", default="lr_base")
+    parser.add_argument("--weights", default="lr_tiny")
     parser.add_argument("--json", type=Path, required=True, help="file of records")
     given = parser.parse_args()
     if any(f"_{seed}-" in run.name for run in given.runs for seed in (2000, 3000)):

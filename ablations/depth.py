@@ -250,7 +250,7 @@ def main() -> None:
     """Read the command line, enhance, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
-    parser.add_argument("--weights", default="lr_base")
+    parser.add_argument("--weights", default="lr_tiny")
     parser.add_argument("--every", type=int, default=1, help="take every n-th held-out view")
     parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
     parser.add_argument("--strength", type=float, default=1.0, help="share of the change to apply")

@@ -222,7 +222,7 @@ def main() -> None:
     """Read the command line, render, enhance, compare, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
-    parser.add_argument("--weights", default="lr_base")
+    parser.add_argument("--weights", default="lr_tiny")
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--cameras", type=int, default=6, help="how many of the capture's cameras the path passes")
     parser.add_argument("--strength", type=float, help="share of the change to apply; the card's where absent")
