@@ -204,11 +204,13 @@ def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, we
 def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, capsys):
     options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "max_references=1"]
     assert run(configured(*options, "dry_run=true")) is None
+    assert "all are warped: on views of this size" in capsys.readouterr().out
+    assert run(configured(*options, "plan.small=0", "dry_run=true")) is None
     printed = capsys.readouterr().out
     assert "references" in printed
     assert "10 looked at for 2 views, 8 left out" in printed
     assert not list(tmp_path.iterdir())
-    run(configured(*options))
+    run(configured(*options, "plan.small=0"))
     (folder,) = (tmp_path / "enhance").iterdir()
     plan = Plan.from_file(folder / "plan.json")
     assert [view.name for view in plan.views] == ["view_000.png", "view_004.png"]

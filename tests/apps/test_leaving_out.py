@@ -41,6 +41,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
         with initialize_config_dir(CONF, version_base="1.3"):
             cfg = compose("leaving_out", [*paths, *quick, *overrides])
         with open_dict(cfg):
+            cfg.worlds.plans.auto = ["plan=auto", "plan.small=0"]  # the planes are small
             cfg.worlds.cells = {"plane": {"fit": [], "every": 1}, "absent": {"fit": [], "every": 1}}
         return cfg
 

@@ -38,7 +38,7 @@ def test_the_table_says_what_is_used_what_is_not_and_why():
     lines = PLAN.table().splitlines()
     assert lines[0].split() == ["depth", "yes", "surface"]
     assert lines[1].split(maxsplit=3)[2:] == ["no", "not known"]
-    assert "5 looked at for 3 views, 2 left out, 1 of them since they see less than 10%" in lines[2]
+    assert "5 looked at for 2 views, 2 left out, 1 of them since they see less than 10%" in lines[2]
     assert "40% show background alone" in lines[3]
     assert "candidates" not in Plan("full", Rules(), PLAN.parts, PLAN.views).table()
 
@@ -54,6 +54,7 @@ def test_rules_leave_nothing_out_unless_they_are_told_to():
         {"share": 1.5},
         {"tolerance": -0.1},
         {"margin": 5},
+        {"small": -1},
     )
     for values in wrong:
         with pytest.raises(InputError, match=f"plan.{next(iter(values))}"):

@@ -153,3 +153,16 @@ def test_views_that_were_decided_before_are_not_decided_again():
     before = dataclasses.replace(planned(rendered)[0], regions=(Region(0, 0, 16, 16),))
     planner = Planner(AUTO, Preparation(), rendered, [before])
     assert planner(rendered.targets[0], read_target(rendered.targets[0])) is before
+
+
+def test_candidates_of_small_views_are_looked_at_only_where_background_is_left_out():
+    small = dataclasses.replace(AUTO, small=SIZE[0] * SIZE[1])
+    looked, _ = planned(things(), small)
+    assert looked.regions is not None
+    assert looked.references is not None
+    everything = dataclasses.replace(small, tiles="all")
+    plan, planner = planned(things(), everything)
+    assert (plan.references, plan.regions, plan.left_out) == (None, None, {})
+    assert planner.chosen(plan) is None
+    larger, _ = planned(things(), dataclasses.replace(everything, small=SIZE[0] * SIZE[1] - 1))
+    assert larger.references is not None

@@ -30,6 +30,8 @@ class Rules:
         share: of what there is to see of a target that a reference must see at least, in [0, 1].
         tolerance: difference in colour up to which a pixel counts as background, in [0, 1].
         margin: pixels around what is enhanced that the network sees as well.
+        small: pixels of a view up to which candidates are looked at only where background is left out: looking takes
+            as long as warping them all.
 
     Raises:
         InputError: a choice is unknown or a number out of range.
@@ -41,6 +43,7 @@ class Rules:
     share: float = 0.05
     tolerance: float = 0.03
     margin: int = 0
+    small: int = 0
 
     def __post_init__(self) -> None:
         for name, known in CHOICES.items():
@@ -51,6 +54,8 @@ class Rules:
                 raise InputError(f"plan.{name}", f"is {getattr(self, name)}", "give a number in [0, 1]")
         if self.margin < 0 or self.margin % 8:
             raise InputError("plan.margin", f"is {self.margin}", "give 0 or a multiple of 8")
+        if self.small < 0:
+            raise InputError("plan.small", f"is {self.small}", "give a number of pixels, 0 to look always")
 
     @property
     def full(self) -> bool:
@@ -133,9 +138,12 @@ class Plan:
         return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
 
     def _candidates(self) -> str:
-        shares = [share for view in self.views for share in view.left_out.values()]
-        taken = sum(len(view.references or ()) for view in self.views)
-        text = f"{taken + len(shares)} looked at for {len(self.views)} views, {len(shares)} left out"
+        looked = [view for view in self.views if view.references is not None]
+        if not looked:
+            return "all are warped: on views of this size that takes no longer than a look at them"
+        shares = [share for view in looked for share in view.left_out.values()]
+        taken = sum(len(view.references or ()) for view in looked)
+        text = f"{taken + len(shares)} looked at for {len(looked)} views, {len(shares)} left out"
         few = sum(share < self.rules.share for share in shares)
         return text + (f", {few} of them since they see less than {self.rules.share:.0%}" if few else "")
 

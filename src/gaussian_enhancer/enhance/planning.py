@@ -64,7 +64,7 @@ class Planner:
         if self.rules.tiles == "auto":
             found = ~background_blocks(target.image, self.background, self.rules.tolerance)
             needed = None if bool(found.all()) else found
-        looking = self.rules.references == "auto" or needed is not None
+        looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
         if isinstance(warp, Reprojected) and self.preparation.references and looking:
             indices = rank_references(view, self.pool.views, self.preparation.candidates, depth=target.depth)
             small = coarse(target)

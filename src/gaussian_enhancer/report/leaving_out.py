@@ -226,10 +226,10 @@ def _left_out(cells: Sequence[Cell]) -> str:
         taken, left, unseeing = (
             int(found.get(f"candidates_{name}") or 0) for name in ("taken", "left_out", "unseeing")
         )
-        words = [
-            f"{found.get('passed') or 0:.0%} of the pixels (background alone)",
-            f"{left} of {taken + left} candidates ({unseeing} see too little, the others less than those taken)",
-        ]
+        words = [f"{found.get('passed') or 0:.0%} of the pixels (background alone)"]
+        if taken + left:
+            few = f"{unseeing} see too little, the others less than those taken"
+            words.append(f"{left} of {taken + left} candidates ({few})")
         for name, why in cell.own.reasons.items():
             if name.startswith("part ") and found.get(name) == 0:
                 words.append(f"{name.removeprefix('part ')} ({why})")
