@@ -40,12 +40,9 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
     """
     for step in STEPS:
         margin = (REACH * step,) * 4
-        padded, colours = (
-            F.pad(depth[None], margin, mode="replicate")[0],
-            F.pad(render[None], margin, mode="replicate")[0],
-        )
+        padded, colours = (F.pad(image[None], margin, mode="replicate")[0] for image in (depth, render.to(depth)))
         fit = _fitted_compiled if compiled(padded, colours) else fitted
-        depth = depth / (1 + fit(padded, colours.to(depth), step))
+        depth = depth / (1 + fit(padded, colours, step))
     return depth
 
 
