@@ -7,19 +7,14 @@ address. Runs must be validation runs (docs/data.md): weights that were chosen o
 """
 
 import argparse
-import json
-from datetime import UTC, datetime
 from pathlib import Path
 
 import torch
-from renders import gains, table
+from renders import measured, table
 
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.weights import load_weights
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.perceptual import perceptual_distance
-from gaussian_enhancer.measure.provenance import this_commit, this_machine
-from gaussian_enhancer.measure.realism import finished_runs
 
 
 def name_of(weights: str) -> str:
@@ -56,15 +51,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_flush_denormal(True)
     made = enhancers(options.weights)
-    distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
-    provenance = {"commit": this_commit(), "machine": this_machine()}
-    rows: list[dict] = []
-    for run in finished_runs(options.runs)[0]:
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances, options.every)]
-        if options.json:
-            options.json.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
-    print(table(rows, "weights"))
+    print(table(measured(made, options.runs, options.lpips, options.json, options.every), "weights"))
 
 
 if __name__ == "__main__":

@@ -87,6 +87,29 @@ def gains(
     return found
 
 
+def measured(
+    made: Mapping[str, Enhancer], runs: Sequence[str], lpips: Path | None, json_file: Path | None, every: int = 1
+) -> list[dict]:
+    """`gains` of every finished run with where and when they were measured; the file is written again after each run.
+
+    Args:
+        made: the rows.
+        runs: folders of finished fits, or patterns.
+        lpips: folder of LPIPS backbones; None measures no LPIPS.
+        json_file: gets every row; None keeps none.
+        every: take every n-th held-out view.
+    """
+    distances = [perceptual_distance("lpips_alex", lpips, torch.device("cpu"))] if lpips else []
+    provenance = {"commit": this_commit(), "machine": this_machine()}
+    rows: list[dict] = []
+    for run in finished_runs(runs)[0]:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances, every)]
+        if json_file:
+            json_file.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
+    return rows
+
+
 def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
     """95% bootstrap interval of a mean over views."""
     generator = random.Random(0)
@@ -122,16 +145,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write every row there")
     options = parser.parse_args()
     torch.set_flush_denormal(True)
-    distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
-    provenance = {"commit": this_commit(), "machine": this_machine()}
     made = enhancers(options.rows, options.folder)
-    rows: list[dict] = []
-    for run in finished_runs(options.runs)[0]:
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances)]
-        if options.json:
-            options.json.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
-    print(table(rows))
+    print(table(measured(made, options.runs, options.lpips, options.json)))
 
 
 if __name__ == "__main__":
