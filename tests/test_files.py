@@ -1,13 +1,18 @@
+import gc
+import multiprocessing
 import os
 import resource
 import stat
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import save_array, whole_file
+from gaussian_enhancer.files import load_array, save_array, whole_file
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -63,3 +68,46 @@ def test_an_array_that_does_not_fit_is_refused(tmp_path: Path, size: int) -> Non
     assert not list(tmp_path.iterdir())
     save_array(tmp_path / "a.npy", np.arange(size))
     assert np.load(tmp_path / "a.npy")[-1] == size - 1
+
+
+@pytest.fixture
+def restless_collector() -> Iterator[None]:
+    """A garbage collector that runs often, and lets other threads run while it does."""
+
+    def give_way(phase: str, info: dict[str, int]) -> None:
+        time.sleep(0)
+
+    before = gc.get_threshold()
+    gc.set_threshold(5, 1, 1)
+    gc.callbacks.append(give_way)
+    yield
+    gc.callbacks.remove(give_way)
+    gc.set_threshold(*before)
+
+
+def test_threads_read_arrays_at_once(tmp_path: Path, restless_collector: None) -> None:
+    save_array(tmp_path / "a.npy", np.zeros((48, 64), np.float32))
+    with ThreadPoolExecutor(4) as threads:
+        read = list(threads.map(lambda _: load_array(tmp_path / "a.npy").shape, range(2000)))
+    assert set(read) == {(48, 64)}
+
+
+def test_a_worker_forked_while_threads_read_can_read(tmp_path: Path) -> None:
+    save_array(tmp_path / "a.npy", np.zeros(3))
+    fork = multiprocessing.get_context("fork")
+    with ThreadPoolExecutor(2) as threads:
+        reading = [threads.submit(lambda: load_array(tmp_path / "a.npy")) for _ in range(3000)]
+        workers = [fork.Process(target=load_array, args=(tmp_path / "a.npy",)) for _ in range(8)]
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join(30)
+        assert [worker.exitcode for worker in workers] == [0] * 8
+        assert all(read.result().shape == (3,) for read in reading)
+
+
+def test_several_arrays_are_refused_where_one_is_expected(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", a=np.zeros(3), b=np.ones(2))
+    with pytest.raises(ValueError, match="holds several arrays"):
+        load_array(tmp_path / "a.npz")
+    assert load_array(tmp_path / "a.npz", lambda names: names[1]).tolist() == [1, 1]

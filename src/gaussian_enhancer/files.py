@@ -1,15 +1,21 @@
-"""Writing files whole or not at all: a killed run, or a full disk, leaves either the old file or none."""
+"""Files: written whole or not at all, so that a killed run, or a full disk, leaves either the old file or none; arrays
+read by one thread at a time."""
 
 import io
 import os
 import tempfile
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from gaussian_enhancer.errors import InputError
+
+_headers = threading.RLock()
+if hasattr(os, "register_at_fork"):  # a worker that is forked while a thread reads a header is not left waiting for it
+    os.register_at_fork(before=_headers.acquire, after_in_parent=_headers.release, after_in_child=_headers.release)
 
 
 @contextmanager
@@ -58,6 +64,29 @@ def save_array(path: str | Path, array: np.ndarray) -> None:
     np.save(content, array)
     with whole_file(path) as temporary:
         temporary.write_bytes(content.getbuffer())
+
+
+def load_array(path: str | Path, name: Callable[[list[str]], str] | None = None) -> np.ndarray:
+    """Read an array of a .npy, mapped from the file, or of a .npz.
+
+    NumPy parses an array's header with `ast`, which in Python 3.11 before 3.11.8 fails now and then with a SystemError
+    when several threads do so (python/cpython#106905). Threads of this project do it in turn.
+
+    Args:
+        path: the file.
+        name: chooses the array of a .npz among its names; None where a .npz is not expected.
+
+    Raises:
+        OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: what NumPy raises for a file that is damaged.
+    """
+    with _headers:
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        if isinstance(stored, np.ndarray):
+            return stored
+        with stored:
+            if name is None:
+                raise ValueError("holds several arrays, one is expected")
+            return stored[name(stored.files)]
 
 
 def unwritable(path: str | Path, error: OSError) -> InputError:

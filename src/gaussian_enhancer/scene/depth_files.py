@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import load_array
 from gaussian_enhancer.scene.photos import read_header
 
 DEPTH_ENDINGS = (".npy", ".npz", ".png")
@@ -84,11 +85,10 @@ def _opened(path: Path) -> np.ndarray:
 
         with Image.open(path) as image:
             return np.asarray(image)
-    stored = np.load(path, mmap_mode="r", allow_pickle=False)
-    if isinstance(stored, np.ndarray):
-        return stored
-    with stored:
-        names = stored.files
-        if "depth" not in names and len(names) != 1:
-            raise KeyError(f"no array named depth among {names}")
-        return stored["depth" if "depth" in names else names[0]]
+    return load_array(path, _named)
+
+
+def _named(names: list[str]) -> str:
+    if "depth" not in names and len(names) != 1:
+        raise KeyError(f"no array named depth among {names}")
+    return "depth" if "depth" in names else names[0]

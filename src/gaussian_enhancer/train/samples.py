@@ -27,7 +27,7 @@ from gaussian_enhancer.enhance.modulate import depth_unit, normalised_inverse_de
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.weights import preparation_of
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import save_array, unwritable, whole_file
+from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, Views
@@ -71,11 +71,11 @@ class Sample:
 
     def planes(self) -> np.ndarray:
         """The planes, mapped from the file."""
-        return np.load(self.path, mmap_mode="r")
+        return load_array(self.path)
 
     def fine_planes(self) -> np.ndarray | None:
         """The planes that are 4 times as fine, mapped from their file; None where there are none."""
-        return np.load(self.fine, mmap_mode="r") if self.fine else None
+        return load_array(self.fine) if self.fine else None
 
 
 def prepare_samples(
