@@ -1,5 +1,7 @@
-"""Files: written whole or not at all, so that a killed run, or a full disk, leaves either the old file or none; arrays
-read by one thread at a time."""
+"""Files: written whole or not at all, read by one thread at a time.
+
+A killed run, or a full disk, leaves either the old file or none.
+"""
 
 import io
 import os
