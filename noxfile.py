@@ -31,9 +31,9 @@ def lint(session: nox.Session) -> None:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests, shapes checked; words after -- go to pytest."""
+    """Run the tests, shapes checked, in up to four processes; words after -- go to pytest."""
     install(session, "test")
-    session.run("pytest", *session.posargs)
+    session.run("pytest", "--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", *session.posargs)
 
 
 @nox.session(default=False)

@@ -1,8 +1,20 @@
+import os
 from pathlib import Path
 
 import pytest
+import torch
 
 from synthetic_runs import write_plane_run
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Processes that run tests beside each other share the cores, and so do those that they start."""
+    count = os.environ.get("PYTEST_XDIST_WORKER_COUNT")
+    if count is not None:
+        share = max(1, (os.cpu_count() or 1) // int(count))
+        torch.set_num_threads(share)
+        os.environ.setdefault("OMP_NUM_THREADS", str(share))
+        os.environ.setdefault("NUMBA_NUM_THREADS", str(share))
 
 
 @pytest.fixture(scope="session")
