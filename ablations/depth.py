@@ -1,14 +1,15 @@
-"""How much hangs on depth: the same weights with references warped through six kinds of it.
+"""How much hangs on depth: the same weights with references warped through seven kinds of it.
 
     python ablations/depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
         [--json docs/results/depth.jsonl]
 
 References are warped through the splat's expected depth and through its surface (median depth), each as it is and
-searched as its kind asks for (`enhance.depth`), the surface also smoothed before it is searched (`enhance.smooth`),
-and, in procedural scenes, through the depth that the world itself has, of target and references alike. Candidates are
-the same, and the network sees the stored depth in all of them. Beside the network's gain stand two figures that no
-network has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what
-handing on the splat's mistakes gives,
+searched as its kind asks for (`enhance.depth`). The surface is also smoothed before it is searched (`enhance.smooth`),
+first by how renders agree with the target's alone, then also by how photos agree with each other. In procedural scenes
+they are warped through the depth that the world itself has, too, of target and references alike. Candidates are the
+same, and the network sees the stored depth in all of them. Beside the network's gain stand two figures that no network
+has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what handing on the
+splat's mistakes gives,
 render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
 and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
 """
@@ -44,15 +45,17 @@ from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, quantised
 
-SEARCHED: tuple[tuple[str, str, DepthKind, bool], ...] = (
-    ("expected", "expected", "exact", False),
-    ("expected, searched", "expected", "expected", False),
-    ("surface", "surface", "exact", False),
-    ("surface, searched", "surface", "surface", False),
-    ("surface, smoothed, searched", "surface", "surface", True),
-    ("exact", "exact", "exact", False),
+SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
+    ("expected", "expected", "exact", False, False),
+    ("expected, searched", "expected", "expected", False, False),
+    ("surface", "surface", "exact", False, False),
+    ("surface, searched", "surface", "surface", False, False),
+    ("surface, smoothed, searched", "surface", "surface", True, False),
+    ("surface, smoothed, searched by photos too", "surface", "surface", True, True),
+    ("exact", "exact", "exact", False, False),
 )
-"""Name of a row, which depth it warps through, how that is searched, and whether it is smoothed before."""
+"""Name of a row, which depth it warps through, how that is searched, whether it is smoothed before, and whether photos
+are asked to agree with each other."""
 FAR = 1e4
 """How many times further than all else the sky lies, which has no depth of its own."""
 
@@ -135,8 +138,8 @@ def preparations(base: Preparation, depths: Mapping[str, Depths]) -> dict[str, P
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
     known = [row for row in SEARCHED if row[1] in depths]
     return {
-        name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth)))
-        for name, kind, how, smooth in known
+        name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth, consistent=consistent)))
+        for name, kind, how, smooth, consistent in known
     }
 
 

@@ -52,7 +52,7 @@ def test_the_better_the_depth_the_better_the_references(misplaced):
     found = list(study(rendered, Enhancer(small(), Preparation(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
-    for raw, expected, searched, _, surface, _, exact in zip(*by.values(), strict=True):
+    for raw, expected, searched, _, surface, *_, exact in zip(*by.values(), strict=True):
         assert {m["psnr"] for m in (expected, searched, surface, exact)} == {raw["psnr"]}  # the network is untrained
         assert exact["reference_psnr"] > expected["reference_psnr"] + 1
         assert searched["reference_psnr"] > expected["reference_psnr"]
@@ -64,12 +64,11 @@ def test_stored_depth_given_again_changes_nothing(plane_run):
     rendered = read_run(plane_run)
     stored = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
     kinds = preparations(Preparation(), {"surface": stored})
-    assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched"}
+    default = "surface, smoothed, searched by photos too"
+    assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched", default}
     assert isinstance(kinds["surface"].warp, Through)
     view, pool = rendered.targets[0], Pool(rendered.references)
-    given, usual = (
-        p.align(read_target(view), view, pool) for p in (kinds["surface, smoothed, searched"], Preparation())
-    )
+    given, usual = (p.align(read_target(view), view, pool) for p in (kinds[default], Preparation()))
     assert given.names == usual.names
     assert torch.equal(given.references, usual.references)
 

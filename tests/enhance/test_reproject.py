@@ -1,11 +1,13 @@
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from gaussian_enhancer.enhance import depth as depth_search
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
-from gaussian_enhancer.enhance.depth import refine_depth
+from gaussian_enhancer.enhance.depth import Search, refine_depth
+from gaussian_enhancer.enhance.projection import Projection, land
 from gaussian_enhancer.enhance.reproject import fill_depth, reproject
 from gaussian_enhancer.types import identity_camera
 from textured_plane import REFERENCE, TARGET, plane, turned
@@ -68,24 +70,83 @@ def test_wrong_depth_is_refined():
     cameras = [REFERENCE, turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0))]
     photos = [plane(camera, 3.0)[0].float() for camera in cameras]
     wrong = (truth * 1.12).float()
-    better = refine_depth(TARGET, wrong, render.float(), cameras, photos, "expected")
+    better = refine_depth(TARGET, wrong, render.float(), cameras, photos, kind="expected")
     error = (better.double() / truth).log().abs().flatten()
     assert error.median() < 0.25 * math.log(1.12)
-    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], [], "expected"), wrong)
-    assert torch.equal(refine_depth(TARGET, wrong, render.float(), cameras, photos, "exact"), wrong)
+    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], [], kind="expected"), wrong)
+    assert torch.equal(refine_depth(TARGET, wrong, render.float(), cameras, photos, kind="exact"), wrong)
 
 
-def test_compiled_search_equals_its_readable_twin():
+@pytest.mark.parametrize(
+    "how",
+    [Search(0.15, 9), Search(0.15, 9, stride=2, inconsistency=1.0, agreement=0.3), Search(0.1, 5, 3, stride=3)],
+    ids=["renders", "photos too", "every third"],
+)
+@pytest.mark.parametrize("views", [1, 3])
+def test_compiled_search_equals_its_readable_twin(how, views):
     render, truth = plane(TARGET, 3.0)
-    camera = REFERENCE.resized(48, 64)
-    photo = plane(camera, 3.0)[0].float() * 0.9
-    z, image = (truth * 1.05).float(), render.float()
-    z[..., :20, :30] = 0.05
-    how = depth_search.Search(0.15, 9)
-    seen = [depth_search._seen(TARGET, z, image, camera, photo)]
+    cameras = [REFERENCE.resized(48, 64), turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0)), TARGET][:views]
+    z, image = (
+        (truth * 1.05).float()[..., :: how.stride, :: how.stride],
+        render.float()[..., :: how.stride, :: how.stride],
+    )
+    z, image = z.contiguous(), image.contiguous()
+    z[..., :10, :12] = 0.05
+    seen = []
+    for camera in cameras:
+        rendered = plane(camera, 3.0)[0].float()
+        photo = rendered * 0.9 + 0.05 * torch.rand(rendered.shape, generator=torch.Generator().manual_seed(1))
+        seen.append(depth_search._seen(TARGET, z, image, camera, photo, rendered, how))
     compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
     assert (compiled - plain).abs().median() < 1e-5
     assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
+    assert compiled.abs().max() > 0.2
+    exact = depth_search.search(z.double(), image.double(), [_double(one) for one in seen], how)
+    assert (plain - exact).abs().median() < 1e-5
+
+
+def _double(seen):
+    tensors = {name: getattr(seen, name).double() for name in ("photo", "render", "counts")}
+    projection = replace(
+        seen.projection, matrix=seen.projection.matrix.double(), offset=seen.projection.offset.double()
+    )
+    return replace(seen, projection=projection, **tensors)
+
+
+def test_photos_place_what_the_splat_blurs():
+    render, truth = plane(TARGET, 3.0)
+    cameras = [REFERENCE, turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0)), turned(REFERENCE, 0.1, (0.2, -0.2, 0.0))]
+    photos = [plane(camera, 3.0)[0].float() for camera in cameras]
+    flat = [torch.full_like(photo, 0.5) for photo in photos]
+    wrong, image = (truth * 1.02).float(), torch.full_like(render, 0.5).float()
+
+    def error(consistent):
+        found = refine_depth(TARGET, wrong, image, cameras, photos, flat, consistent=consistent)
+        return (found.double() / truth).log().abs().median()
+
+    assert error(consistent=True) < 0.25 * math.log(1.02) < error(consistent=False)
+    same = refine_depth(TARGET, wrong, image, cameras, flat, flat)
+    torch.testing.assert_close(same, wrong, rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize("side", [(7, 9), (8, 10), (1, 1), (2, 1)])
+def test_a_change_is_linear_between_samples(side):
+    height, width = side
+    plain = torch.arange(height)[None, :, None] * 0.5 + torch.arange(width)[None, None] * 0.25
+    samples = plain[..., ::2, ::2]
+    spread = depth_search._spread(samples, 2, height, width)
+    assert spread.shape == plain.shape
+    assert torch.equal(spread[..., ::2, ::2], samples)
+    inner = (slice(None), slice(0, height - 1 + height % 2), slice(0, width - 1 + width % 2))
+    torch.testing.assert_close(spread[inner], plain[inner])
+
+
+def test_every_second_pixel_lands_where_it_did():
+    projection = Projection.between(TARGET, REFERENCE, torch.zeros(1, dtype=torch.float64))
+    depth = torch.rand(1, 33, 47, generator=torch.Generator().manual_seed(0), dtype=torch.float64) + 2
+    every, second = land(projection, depth), land(projection.strided(2), depth[..., ::2, ::2])
+    torch.testing.assert_close(second.x, every.x[..., ::2, ::2])
+    torch.testing.assert_close(second.y, every.y[..., ::2, ::2])
 
 
 def test_colour_transform_is_recovered_despite_outliers():

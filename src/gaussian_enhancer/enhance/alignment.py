@@ -134,6 +134,7 @@ class Reprojected:
             count as showing the same: glass that mirrors the sky from one place and not from another, or what the depth
             check missed. None leaves that unchecked.
         smooth: fit planes to depth that is the splat's surface before it is searched (`smooth_depth`).
+        consistent: where that is searched, ask photos to agree with each other, not only renders with the target's.
     """
 
     depth: DepthKind = "surface"
@@ -142,6 +143,7 @@ class Reprojected:
     softness: float = 0.08
     agreement: float | None = 0.2
     smooth: bool = True
+    consistent: bool = True
 
     def __post_init__(self) -> None:
         if self.depth not in SEARCHES:
@@ -164,23 +166,24 @@ class Reprojected:
                 target.name, "has no depth to reproject references through", "give depth, or alignment=none"
             )
         camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
-        shown = [reference.image if reference.render is None else reference.render for reference in references]
+        exposures = [reference.exposure if self.match_colour else None for reference in references]
+        pairs = zip(references, exposures, strict=True)
+        photos = [one.image if exposure is None else apply_colour(one.image, exposure) for one, exposure in pairs]
+        renders = [reference.render for reference in references]
         with torch.no_grad():
-            depth = refine_depth(camera, target.depth, target.image, cameras, shown, self.depth, self.smooth)
+            how = self.depth, self.smooth, self.consistent
+            depth = refine_depth(camera, target.depth, target.image, cameras, photos, renders, *how)
         rendered = target.depth
         if target.alpha is not None:  # says where holes are; they are filled once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
-        warped, exposures = [], []
-        for other, reference in zip(cameras, references, strict=True):
-            exposure = reference.exposure if self.match_colour else None
-            photo = reference.image if exposure is None else apply_colour(reference.image, exposure)
-            how = reference.depth, target.alpha, self.tolerance, rendered, reference.render
-            one = reproject(camera, depth, other, photo, *how)
-            if self.match_colour and exposure is None:
-                exposure = fit_colour(one.colour, target.image, one.visibility)
+        warped = []
+        for i, (other, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
+            there = reference.depth, target.alpha, self.tolerance, rendered, reference.render
+            one = reproject(camera, depth, other, photo, *there)
+            if self.match_colour and exposures[i] is None:
+                exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
             warped.append(one if self.agreement is None else agreeing(one, target.image, self.agreement))
-            exposures.append(exposure)
         order = rank(target.image, warped, keep, self.softness)
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]

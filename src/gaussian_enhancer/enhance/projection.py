@@ -7,7 +7,7 @@ Axes: h height, w width of the target; p height, q width of a reference's image;
 Coordinates are in pixels with the first pixel's centre at (0.5, 0.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -54,6 +54,13 @@ class Projection:
         K = reference.K.double()
         matrix, offset = K @ rotation @ torch.linalg.inv(target.K.double()), K @ translation
         return cls(matrix.to(like), offset.to(like), reference.height, reference.width)
+
+    def strided(self, step: int) -> "Projection":
+        """The map of every ``step``-th pixel of each row and column, from the first."""
+        shift = (1 - step) / 2
+        corner = self.matrix[:, 2] + shift * (self.matrix[:, 0] + self.matrix[:, 1])
+        matrix = torch.stack([step * self.matrix[:, 0], step * self.matrix[:, 1], corner], dim=1)
+        return replace(self, matrix=matrix)
 
     def slopes(self, height: int, width: int) -> Float[Tensor, "3 {height} {width}"]:
         """``matrix`` x for every pixel of the target."""
