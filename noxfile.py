@@ -115,10 +115,11 @@ def realism(session: nox.Session) -> None:
 
 
 WEIGHTS = (
-    "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
+    "+recipe=lr_shipped fusion=ssif_lr trainer.max_steps=7500 label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=ssif_lr size=base trainer.max_steps=1500 label=lr_base +card.name=lr_base",
     "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
     "+recipe=ssif_sr size=tiny label=sr_tiny +card.name=sr_tiny",
+    "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",

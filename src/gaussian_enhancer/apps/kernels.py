@@ -23,6 +23,7 @@ from gaussian_enhancer.degrade.factors import Factors, cells
 from gaussian_enhancer.degrade.resampling import KINDS, resampling_matrix
 from gaussian_enhancer.degrade.weights import load_model
 from gaussian_enhancer.enhance.deform import deformable_sample
+from gaussian_enhancer.enhance.depth import refine_depth
 from gaussian_enhancer.enhance.prepare import Pool, join, read_target
 from gaussian_enhancer.enhance.reproject import reproject
 from gaussian_enhancer.enhance.smooth import smooth_depth
@@ -61,14 +62,14 @@ def deformable(device: torch.device) -> Cases:
 
 
 def reprojection(device: torch.device) -> Cases:
-    """Depth smoothed, and a photo warped through depth, each compiled and by tensors.
+    """A photo warped through depth, depth smoothed, and depth searched, each compiled and by tensors.
 
     Half precision is computed on in single precision.
     """
     views = plane(*SIZE)
     target, source = views.targets[0], views.references[0]
     photo, depth = source.read_photo, target.read_depth
-    if photo is None or depth is None or target.camera is None or source.camera is None:
+    if photo is None or depth is None or target.camera is None or source.camera is None or target.read is None:
         raise RuntimeError("a plane has photos, depth and cameras")
     cameras = [camera.to(device) for camera in (target.camera, source.camera)]
     inputs = [read().double().to(device) for read in (depth, photo)]
@@ -93,6 +94,19 @@ def reprojection(device: torch.device) -> Cases:
     if device.type == "cpu":
         ways["compiled/float32"] = partial(smoothed, torch.float32)
     yield "smoothing of depth", partial(smoothed, torch.float64), ways
+    image, others = target.read().double().to(device), [view for view in views.references if view.camera is not None]
+    photos = [photo().double().to(device) for view in others if (photo := view.read_photo) is not None]
+    cameras = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
+
+    def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
+        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in cameras)
+        z, render, *seen = (part.to(dtype) for part in (rough, image, *photos))
+        return refine_depth(here, z.requires_grad_(tensors), render, there, seen, smooth=False).detach()
+
+    ways = {"tensors/float32": partial(searched, torch.float32, True)}
+    if device.type == "cpu":
+        ways["compiled/float32"] = partial(searched, torch.float32)
+    yield "search of depth", partial(searched, torch.float64), ways
 
 
 def resampling(device: torch.device) -> Cases:
