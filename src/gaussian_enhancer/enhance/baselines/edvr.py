@@ -19,6 +19,11 @@ from gaussian_enhancer.enhance.pyramid import padded
 from gaussian_enhancer.types import Views
 
 
+def leaky(x: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """EDVR's activation. With plain ReLU in its place the trained network handed on the render unchanged."""
+    return F.leaky_relu(x, 0.1)
+
+
 class EDVR(Network):
     """Render + reconstruct(attend(align(features of render and references))).
 
@@ -82,16 +87,16 @@ class EDVR(Network):
             seen = F.avg_pool2d(views.visibility.flatten(0, 1), 4)
             news = self.attend.gather(aligned, targets[0], seen, count)
         x = self.back(self.attend(target, torch.zeros_like(target) if news is None else news))
-        residual = F.pixel_shuffle(self.head(F.relu(F.pixel_shuffle(self.grow(x), 2))), 2)[..., :height, :width]
+        residual = F.pixel_shuffle(self.head(leaky(F.pixel_shuffle(self.grow(x), 2))), 2)[..., :height, :width]
         return (views.render[..., :height, :width] + residual.to(views.render.dtype),)
 
     def encode(self, frames: Float[Tensor, "f 4 h w"]) -> list[Float[Tensor, "f c _ _"]]:
         """Features of colours and mask at 1/4, 1/8 and 1/16 of the resolution."""
         colours, mask = frames.split([3, 1], dim=1)
         x = F.pixel_unshuffle(torch.cat([colours - 0.5, mask], dim=1), 2)
-        levels = [self.front(F.relu(self.shrink(F.relu(self.stem(x)))))]
+        levels = [self.front(leaky(self.shrink(leaky(self.stem(x)))))]
         for shrink in self.pyramid:
-            levels.append(F.relu(shrink(levels[-1])))
+            levels.append(leaky(shrink(levels[-1])))
         return levels
 
 
@@ -119,7 +124,7 @@ class PyramidAlignment(nn.Module):
         for step, reference, target in reversed(list(zip(self.levels, references, targets, strict=True))):
             coarser = step(reference, target, coarser)
         assert coarser is not None
-        return F.relu(self.cascade(coarser[1], targets[0], None)[1])
+        return leaky(self.cascade(coarser[1], targets[0], None)[1])
 
 
 class Step(nn.Module):
@@ -151,13 +156,13 @@ class Step(nn.Module):
         coarser: tuple[Float[Tensor, "f o k l"], Float[Tensor, "f c k l"]] | None,
     ) -> tuple[Float[Tensor, "f o i j"], Float[Tensor, "f c i j"]]:
         """What was found, for the next finer level, and the aligned features."""
-        found = F.relu(self.compare(torch.cat([reference, target], dim=1)))
+        found = leaky(self.compare(torch.cat([reference, target], dim=1)))
         if self.inform is not None and coarser is not None:
             # Twice, since an offset of one coarse pixel is one of two fine ones.
-            found = F.relu(self.inform(torch.cat([found, 2 * _doubled(coarser[0])], dim=1)))
+            found = leaky(self.inform(torch.cat([found, 2 * _doubled(coarser[0])], dim=1)))
         aligned = deformable_sample(reference, *self.moves(found), self.mix.weight, self.mix.bias)
         if self.join is not None and coarser is not None:
-            aligned = self.join(torch.cat([aligned, _doubled(F.relu(coarser[1]))], dim=1))
+            aligned = self.join(torch.cat([aligned, _doubled(leaky(coarser[1]))], dim=1))
         return found, aligned
 
     def moves(self, found: Float[Tensor, "f o i j"]) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
@@ -209,9 +214,9 @@ class Attention(nn.Module):
 
     def forward(self, target: Float[Tensor, "b c i j"], news: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
         """Fuse; sides are even."""
-        fused = F.relu(self.fuse(torch.cat([target, news], dim=1)))
+        fused = leaky(self.fuse(torch.cat([target, news], dim=1)))
         pooled = torch.cat([F.max_pool2d(fused, 3, 2, 1), F.avg_pool2d(fused, 3, 2, 1)], dim=1)
-        weight = self.weigh(_doubled(F.relu(self.look(F.relu(self.squeeze(pooled))))))
+        weight = self.weigh(_doubled(leaky(self.look(leaky(self.squeeze(pooled))))))
         return fused * 2 * torch.sigmoid(weight) + self.shift(weight)
 
 
