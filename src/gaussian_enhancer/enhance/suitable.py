@@ -119,7 +119,9 @@ def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence
 
 def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
     """Mean colour difference of references to the render where they are seen; infinite where less than a tenth is."""
-    seen = replace(warp, depth="exact", agreement=None)(target, references, len(references))
+    exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
+    how = replace(warp, depth="exact", agreement=None, match_colour=warp.match_colour and exposed)
+    seen = how(target, references, len(references))
     colours = seen.references if seen.renders is None else seen.renders
     difference = (colours - target.image).abs().mean(1, keepdim=True) * seen.visibility
     if float(seen.visibility.amax(0).mean()) < 0.1:
