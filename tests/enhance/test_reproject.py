@@ -86,11 +86,8 @@ def test_wrong_depth_is_refined():
 def test_compiled_search_equals_its_readable_twin(how, views):
     render, truth = plane(TARGET, 3.0)
     cameras = [REFERENCE.resized(48, 64), turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0)), TARGET][:views]
-    z, image = (
-        (truth * 1.05).float()[..., :: how.stride, :: how.stride],
-        render.float()[..., :: how.stride, :: how.stride],
-    )
-    z, image = z.contiguous(), image.contiguous()
+    full = (truth * 1.05).float(), render.float()
+    z, image = (one[..., :: how.stride, :: how.stride].contiguous() for one in full)
     z[..., :10, :12] = 0.05
     seen = []
     for camera in cameras:

@@ -96,10 +96,10 @@ def reprojection(device: torch.device) -> Cases:
     yield "smoothing of depth", partial(smoothed, torch.float64), ways
     image, others = target.read().double().to(device), [view for view in views.references if view.camera is not None]
     photos = [photo().double().to(device) for view in others if (photo := view.read_photo) is not None]
-    cameras = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
+    around = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
 
     def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
-        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in cameras)
+        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in around)
         z, render, *seen = (part.to(dtype) for part in (rough, image, *photos))
         return refine_depth(here, z.requires_grad_(tensors), render, there, seen, smooth=False).detach()
 
