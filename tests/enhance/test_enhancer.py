@@ -10,8 +10,9 @@ from gaussian_enhancer.enhance.cache import ReferenceFeatures
 from gaussian_enhancer.enhance.deform import Deformable
 from gaussian_enhancer.enhance.encode import Encoder
 from gaussian_enhancer.enhance.enhancer import Enhancer, choose_precision
+from gaussian_enhancer.enhance.evidence import within_evidence
 from gaussian_enhancer.enhance.images import write_image
-from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
@@ -37,7 +38,8 @@ def test_result_is_an_image(plane_run, precision):
 def test_strength_scales_the_change(plane_run):
     rendered, network = read_run(plane_run), trained()
     none, half, full = (
-        next(Enhancer(network, Preparation(), strength=s, precision="float32")(rendered)).image for s in (0.0, 0.5, 1.0)
+        next(Enhancer(network, Preparation(), strength=s, precision="float32", evidence=0)(rendered)).image
+        for s in (0.0, 0.5, 1.0)
     )
     assert rendered.targets[0].read is not None
     assert torch.equal(none, rendered.targets[0].read())
@@ -45,6 +47,22 @@ def test_strength_scales_the_change(plane_run):
     torch.testing.assert_close(half[inner], ((none + full) / 2)[inner], rtol=0, atol=1e-5)
     with pytest.raises(InputError, match="strength"):
         Enhancer(network, Preparation(), strength=1.5)
+
+
+def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run):
+    rendered, network = read_run(plane_run), trained()
+    (view, *_), pool = rendered.targets, Pool(rendered.references)
+    target = read_target(view)
+    seen = join(target, Preparation().align(target, view, pool))
+    free, near = (Enhancer(network, Preparation(), precision="float32", evidence=n).enhance(seen) for n in (0, 3))
+    assert torch.equal(near, within_evidence(free, seen, 3))
+    assert not torch.equal(near, free)
+    unwarped = Preparation(Unwarped())
+    beside = join(target, unwarped.align(target, view, pool))
+    free, near = (Enhancer(network, unwarped, precision="float32", evidence=n).enhance(beside) for n in (0, 3))
+    assert torch.equal(near, free)
+    with pytest.raises(InputError, match="evidence"):
+        Enhancer(network, Preparation(), evidence=4)
 
 
 def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):

@@ -3,14 +3,16 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from test_planning import AUTO, TEXTURE, things
 
 from gaussian_enhancer.enhance.plan import Rules
-from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.suitable import depth_doubt, suited
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from synthetic_runs import plane_camera
 
@@ -38,9 +40,9 @@ def scene(change=lambda z: z) -> RenderedSet:
 
 
 def test_true_depth_is_not_doubted():
-    assert depth_doubt(scene(), Preparation(), scene().targets) == ""
+    assert depth_doubt(Pool(scene().references), Preparation(), scene().targets) == ""
     near = scene(lambda z: z * 1.02)
-    assert depth_doubt(near, Preparation(), near.targets) == ""
+    assert depth_doubt(Pool(near.references), Preparation(), near.targets) == ""
 
 
 @pytest.mark.parametrize(
@@ -56,7 +58,48 @@ def test_true_depth_is_not_doubted():
 )
 def test_depth_of_another_scale_or_kind_is_found_out(change, words):
     wrong = scene(change)
-    assert re.search(words, depth_doubt(wrong, Preparation(), wrong.targets))
+    assert re.search(words, depth_doubt(Pool(wrong.references), Preparation(), wrong.targets))
+
+
+def test_one_view_that_fits_is_enough_and_no_other_is_read():
+    def unread() -> torch.Tensor:
+        raise AssertionError("read")
+
+    first, second = scene().targets
+    assert depth_doubt(Pool(scene().references), Preparation(), (first, replace(second, read=unread))) == ""
+
+
+def test_depth_files_are_doubted_unless_they_are_our_own(tmp_path):
+    for index in (0, 5):
+        np.save(tmp_path / f"{index}.npy", slanted(index, lambda z: z * 2).read_depth()[0].numpy())
+    kept = [replace(slanted(i), read_depth=ReadDepth(tmp_path / f"{i}.npy")) for i in (0, 5)]
+    rendered = replace(scene(), targets=tuple(kept))
+    assert not part(suited(rendered, Preparation(), AUTO).parts, "depth").used
+    assert part(suited(replace(rendered, own_depth=True), Preparation(), AUTO).parts, "depth").used
+    assert part(suited(rendered, Preparation(), Rules()).parts, "depth").used
+
+
+def test_references_that_were_looked_at_stay_in_memory(tmp_path):
+    reads = []
+
+    def counted(view: RenderedView) -> RenderedView:
+        def read() -> torch.Tensor:
+            reads.append(view.name)
+            return view.read_photo()
+
+        return replace(view, read_photo=read)
+
+    np.save(tmp_path / "0.npy", slanted(0).read_depth()[0].numpy())
+    target = replace(slanted(0), read_depth=ReadDepth(tmp_path / "0.npy"))
+    rendered = RenderedSet("planes", (target,), tuple(counted(slanted(i)) for i in (1, 2, 6)))
+    found = suited(rendered, Preparation(), AUTO)
+    looked_at = sorted(reads)
+    assert len(looked_at) == 2
+    Preparation().align(read_target(target), target, found.pool)
+    assert sorted(reads) == ["1.png", "2.png", "6.png"]
+    without = suited(rendered, Preparation(), replace(AUTO, depth="none"))
+    assert without.pool.views == without.rendered.references
+    assert all(view.read_depth is None for view in without.pool.views)
 
 
 @pytest.mark.parametrize("bare", ["targets", "references"])
@@ -64,7 +107,7 @@ def test_depth_is_not_judged_without_cameras(bare):
     wrong = scene(lambda z: z * 2)
     views = getattr(wrong, bare)
     unplaced = replace(wrong, **{bare: (replace(views[0], camera=None), *views[1:])})
-    assert depth_doubt(unplaced, Preparation(), unplaced.targets[:1]) == ""
+    assert depth_doubt(Pool(unplaced.references), Preparation(), unplaced.targets[:1]) == ""
 
 
 def part(parts, name):

@@ -71,6 +71,15 @@ def test_our_run(tmp_path, scene):
     assert read_run(tmp_path / "run", 300).targets[0].read().mean() == pytest.approx(0.15, abs=0.01)
 
 
+def test_only_a_finished_run_of_our_own_jobs_vouches_for_its_depth(tmp_path, scene):
+    write_ours(tmp_path / "run", scene)
+    assert not read_run(tmp_path / "run").own_depth
+    (tmp_path / "run" / "done").write_text("{}")
+    assert not read_run(tmp_path / "run").own_depth
+    (tmp_path / "run" / "config.yaml").write_text("{}")
+    assert read_run(tmp_path / "run").own_depth
+
+
 def test_original_3dgs_output(tmp_path, scene):
     write_3dgs(tmp_path / "run", scene)
     (tmp_path / "run/cfg_args").write_text("Namespace(sh_degree=3, white_background=True)")

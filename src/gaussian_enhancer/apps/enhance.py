@@ -57,9 +57,9 @@ def run(cfg: DictConfig) -> float | None:
     enhancer, task, found = ready(cfg, start(cfg.runtime))
     count = min(count, max(1, len(task.rendered.targets)))
     rules, scale = build(cfg.plan), enhancer.network.scale
-    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered)
+    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, pool=found.pool)
     hidden = not (cfg.runtime.progress and console.is_terminal)
-    reads = file_reads(task.rendered, enhancer.preparation, not cfg.output, planner, cfg.dry_run)
+    reads = file_reads(found, not cfg.output, planner, cfg.dry_run)
     for read in track(reads, "reading", console=console, disable=hidden):
         read()
     plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
@@ -74,8 +74,8 @@ def run(cfg: DictConfig) -> float | None:
             every: list[Enhanced] = together(partial(_share, folder, plan), cfg, count)
             return every
         total = len(task.rendered.targets)
-        shown = track(enhancer(task.rendered, planner), "enhancing", total=total, console=console, disable=hidden)
-        return _write(shown, folder)
+        images = enhancer(task.rendered, planner, found.pool)
+        return _write(track(images, "enhancing", total=total, console=console, disable=hidden), folder)
 
     if cfg.output:
         return _tell(written_to(Path(cfg.output)), Path(cfg.output), console)
@@ -114,8 +114,16 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited
     asked = _asked(pretrained, cfg, task.depth)
     found = suited(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
     strength = pretrained.strength if cfg.strength is None else float(cfg.strength)
-    how = device, cfg.precision, cfg.tile
-    enhancer = Enhancer(pretrained.network, found.preparation, *how, strength=strength, steady=float(cfg.steady))
+    enhancer = Enhancer(
+        pretrained.network,
+        found.preparation,
+        device,
+        cfg.precision,
+        cfg.tile,
+        strength=strength,
+        steady=float(cfg.steady),
+        evidence=int(cfg.evidence),
+    )
     check_tiles(enhancer.tile, enhancer.halo)
     return enhancer, replace(task, rendered=found.rendered), found
 
@@ -126,9 +134,9 @@ def _share(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enha
 
     device = start(cfg.runtime)
     device = torch.device("cuda", place.rank) if device.type == "cuda" else device
-    enhancer, task, _ = ready(cfg, device)
+    enhancer, task, found = ready(cfg, device)
     rules = plan.rules
-    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, plan.views)
+    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, plan.views, found.pool)
     return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)
 
 
@@ -173,39 +181,45 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Prepara
 
 
 def file_reads(
-    rendered: RenderedSet, preparation: Preparation, keep_photos: bool, planner: Planner | None, rendering: bool
+    found: Suited, keep_photos: bool, planner: Planner | None, rendering: bool
 ) -> list[Callable[[], object]]:
     """All that will be read from files: read once before the first image is written, so that a damaged one is found.
 
-    Targets are planned as they are read. Those that are rendered when they are asked for are planned when they are
-    enhanced.
+    Targets are planned as they are read, and the references that come into question for them stay in memory; the
+    others are not read at all. Targets that are rendered when they are asked for are planned when they are enhanced.
 
     Args:
-        rendered: targets and references.
-        preparation: whether references are looked at.
+        found: targets, references and how they are prepared.
         keep_photos: whether the targets' own photos are looked at.
         planner: decides what of each target is enhanced; None where nothing is left out.
         rendering: plan targets that are rendered, too.
     """
     reads: list[Callable[[], object]] = []
-    for view in rendered.targets:
-        own = [view.read, view.read_depth, view.read_alpha]
-        if planner is not None and (rendering or isinstance(view.read, ReadPhoto)):
-            reads.append(partial(_plan, planner, view))
+    for view in found.rendered.targets:
+        if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
+            reads.append(partial(_look, found, view, planner))
         else:
-            reads += _from_files(own)
+            reads += _from_files([view.read_depth, view.read_alpha])
         reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
-    for view in rendered.references if preparation.references else ():
+    drawn = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
+    for view in found.rendered.references if drawn and found.preparation.references else ():
         reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
 
 
+def _look(found: Suited, view: RenderedView, planner: Planner | None) -> None:
+    """Read a target, plan it where it is to be planned, and read what it may refer to."""
+    target = read_target(view)
+    plan = None if planner is None else planner(view, target)
+    if plan is not None and plan.regions == ():
+        return
+    chosen = None if planner is None or plan is None else planner.chosen(plan)
+    for index in found.preparation.nearest(target, view, found.pool) if chosen is None else chosen:
+        found.pool.read(index, found.preparation.fine)
+
+
 def _from_files(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:
     return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
-
-
-def _plan(planner: Planner, view: RenderedView) -> None:
-    planner(view, read_target(view))
 
 
 def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:

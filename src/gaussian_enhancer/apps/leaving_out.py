@@ -108,10 +108,10 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
     """
     found = suited(rendered, pretrained.preparation, rules, pretrained.network.scale)
     enhancer = Enhancer(pretrained.network, found.preparation, device, strength=pretrained.strength)
-    planner = None if rules.full else Planner(rules, found.preparation, found.rendered)
-    for read in file_reads(found.rendered, found.preparation, False, planner, False):
+    planner = None if rules.full else Planner(rules, found.preparation, found.rendered, pool=found.pool)
+    for read in file_reads(found, False, planner, False):
         read()
-    images = tuple(enhancer(found.rendered, planner))
+    images = tuple(enhancer(found.rendered, planner, found.pool))
     views = tuple(one.plan for one in images if one.plan is not None)
     return Done(Plan(rendered.name, rules, found.parts, views), images)
 

@@ -12,8 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.enhance.alignment import Pixels, Unwarped
+from gaussian_enhancer.enhance.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.enhance.cache import ReferenceFeatures
+from gaussian_enhancer.enhance.evidence import check_window, within_evidence
 from gaussian_enhancer.enhance.finite import refuse_not_finite
 from gaussian_enhancer.enhance.modulate import depth_unit
 from gaussian_enhancer.enhance.network import Network, Remembering
@@ -66,9 +67,12 @@ class Enhancer:
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         steady: share of the change that each target takes over from the one before it, in [0, 1): for frames of a path,
             at the render's own resolution (`steadied`).
+        evidence: side of the window within whose colours, the render's and the warped references', an enhanced pixel
+            stays (`within_evidence`); 0 sets no limit. None is set at finer resolutions, where references are not
+            warped, or where there are none.
 
     Raises:
-        InputError: precision, strength or steady is out of range.
+        InputError: precision, strength, steady or evidence is out of range.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class Enhancer:
         halo: int = 96,
         strength: float = 1.0,
         steady: float = 0.0,
+        evidence: int = 3,
     ) -> None:
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
@@ -88,35 +93,47 @@ class Enhancer:
             raise InputError("steady", f"is {steady}", "use a number from 0 (each view by itself) to below 1")
         if steady and network.scale > 1:
             raise InputError("steady", "is for weights at the render's own resolution", "choose others, or steady=0")
+        if evidence:
+            check_window(evidence)
         self.device = torch.device("cpu") if device is None else device
         self.network = network.eval().to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.preparation = preparation
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength, self.steady = tile, halo, strength, steady
+        lie_there = isinstance(preparation.warp, Reprojected) and network.scale == 1
+        self.evidence = evidence if lie_there else 0
 
-    def __call__(self, rendered: RenderedSet, planner: Planner | None = None) -> Iterator[Enhanced]:
+    def __call__(
+        self, rendered: RenderedSet, planner: Planner | None = None, pool: Pool | None = None
+    ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
         Args:
             rendered: targets and references.
             planner: leaves out what a view does not need; None enhances every pixel with every reference.
+            pool: the set's references, where some are in memory already; a planner has its own.
 
         Raises:
             InputError: a view cannot be read, or lacks what the preparation or carrying changes needs.
         """
         before: Carried | None = None
-        for one, target in self._each(rendered, planner):
+        for one, target in self._each(rendered, planner, pool):
             if not self.steady:
                 yield one
                 continue
             image, before = steadied(one.image, target, before, self.steady)
             yield dataclasses.replace(one, image=image)
 
-    def _each(self, rendered: RenderedSet, planner: Planner | None) -> Iterator[tuple[Enhanced, Pixels]]:
+    def _each(
+        self, rendered: RenderedSet, planner: Planner | None, pool: Pool | None
+    ) -> Iterator[tuple[Enhanced, Pixels]]:
         """Each target enhanced by itself, and its pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-        pool = Pool(rendered.references) if planner is None else planner.pool
+        if planner is not None:
+            pool = planner.pool
+        elif pool is None:
+            pool = Pool(rendered.references)
         kept = None
         if isinstance(self.network, Remembering) and isinstance(self.preparation.warp, Unwarped):
             kept = ReferenceFeatures(self.network)
@@ -183,6 +200,8 @@ class Enhancer:
         if self.strength < 1:
             start = enlarged(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
+        if self.evidence and views.references.shape[1]:
+            enhanced = within_evidence(enhanced, views, self.evidence)
         return enhanced.clamp(0, 1).cpu()
 
 

@@ -30,13 +30,19 @@ class Planner:
         preparation: how references reach the target, as far as the input allows.
         rendered: the set that is enhanced.
         known: views that were decided before.
+        pool: the set's references, where some are in memory already.
     """
 
     def __init__(
-        self, rules: Rules, preparation: Preparation, rendered: RenderedSet, known: Iterable[ViewPlan] = ()
+        self,
+        rules: Rules,
+        preparation: Preparation,
+        rendered: RenderedSet,
+        known: Iterable[ViewPlan] = (),
+        pool: Pool | None = None,
     ) -> None:
         self.rules, self.preparation, self.background = rules, preparation, rendered.background
-        self.pool = Pool(rendered.references)
+        self.pool = Pool(rendered.references) if pool is None else pool
         self.index = {view.name: number for number, view in enumerate(rendered.references)}
         self.known = {view.name: view for view in known}
         self._small: dict[int, Pixels] = {}

@@ -42,6 +42,12 @@ class Preparation:
                 "candidates", f"is {self.candidates} for {self.references} references", "consider at least as many"
             )
 
+    def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
+        """The references of a pool that come into question for a target, nearest first, as indices into it."""
+        if not self.references:
+            return ()
+        return rank_references(view, pool.views, self.candidates, depth=target.depth)
+
     def align(
         self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
     ) -> Aligned:
@@ -53,9 +59,7 @@ class Preparation:
             pool: where references come from.
             candidates: those of the pool that come into question, nearest first; None looks for them.
         """
-        chosen = tuple(candidates or ())
-        if self.references and candidates is None:
-            chosen = rank_references(view, pool.views, self.candidates, depth=target.depth)
+        chosen = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
         device = target.image.device
         return self.warp(target, [pool.read(index, self.fine).on(device) for index in chosen], self.references)
 
@@ -70,9 +74,17 @@ class Pool:
 
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
         self.views = tuple(views)
-        self.read: Callable[..., Pixels] = lru_cache(maxsize=capacity)(self._read)
+        self._kept: Callable[[int, bool], Pixels] = lru_cache(maxsize=capacity)(self._read)
 
-    def _read(self, index: int, fine: bool = False) -> Pixels:
+    def read(self, index: int, fine: bool = False) -> Pixels:
+        """The pixels of a reference; with ``fine`` those of its finer photo, too.
+
+        Raises:
+            InputError: there is no photo, or no finer one, or a file is damaged.
+        """
+        return self._kept(index, fine)
+
+    def _read(self, index: int, fine: bool) -> Pixels:
         view = self.views[index]
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")

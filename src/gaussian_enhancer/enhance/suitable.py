@@ -33,11 +33,13 @@ class Suited:
         rendered: the set without what cannot be used.
         preparation: how references reach the target, as far as the input allows.
         parts: what is used, and what is not and why.
+        pool: the set's references; those that were looked at are in memory.
     """
 
     rendered: RenderedSet
     preparation: Preparation
     parts: tuple[Part, ...]
+    pool: Pool
 
     @property
     def lacks(self) -> tuple[str, ...]:
@@ -66,7 +68,10 @@ def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale:
     bare: list[str] = []
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
-    rendered, depth = _depth_part(rendered, preparation, rules)
+    pool = Pool(rendered.references)
+    rendered, depth = _depth_part(rendered, preparation, rules, pool)
+    if rendered.references is not pool.views:
+        pool = Pool(rendered.references)
     parts += [_camera_part(rendered), depth]
     if preparation.fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
@@ -77,10 +82,10 @@ def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale:
         preparation, references = _reference_part(rendered, preparation)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
         parts.append(replace(references, why=references.why + left))
-    return Suited(rendered, preparation, tuple(parts))
+    return Suited(rendered, preparation, tuple(parts), pool)
 
 
-def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence[RenderedView]) -> str:
+def depth_doubt(pool: Pool, preparation: Preparation, views: Sequence[RenderedView]) -> str:
     """Why the depth of some views is none of what they show; empty where nothing speaks against it.
 
     The two nearest references' renders are brought to the view on a coarse grid: through the depth, through the same
@@ -88,18 +93,17 @@ def depth_doubt(rendered: RenderedSet, preparation: Preparation, views: Sequence
     render in every view, what was given is of another scale or no depth at all, such as inverse depth.
 
     Args:
-        rendered: where references come from.
+        pool: where references come from.
         preparation: how they are warped.
         views: targets with cameras and depth.
     """
-    pool, better, warp = Pool(rendered.references), "", preparation.warp
-    targets = [read_target(view) for view in views]
-    for target in targets:
+    better, warp = "", preparation.warp
+    for view in views:
+        target = read_target(view)
         if target.depth is None or not bool(usable(target.depth).any()):
             return f"the depth of {target.name} holds no finite positive value"
-    for view, target in zip(views, targets, strict=True):
-        bare = any(one.camera is None for one in (view, *rendered.references))
-        if not isinstance(warp, Reprojected) or not rendered.references or bare:
+        bare = any(one.camera is None for one in (view, *pool.views))
+        if not isinstance(warp, Reprojected) or not pool.views or bare:
             continue
         near = rank_references(view, pool.views, 2)
         references = [replace(coarse(pool.read(index)), depth=None) for index in near]
@@ -142,17 +146,17 @@ def _camera_part(rendered: RenderedSet) -> Part:
     return Part("cameras", not bare, f"{bare[0]} has none" if bare else "")
 
 
-def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules) -> tuple[RenderedSet, Part]:
+def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules, pool: Pool) -> tuple[RenderedSet, Part]:
     """The set without depth where it is not to be used, and what is said of it."""
     kind = preparation.warp.depth if isinstance(preparation.warp, Reprojected) else "as given"
     known = [view for view in rendered.targets if view.read_depth is not None]
     if not known:
         return rendered, Part("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
-    if rules.depth == "auto":
-        # Depth that is rendered when it is asked for needs no doubt, and rendering costs more than looking at it.
+    if rules.depth == "auto" and not rendered.own_depth:
+        # Nor does depth need doubt that is rendered when it is asked for, and rendering costs more than looking at it.
         files = [view for view in known if isinstance(view.read_depth, ReadDepth)]
-        why = depth_doubt(rendered, preparation, files[:: max(1, (len(files) + 1) // 2)][:2])
+        why = depth_doubt(pool, preparation, files[:: max(1, (len(files) + 1) // 2)][:2])
     if not why:
         return rendered, Part("depth", True, kind)
     targets, references = (

@@ -46,9 +46,11 @@ class RenderedSet:
         references: views with ``read_photo``; ``read_depth`` (rendered) allows the occlusion check, ``read`` may
             be None.
         background: colour composited under the renders.
+        own_depth: depth was written beside the renders by this project's own rasteriser, so that its kind is known.
     """
 
     name: str
     targets: tuple[RenderedView, ...]
     references: tuple[RenderedView, ...]
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    own_depth: bool = False

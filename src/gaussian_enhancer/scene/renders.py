@@ -25,6 +25,8 @@ __all__ = ["read_folder", "read_run", "run_steps", "write_cameras", "write_scene
 Colour = tuple[float, float, float]
 BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
+OWN = ("config.yaml", "done")
+"""What a finished run of this project's jobs holds, and no other program's output."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ def read_run(
     references = _side(_parts(trains), train_cameras, colour) if train_stems else _references(capture)
     if any(view.read_photo is None for view in references):
         raise InputError(trains, "holds renders without gt photos", "render it again with its photos, or pass capture=")
-    return RenderedSet(name or root.resolve().name, targets, references, colour)
+    own = all((root / name).is_file() for name in OWN)
+    return RenderedSet(name or root.resolve().name, targets, references, colour, own)
 
 
 def read_folder(

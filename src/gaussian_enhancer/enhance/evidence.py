@@ -1,0 +1,71 @@
+"""Enhanced colours kept within what the render and its references show.
+
+Axes: b batch, h height, w width.
+"""
+
+from collections.abc import Callable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Views
+
+
+def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int = 3) -> Float[Tensor, "b 3 h w"]:
+    """The image with each channel clamped to what the render and the references reach around the pixel.
+
+    The limits are the least and the greatest value in the window of the render and, where they are visible, of the
+    references. Photos that lie on the target's grid hold what an enhanced pixel may look like, give or take their
+    misalignment; what lies outside is the network's invention, such as light in a shadow unlike any it was trained on.
+    The neighbourhood clamp of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH 2014)
+    keeps a history within the frame in the same way.
+
+    Args:
+        image: enhanced, finite.
+        views: render and warped references of the same size.
+        window: side of the window in pixels, odd.
+
+    Raises:
+        InputError: the window has no middle.
+    """
+    check_window(window)
+    hidden = views.visibility <= 0
+    kept = torch.empty_like(image)
+    for channel in range(3):  # one by one, so that large images need little memory
+        low = views.render[:, channel].clone()
+        high = low.clone()
+        for i in range(views.references.shape[1]):
+            photo = views.references[:, i, channel]
+            unseen = hidden[:, i, 0]
+            torch.minimum(low, photo.masked_fill(unseen, torch.inf), out=low)
+            torch.maximum(high, photo.masked_fill(unseen, -torch.inf), out=high)
+        for axis in (1, 2):
+            low, high = _spread(low, axis, window // 2, torch.minimum), _spread(high, axis, window // 2, torch.maximum)
+        kept[:, channel] = image[:, channel].clamp(low, high)
+    return kept
+
+
+def check_window(window: int) -> None:
+    """Refuse windows that have no middle.
+
+    Raises:
+        InputError: the side is not odd, or not positive.
+    """
+    if window < 1 or window % 2 == 0:
+        raise InputError("evidence", f"is a window of {window} pixels", "use an odd number, or 0 for no limit")
+
+
+def _spread(
+    plane: Float[Tensor, "b h w"], axis: int, reach: int, chosen: Callable[..., Tensor]
+) -> Float[Tensor, "b h w"]:
+    """The least or the greatest value within reach along an axis; beyond the border there is none."""
+    found = plane.clone()
+    length = plane.shape[axis]
+    for step in range(1, min(reach, length - 1) + 1):
+        first, last = plane.narrow(axis, 0, length - step), plane.narrow(axis, step, length - step)
+        before, after = found.narrow(axis, 0, length - step), found.narrow(axis, step, length - step)
+        chosen(before, last, out=before)
+        chosen(after, first, out=after)
+    return found
