@@ -1,17 +1,16 @@
-"""The scripts that choose by validation runs: weights, their strength, how far references may differ."""
+"""The scripts that choose by validation runs: weights, and the limits that they are held to."""
 
 import json
 import sys
 
-import agreement
 import candidates
+import guards
 import pytest
 import renders
-import strength
 import torch
 from test_sif import small
 
-from gaussian_enhancer.enhance.enhancer import Enhancer
+from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.weights import Pretrained, save_weights
 from gaussian_enhancer.errors import InputError
@@ -64,21 +63,42 @@ def test_the_worst_view_is_shown():
     assert "| -0.250 | 1 of 3 |" in line
 
 
-def test_half_the_strength_is_half_the_change(weights, plane_run):
-    network = candidates.enhancers([weights[1]])["brighter"].network
-    rows = strength.gains(Pretrained(network, Preparation(), {}), plane_run, [])
-    assert {row["strength"] for row in rows} == set(strength.STRENGTHS)
-    view = rows[0]["view"]
-    mine = [row["psnr"] for row in rows if row["view"] == view]
-    assert mine == sorted(mine, reverse=True)  # the more of a wrong change, the worse
-    table = strength.table(rows).splitlines()
-    assert len(table) == 2 + len(strength.STRENGTHS)
-    assert strength.is_worse({"psnr_aligned": -0.06, "ssim": 0.0})
-    assert strength.is_worse({"psnr_aligned": 0.0, "ssim": 0.0, "lpips_alex": 0.006})
-    assert not strength.is_worse({"psnr_aligned": -0.04, "ssim": -0.001, "lpips_alex": 0.004})
+def run_guards(monkeypatch, capsys, *words: str) -> list[str]:
+    monkeypatch.setattr(sys, "argv", ["x", *words])
+    guards.main()
+    return capsys.readouterr().out.splitlines()[2:]
 
 
-def test_the_limit_of_agreement_is_all_that_differs():
-    made = agreement.enhancers(Pretrained(small(), Preparation(), {}))
-    assert [one.preparation.warp.agreement for one in made.values()] == list(agreement.LIMITS)
-    assert all(isinstance(one, Enhancer) for one in made.values())
+def test_the_more_of_a_wrong_change_the_worse(weights, plane_run, tmp_path, monkeypatch, capsys):
+    run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
+    run.symlink_to(plane_run)
+    lines = run_guards(monkeypatch, capsys, "strength", weights[1], "--runs", str(run), "--json", str(found))
+    assert [line.split("|")[1].strip() for line in lines] == [f"brighter, strength {s}" for s in (0.5, 0.8, 1.0)]
+    rows = [json.loads(line) for line in found.read_text().splitlines()]
+    losses = [row["psnr"] for row in rows if row["view"] == rows[0]["view"]]
+    assert losses == sorted(losses, reverse=True)
+    assert len(set(losses)) == 3
+    assert all(row["commit"] and row["machine"] and row["time"] for row in rows)
+
+
+def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, monkeypatch, capsys):
+    run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
+    run.symlink_to(plane_run)
+    lines = run_guards(monkeypatch, capsys, "evidence", weights[1], "--runs", str(run), "--json", str(found))
+    assert len(lines) == len(guards.LIMITS["evidence"])
+    rows = [json.loads(line) for line in found.read_text().splitlines()]
+    losses = {row["row"]: row["psnr"] for row in rows if row["view"] == rows[0]["view"]}
+    free, point, *_, wide = losses.values()
+    assert free < wide < point
+
+
+def test_the_limit_is_all_that_differs():
+    pretrained = Pretrained(small(), Preparation(), {})
+    for guard, limits in guards.LIMITS.items():
+        made = [guards.guarded(pretrained, guard, limit) for limit in limits]
+        agreements = [one.preparation.warp.agreement for one in made]  # type: ignore[union-attr]
+        assert agreements == (list(limits) if guard == "agreement" else [Reprojected().agreement] * len(made))
+        assert [one.evidence for one in made] == (list(limits) if guard == "evidence" else [3] * len(made))
+        assert [one.strength for one in made] == (list(limits) if guard == "strength" else [1.0] * len(made))
+    with pytest.raises(InputError, match="do not warp"):
+        guards.guarded(Pretrained(small(), Preparation(Unwarped()), {}), "agreement", 0.2)
