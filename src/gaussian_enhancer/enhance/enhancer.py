@@ -100,8 +100,7 @@ class Enhancer:
         self.preparation = preparation
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength, self.steady = tile, halo, strength, steady
-        lie_there = isinstance(preparation.warp, Reprojected) and network.scale == 1
-        self.evidence = evidence if lie_there else 0
+        self.evidence = evidence
 
     def __call__(
         self, rendered: RenderedSet, planner: Planner | None = None, pool: Pool | None = None
@@ -200,7 +199,8 @@ class Enhancer:
         if self.strength < 1:
             start = enlarged(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
-        if self.evidence and views.references.shape[1]:
+        shown = views.references.shape[1] > 0 and isinstance(self.preparation.warp, Reprojected)
+        if self.evidence and shown and self.network.scale == 1:
             enhanced = within_evidence(enhanced, views, self.evidence)
         return enhanced.clamp(0, 1).cpu()
 
