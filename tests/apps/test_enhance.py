@@ -3,13 +3,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.apps.enhance import file_reads, run, with_effect
-from gaussian_enhancer.enhance.plan import Plan, Rules
-from gaussian_enhancer.enhance.prepare import Preparation, read_target
+from gaussian_enhancer.apps.enhance import run, with_effect
+from gaussian_enhancer.enhance.plan import Plan
+from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.sif import SIF
 from gaussian_enhancer.enhance.ssif_sr import SSIFSR
-from gaussian_enhancer.enhance.suitable import suited
 from gaussian_enhancer.enhance.weights import save_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.measure.images import pair_run
@@ -91,35 +90,6 @@ def test_every_nth_view_is_enhanced_where_a_run_holds_many(plane_run, weights, t
 def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):
     run(configured(f"run={plane_run}", "step=50", f"weights={weights}", f"output={tmp_path / 'out'}"))
     assert same(tmp_path / "out", plane_run / "test/ours_50/renders")
-
-
-def truncate(image: Path) -> None:
-    """Leave the header and half of what follows."""
-    image.write_bytes(image.read_bytes()[: image.stat().st_size // 2])
-
-
-def test_files_that_come_into_question_are_read_before_anything_is_written_and_no_others(tmp_path):
-    run_folder = write_plane_run(tmp_path / "run", views=16)
-    task = read_run(run_folder)
-    found = suited(task, Preparation(references=1, candidates=2), Rules())
-    for read in file_reads(found, False, None, False):
-        read()
-    needed = {
-        found.pool.views[i].name for v in task.targets for i in found.preparation.nearest(read_target(v), v, found.pool)
-    }
-    spare = sorted({view.name for view in task.references} - needed)
-    assert needed
-    assert spare
-    truncate(run_folder / "train/ours_100/gt" / spare[0])
-    options = [f"run={run_folder}", f"weights={tmp_path / 'w.safetensors'}"]
-    save_weights(tmp_path / "w.safetensors", SIF((8, 8, 8), (1, 1, 1)), Preparation(references=1, candidates=2), {})
-    run(configured(*options, f"output={tmp_path / 'whole'}"))
-    assert len(list((tmp_path / "whole").iterdir())) == len(task.targets)
-    truncate(run_folder / "train/ours_100/gt" / sorted(needed)[-1])
-    for plan in ("auto", "full"):
-        with pytest.raises(InputError, match=sorted(needed)[-1]):
-            run(configured(*options, f"plan={plan}", f"output={tmp_path / 'none'}"))
-    assert not (tmp_path / "none").exists()
 
 
 def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, weights, tmp_path, capsys):

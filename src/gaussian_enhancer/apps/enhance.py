@@ -3,7 +3,7 @@
 import copy
 import shutil
 import statistics
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,10 +12,10 @@ import torch
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from rich.progress import track
-from torch import Tensor
 
 from gaussian_enhancer.apps.budget import within_budget
 from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.apps.reading import file_reads
 from gaussian_enhancer.apps.run import open_run
 from gaussian_enhancer.apps.runtime import choose_device, start
 from gaussian_enhancer.apps.task import Task, read_task
@@ -26,7 +26,7 @@ from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.plan import Plan
 from gaussian_enhancer.enhance.planning import Planner
-from gaussian_enhancer.enhance.prepare import Preparation, read_target
+from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.suitable import Suited, suited
 from gaussian_enhancer.enhance.tiles import check_tiles
@@ -34,10 +34,9 @@ from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.measure.records import Record, write_records
-from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.photos import read_header
-from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
-from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -178,48 +177,6 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Prepara
         return preparation
     count = cfg.max_references
     return replace(preparation, references=count, candidates=max(count, preparation.candidates))
-
-
-def file_reads(
-    found: Suited, keep_photos: bool, planner: Planner | None, rendering: bool
-) -> list[Callable[[], object]]:
-    """All that will be read from files: read once before the first image is written, so that a damaged one is found.
-
-    Targets are planned as they are read, and the references that come into question for them stay in memory; the
-    others are not read at all. Targets that are rendered when they are asked for are planned when they are enhanced.
-
-    Args:
-        found: targets, references and how they are prepared.
-        keep_photos: whether the targets' own photos are looked at.
-        planner: decides what of each target is enhanced; None where nothing is left out.
-        rendering: plan targets that are rendered, too.
-    """
-    reads: list[Callable[[], object]] = []
-    for view in found.rendered.targets:
-        if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
-            reads.append(partial(_look, found, view, planner))
-        else:
-            reads += _from_files([view.read_depth, view.read_alpha])
-        reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
-    drawn = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
-    for view in found.rendered.references if drawn and found.preparation.references else ():
-        reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
-    return reads
-
-
-def _look(found: Suited, view: RenderedView, planner: Planner | None) -> None:
-    """Read a target, plan it where it is to be planned, and read what it may refer to."""
-    target = read_target(view)
-    plan = None if planner is None else planner(view, target)
-    if plan is not None and plan.regions == ():
-        return
-    chosen = None if planner is None or plan is None else planner.chosen(plan)
-    for index in found.preparation.nearest(target, view, found.pool) if chosen is None else chosen:
-        found.pool.read(index, found.preparation.fine)
-
-
-def _from_files(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:
-    return [read for read in reads if isinstance(read, ReadPhoto | ReadDepth | ReadCoverage)]
 
 
 def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:

@@ -16,7 +16,7 @@ from rich.console import Console
 from gaussian_enhancer.apps.backbones import with_backbones
 from gaussian_enhancer.apps.build import build, require
 from gaussian_enhancer.apps.cells import StudyCell, composed, fitted_cell
-from gaussian_enhancer.apps.enhance import file_reads
+from gaussian_enhancer.apps.reading import file_reads
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.plan import Plan, Rules
