@@ -116,7 +116,8 @@ def realism(session: nox.Session) -> None:
 
 WEIGHTS = (
     "+recipe=lr_long fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
-    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimiser.rate=1.5e-3 label=lr_base +card.name=lr_base",
+    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimiser.rate=1.5e-3 label=lr_base "
+    "+card.name=lr_base",
     "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
     "+recipe=ssif_sr size=tiny label=sr_tiny +card.name=sr_tiny",
     "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",

@@ -15,7 +15,7 @@ from gaussian_enhancer.enhance.projection import Landing, Projection, depth_agre
 from gaussian_enhancer.types import Camera
 
 FAINTEST = 1 / 255
-SAMPLED = 2**16
+SAMPLED = 2**12
 """Pixels by which it is judged how finely a photo is read."""
 
 
@@ -43,9 +43,10 @@ def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     Args:
         depth: z in scene units; 0, negative and non-finite values are holes.
     """
-    valid = torch.isfinite(depth) & (depth > 0)
-    if bool(valid.all()):
+    least, most = depth.aminmax()  # not a number where one value is none
+    if bool((least > 0) & (most < torch.inf)):
         return depth
+    valid = torch.isfinite(depth) & (depth > 0)
     inverse = torch.where(valid, 1.0 / torch.where(valid, depth, torch.ones_like(depth)), torch.zeros_like(depth))
     levels = [(inverse[None], valid[None].to(depth.dtype))]
     while max(levels[-1][0].shape[-2:]) > 1:
@@ -116,7 +117,7 @@ def reproject(
 def _footprint(landing: Landing) -> float:
     """The median distance in the reference between pixels that are neighbours in the target, in the reference's pixels.
 
-    It is taken over some 65,000 pixels, evenly spread.
+    It is taken over some 4,000 pixels, evenly spread.
     """
     height, width = landing.x.shape[-2:]
     if min(height, width) < 2:
