@@ -1,3 +1,4 @@
+import statistics
 import subprocess
 import sys
 import time
@@ -56,3 +57,12 @@ def test_the_peak_is_that_of_the_call_and_not_of_an_earlier_one(setting: str) ->
 )
 def test_quartiles_of_repeats(repeats, ends):
     assert Timing(0.0, repeats).quartiles == ends
+
+
+def test_rounds_are_compared_one_by_one_so_that_a_slow_spell_falls_out() -> None:
+    slow = 10.0  # strikes the last two rounds of both
+    mine, theirs = (1.0, 1.0, 1.0, slow, slow), (2.0, 2.0, 2.0, 2 * slow, 2 * slow)
+    own, other = (Timing(statistics.median(repeats), repeats) for repeats in (mine, theirs))
+    assert own.times_faster(other) == 2.0
+    shifted = (2.0, 2.0, 2 * slow, 2 * slow, 2 * slow)  # one round more: the medians alone would say 20
+    assert own.times_faster(Timing(statistics.median(shifted), shifted)) == 2.0
