@@ -173,7 +173,8 @@ def _scene_record(
     metrics |= {f"part {part.name}": float(part.used) for part in one.plan.parts}
     reasons = {f"part {part.name}": part.why for part in one.plan.parts}
     height, width = one.images[0].image.shape[-2:]
-    how = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views, median; times faster: median of the repeats' own ratios"
+    rounds = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views"
+    how = f"{rounds}, median; times faster: median of the repeats' own ratios"
     return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), how)
 
 

@@ -43,7 +43,7 @@ class Timing:
         return low, high
 
     def times_faster(self, other: "Timing") -> float:
-        """How many times faster than a computation that took turns with this one: the median over rounds of their ratio.
+        """How many times faster than a computation that took turns with this one: the median of their rounds' ratios.
 
         What slows the machine for longer than a round falls out of it, and remains in the ratio of two medians.
         """
