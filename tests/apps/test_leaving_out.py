@@ -69,7 +69,7 @@ def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_re
     assert "absent: absent: is not fitted" in page
     assert "4 of 10 candidates" in page
     assert "Not measured yet: `gaussian-enhancer leaving_out worlds=training`" in page
-    assert f"| {ratio:.2f} |" in page
+    assert f"| {ratio:.2f} (" in page
     before = page, (tmp_path / "results/leaving_out.svg").read_text()
     started(configured("records_only=true"))
     assert before == ((tmp_path / "docs/plan.md").read_text(), (tmp_path / "results/leaving_out.svg").read_text())

@@ -11,7 +11,7 @@ from gaussian_enhancer.measure.cost import Timing, timed
 def test_repeats_are_interleaved_after_the_warm_up() -> None:
     order: list[str] = []
     found = timed({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, repeats=3, warm_up=1)
-    assert "".join(order) == "ab" + "ab" * 3
+    assert "".join(order) == "ab" + "ab" + "ba" + "ab"
     assert len(found["a"].repeats) == 3
 
 
@@ -63,6 +63,14 @@ def test_rounds_are_compared_one_by_one_so_that_a_slow_spell_falls_out() -> None
     slow = 10.0  # strikes the last two rounds of both
     mine, theirs = (1.0, 1.0, 1.0, slow, slow), (2.0, 2.0, 2.0, 2 * slow, 2 * slow)
     own, other = (Timing(statistics.median(repeats), repeats) for repeats in (mine, theirs))
-    assert own.times_faster(other) == 2.0
+    assert own.times_faster(other) == (2.0, 2.0, 2.0)
     shifted = (2.0, 2.0, 2 * slow, 2 * slow, 2 * slow)  # one round more: the medians alone would say 20
-    assert own.times_faster(Timing(statistics.median(shifted), shifted)) == 2.0
+    assert own.times_faster(Timing(statistics.median(shifted), shifted)) == (2.0, 2.0, 20.0)
+
+
+@pytest.mark.parametrize(("rounds", "outside"), [(1, 0), (5, 0), (6, 0), (9, 1), (15, 3), (25, 7)])
+def test_the_interval_of_the_median_leaves_out_as_many_rounds_as_the_sign_test_does(rounds, outside) -> None:
+    theirs = tuple(float(k) for k in range(1, rounds + 1))
+    ones = Timing(1.0, (1.0,) * rounds)
+    middle, low, high = ones.times_faster(Timing(statistics.median(theirs), theirs))
+    assert (middle, low, high) == ((rounds + 1) / 2, 1 + outside, rounds - outside)

@@ -1,23 +1,27 @@
 """The page of what plans leave out: numbers, verdicts and the diagram from records alone."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, leaving_out_page
+from gaussian_enhancer.report.leaving_out import KIND, RATIOS, Aims, Section, leaving_out_page
 from gaussian_enhancer.report.leaving_out_figure import diagram
 
 AIMS = Aims("full", "auto", 1.5, 0.98, 0.02)
 
 
-def records(scene: str, milliseconds: float, psnr: float, *, background: bool = False) -> list[Record]:
+def records(
+    scene: str, milliseconds: float, psnr: float, *, background: bool = False, low: float = 0.0, high: float = 0.0
+) -> list[Record]:
+    """A scene under both plans; ``low`` and ``high``: what the ratio of times lies between, itself where 0."""
     found = []
     for plan, time, quality in (("full", 100.0, 30.0), ("auto", milliseconds, psnr)):
         metrics = {
             "milliseconds": time,
-            "times_faster": 100.0 / time,
+            **dict(zip(RATIOS, (100.0 / time, low or 100.0 / time, high or 100.0 / time), strict=True)),
             "peak_memory_mb": 500.0,
             "background": float(background),
             "passed": 0.25,
@@ -50,6 +54,27 @@ def test_aims_are_judged_by_what_kind_of_scene_it_is(milliseconds, psnr, backgro
     assert cell.verdicts(AIMS) == verdicts
 
 
+@pytest.mark.parametrize(
+    ("between", "verdict", "word"),
+    [((0.99, 1.1), True, "met"), ((0.9, 0.97), False, "**missed**"), ((0.95, 1.02), None, "open")],
+)
+def test_an_aim_that_noise_hides_is_open(between, verdict, word):
+    shown = section(records("hall", 100.0, 30.0, low=between[0], high=between[1]))
+    (cell,) = shown.cells()
+    assert cell.verdicts(AIMS) == (verdict, True)
+    assert f"| {word} | met |" in leaving_out_page("T", "", [shown], (), Path("x.svg"), Path("p.md"))
+
+
+def test_times_that_were_not_taken_in_turn_are_open():
+    old = [
+        replace(one, metrics={k: v for k, v in one.metrics.items() if k not in RATIOS})
+        for one in records("hall", 90.0, 30.0)
+    ]
+    (cell,) = section(old).cells()
+    assert cell.ratio is None
+    assert cell.verdicts(AIMS) == (None, True)
+
+
 def test_the_page_states_numbers_reasons_and_what_is_missing():
     lost = Record("missing", "", "fox", "3dgs", "", "full", {}, {"row": "is not fitted"})
     shown = section(records("chair", 50.0, 29.99, background=True), [lost])
@@ -59,7 +84,7 @@ def test_the_page_states_numbers_reasons_and_what_is_missing():
     page = leaving_out_page("T", "about it", [shown, more], good, Path("d/r/x.svg"), Path("d/p.md"))
     assert page.startswith("# T\n\nabout it\n")
     assert "(r/x.svg)" in page
-    assert "| chair | 64x48 | 100 → 50 | 2.00 | 500 → 500 | +0.010 |" in page
+    assert "| chair | 64x48 | 100 → 50 | 2.00 (2.00 to 2.00) | 500 → 500 | +0.010 |" in page
     assert "25% of the pixels" in page
     assert "4 of 10 candidates (1 see too little" in page
     assert "depth (not given)" in page

@@ -30,7 +30,7 @@ from gaussian_enhancer.measure.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.measure.perceptual import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.measure.records import Record, read_records, write_records
 from gaussian_enhancer.measure.study import MISSING
-from gaussian_enhancer.report.leaving_out import KIND, Aims, Section, leaving_out_page
+from gaussian_enhancer.report.leaving_out import KIND, RATIOS, Aims, Section, leaving_out_page
 from gaussian_enhancer.report.leaving_out_figure import diagram
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -146,14 +146,15 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
     for name, one in done.items():
         peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
-        faster = times[name].times_faster(times[cfg.baseline])
-        yield _scene_record(fit.name, cell, name, one, times[name], faster, peak, background)
+        record = _scene_record(fit.name, cell, name, one, times[name], peak, background)
+        ratios = dict(zip(RATIOS, times[name].times_faster(times[cfg.baseline]), strict=True))
+        yield replace(record, metrics={**record.metrics, **ratios})
         for record in _view_records(rendered, one, distances):
             yield replace(record, run=fit.name, scene=cell.scene, splat=cell.splat, variant=name)
 
 
 def _scene_record(
-    fit: str, cell: StudyCell, name: str, one: Done, timing: Timing, faster: float, peak: int, background: bool
+    fit: str, cell: StudyCell, name: str, one: Done, timing: Timing, peak: int, background: bool
 ) -> Record:
     """Time, memory and what was left out of a scene."""
     views, count = one.plan.views, len(one.images)
@@ -161,7 +162,6 @@ def _scene_record(
     metrics: dict[str, float | None] = {
         "milliseconds": timing.milliseconds / count,
         "milliseconds_deviation": timing.deviation / count,
-        "times_faster": faster,
         "peak_memory_mb": peak / 1e6,
         "views": count,
         "background": float(background),

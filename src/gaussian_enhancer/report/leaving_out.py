@@ -13,6 +13,9 @@ from gaussian_enhancer.measure.study import MISSING
 
 KIND = "leaving_out"
 """Kind of the record that a plan leaves of a scene as a whole."""
+RATIOS = ("times_faster", "times_faster_low", "times_faster_high")
+"""Metrics of that record: how many times faster than the baseline, and between what that surely lies."""
+VERDICTS = {True: "met", False: "**missed**", None: "open"}
 
 
 @dataclass(frozen=True)
@@ -56,18 +59,25 @@ class Cell:
 
     @property
     def ratio(self) -> float | None:
-        """How many times faster than the baseline, as it was measured in turn with it."""
-        return self.own.metrics.get("times_faster")
+        """How many times faster than the baseline, as it was measured in turn with it; None where it was not."""
+        return self.own.metrics.get(RATIOS[0])
+
+    @property
+    def between(self) -> tuple[float, float]:
+        """What that ratio surely lies between; anything where it was not measured."""
+        low, high = (self.own.metrics.get(name) for name in RATIOS[1:])
+        return (0.0 if low is None else low), (math.inf if high is None else high)
 
     @property
     def background(self) -> bool:
         """Whether the scene is mostly background."""
         return bool(self.own.metrics.get("background"))
 
-    def verdicts(self, aims: Aims) -> tuple[bool, bool]:
-        """Whether the aims of time and of error are met."""
-        least = aims.faster if self.background else aims.slower
-        return (self.ratio or 0.0) >= least, self.costs["psnr"] <= aims.allowed
+    def verdicts(self, aims: Aims) -> tuple[bool | None, bool]:
+        """Whether the aims of time and of error are met; None where the machine's noise leaves it open."""
+        least, (low, high) = aims.faster if self.background else aims.slower, self.between
+        fast = True if low >= least else False if high < least else None
+        return fast, self.costs["psnr"] <= aims.allowed
 
 
 @dataclass(frozen=True)
@@ -202,12 +212,12 @@ def cost_table(cells: Sequence[Cell], aims: Aims) -> Table:
                 cell.scene,
                 f"{cell.own.size[0]}x{cell.own.size[1]}",
                 f"{base['milliseconds']:.0f} → {own['milliseconds']:.0f}",
-                f"{cell.ratio or 0:.2f}",
+                "" if cell.ratio is None else f"{cell.ratio:.2f} ({cell.between[0]:.2f} to {cell.between[1]:.2f})",
                 f"{base['peak_memory_mb']:.0f} → {own['peak_memory_mb']:.0f}",
                 *(f"{cell.costs[name]:+.{d}f}" if name in cell.costs else "" for name, d in _ERRORS.items()),
                 f"{cell.worst:+.3f}",
-                "met" if fast else "**missed**",
-                "met" if good else "**missed**",
+                VERDICTS[fast],
+                VERDICTS[good],
             )
         )
     heads = ("scene", "size", "ms a view", "times faster", "peak MB", *(f"{name} lost" for name in _ERRORS))
