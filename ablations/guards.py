@@ -10,15 +10,12 @@ must be validation runs (docs/data.md): limits that were chosen on test scenes w
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
-import torch
-from candidates import name_of
-from renders import measured, table
+from candidates import add_options, loaded, show
 
 from gaussian_enhancer.enhance.alignment import Reprojected
 from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.weights import Pretrained, load_weights
+from gaussian_enhancer.enhance.weights import Pretrained
 from gaussian_enhancer.errors import InputError
 
 LIMITS: dict[str, tuple[float | None, ...]] = {
@@ -50,19 +47,14 @@ def main() -> None:
     """Read the command line, compare, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("guard", choices=sorted(LIMITS))
-    parser.add_argument("weights", nargs="+")
-    parser.add_argument("--runs", nargs="+", required=True, help="folders of finished fits, or patterns")
-    parser.add_argument("--every", type=int, default=1, help="every n-th held-out view")
-    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
-    parser.add_argument("--json", type=Path, help="write every row there")
+    add_options(parser)
     options = parser.parse_args()
-    torch.set_flush_denormal(True)
     made = {
-        f"{name_of(weights)}, {options.guard} {limit}": guarded(load_weights(weights), options.guard, limit)
-        for weights in options.weights
+        f"{name}, {options.guard} {limit}": guarded(found, options.guard, limit)
+        for name, found in loaded(options.weights).items()
         for limit in LIMITS[options.guard]
     }
-    print(table(measured(made, options.runs, options.lpips, options.json, options.every), "limit"))
+    show(made, options, "limit")
 
 
 if __name__ == "__main__":

@@ -6,17 +6,13 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Views
 
 
-def views(render: torch.Tensor, references: torch.Tensor, visibility: torch.Tensor) -> Views:
-    return Views(render, references, visibility)
-
-
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
 
 
 def test_colours_within_reach_stay_and_others_go_to_the_nearest() -> None:
     render, photo = torch.full((1, 3, 4, 4), 0.5), torch.full((1, 1, 3, 4, 4), 0.8)
-    seen = views(render, photo, torch.ones(1, 1, 1, 4, 4))
+    seen = Views(render, photo, torch.ones(1, 1, 1, 4, 4))
     values = {0.5: 0.5, 0.65: 0.65, 0.8: 0.8, 0.2: 0.5, 1.0: 0.8}
     for value, kept in values.items():
         assert torch.equal(within_evidence(torch.full_like(render, value), seen), torch.full_like(render, kept))
@@ -24,7 +20,7 @@ def test_colours_within_reach_stay_and_others_go_to_the_nearest() -> None:
 
 def test_what_is_not_visible_is_no_evidence() -> None:
     render, photo = torch.full((1, 3, 4, 4), 0.5), torch.full((1, 1, 3, 4, 4), 0.8)
-    unseen = views(render, photo, torch.zeros(1, 1, 1, 4, 4))
+    unseen = Views(render, photo, torch.zeros(1, 1, 1, 4, 4))
     assert torch.equal(within_evidence(torch.ones_like(render), unseen), render)
 
 
@@ -34,7 +30,7 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
     render, photos = noise(2, 3, height, width), noise(2, 3, 3, height, width, seed=1)
     visibility = (noise(2, 3, 1, height, width, seed=2) - 0.4).clamp(0)
     image, reach = noise(2, 3, height, width, seed=3), window // 2
-    found = within_evidence(image, views(render, photos, visibility), window)
+    found = within_evidence(image, Views(render, photos, visibility), window)
     for b in range(2):
         for y in range(height):
             for x in range(width):
@@ -50,15 +46,15 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
 
 def test_the_render_itself_is_never_changed() -> None:
     render = noise(1, 3, 8, 8)
-    seen = views(render, noise(1, 2, 3, 8, 8, seed=1), noise(1, 2, 1, 8, 8, seed=2))
+    seen = Views(render, noise(1, 2, 3, 8, 8, seed=1), noise(1, 2, 1, 8, 8, seed=2))
     assert torch.equal(within_evidence(render, seen), render)
 
 
 def test_order_of_references_does_not_matter() -> None:
     render, photos, visibility = noise(1, 3, 6, 6), noise(1, 3, 3, 6, 6, seed=1), noise(1, 3, 1, 6, 6, seed=2).round()
     image, order = noise(1, 3, 6, 6, seed=3), [2, 0, 1]
-    one = within_evidence(image, views(render, photos, visibility))
-    assert torch.equal(one, within_evidence(image, views(render, photos[:, order], visibility[:, order])))
+    one = within_evidence(image, Views(render, photos, visibility))
+    assert torch.equal(one, within_evidence(image, Views(render, photos[:, order], visibility[:, order])))
     assert not torch.equal(one, image)
 
 
@@ -66,4 +62,4 @@ def test_order_of_references_does_not_matter() -> None:
 def test_windows_without_a_middle_are_refused(window: int) -> None:
     render = noise(1, 3, 4, 4)
     with pytest.raises(InputError, match="odd"):
-        within_evidence(render, views(render, render[:, None], torch.ones(1, 1, 1, 4, 4)), window)
+        within_evidence(render, Views(render, render[:, None], torch.ones(1, 1, 1, 4, 4)), window)

@@ -15,7 +15,6 @@ from gaussian_enhancer.enhance.plan import Rules, ViewPlan
 from gaussian_enhancer.enhance.prepare import Pool, Preparation
 from gaussian_enhancer.enhance.regions import Region, background_blocks, regions_of
 from gaussian_enhancer.enhance.survey import coarse, shares, surveyed
-from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 WHOLE = 0.9
@@ -72,7 +71,7 @@ class Planner:
             needed = None if bool(found.all()) else found
         looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
         if isinstance(warp, Reprojected) and self.preparation.references and looking:
-            indices = rank_references(view, self.pool.views, self.preparation.candidates, depth=target.depth)
+            indices = self.preparation.nearest(target, view, self.pool)
             small = coarse(target)
             seen = surveyed(warp, small, [self._reference(index) for index in indices])
             if self.rules.references == "auto":

@@ -83,6 +83,10 @@ class Verdict:
     met: bool | None
 
 
+VERDICTS = {True: "met", False: "**missed**", None: "open"}
+"""How pages word whether an aim is met."""
+
+
 class Study:
     """The records of one table.
 

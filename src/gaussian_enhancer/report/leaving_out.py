@@ -9,13 +9,12 @@ from pathlib import Path
 
 from gaussian_enhancer.measure.compare import Table
 from gaussian_enhancer.measure.records import Record
-from gaussian_enhancer.measure.study import MISSING
+from gaussian_enhancer.measure.study import MISSING, VERDICTS
 
 KIND = "leaving_out"
 """Kind of the record that a plan leaves of a scene as a whole."""
 RATIOS = ("times_faster", "times_faster_low", "times_faster_high")
 """Metrics of that record: how many times faster than the baseline, and between what that surely lies."""
-VERDICTS = {True: "met", False: "**missed**", None: "open"}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gaussian_enhancer.measure.compare import Table, written
 from gaussian_enhancer.measure.records import HIGHER_IS_BETTER, Record
-from gaussian_enhancer.measure.study import Aims, Cell, Study, better
+from gaussian_enhancer.measure.study import VERDICTS, Aims, Cell, Study, better
 from gaussian_enhancer.report.sources import sources
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex", "lpips_vgg")
@@ -79,9 +79,8 @@ def metrics_of(study: Study) -> tuple[str, ...]:
 
 def aims_table(section: Section) -> Table:
     """One line an aim: row, scene, aim, what was found, whether it is met."""
-    words = {True: "met", False: "**missed**", None: "open"}
     verdicts = [v for row in section.study.ours for v in section.study.verdicts(row, section.aims)]
-    rows = tuple((v.row, v.scene, v.aim, v.found, words[v.met]) for v in verdicts)
+    rows = tuple((v.row, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in verdicts)
     return Table(("row", "scene", "aim", "found", "verdict"), rows)
 
 
