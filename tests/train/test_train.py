@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import effective
 from gaussian_enhancer.apps.train import with_effect
+from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.enhance.enhancer import Enhancer
 from gaussian_enhancer.enhance.weights import load_weights
@@ -109,6 +110,36 @@ def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeyp
     assert build(idle[0].data, cache="unused").simulation is None
     shares = [with_effect(configured(*MISSING, "data.simulated=1.0", f"gate={gate}")) for gate in ("all", "random")]
     assert len({str(effective(cfg)) for cfg in (*shares, *idle)}) == 3
+
+
+def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
+    plainly = with_effect(configured(*MISSING))
+    assert "initial" not in plainly
+    copied = tmp_path / "copied.safetensors"
+    copied.write_bytes(find_checkpoint("lr_tiny").read_bytes())
+    shipped, copy, other = (
+        with_effect(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "lr_base")
+    )
+    assert effective(shipped) == effective(copy)
+    assert len({str(effective(cfg)) for cfg in (plainly, shipped, other)}) == 3
+
+
+def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, other_plane_run, tmp_path):
+    from gaussian_enhancer.apps.train import run
+
+    begun = load_weights("lr_tiny")
+    begin = ["fusion=ssif_lr", "fusion.widths=[16,24,32]", "initial=lr_tiny"]
+    options = settings(plane_run, other_plane_run, tmp_path, *begin)
+    with pytest.raises(InputError, match="widths"):
+        run(configured(*options, "fusion.widths=[16,24,40]"))
+    # Too small a rate to leave them: what comes out is what was put in.
+    run(configured(*options, "trainer.max_steps=1", "optimiser.rate=1.0e-12", "label=kept"))
+    (written,) = tmp_path.glob("train/kept-*/weights.safetensors")
+    kept = load_weights(written)
+    for name, value in begun.network.state_dict().items():
+        torch.testing.assert_close(kept.network.state_dict()[name], value)
+    assert kept.card["initial"]["run"] == begun.card["run"]
+    assert kept.card["initial"]["steps"] == begun.card["steps"]
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):

@@ -5,7 +5,7 @@ import json
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, open_dict
 
@@ -15,10 +15,13 @@ from gaussian_enhancer.apps.run import Run, open_run
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.apps.together import Place, together
 from gaussian_enhancer.apps.trainer import alike, alone, make_trainer, processes, quieten
-from gaussian_enhancer.enhance.weights import count_parameters, design_of, preparation_of, save_weights
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.enhance.weights import count_parameters, design_of, load_weights, preparation_of, save_weights
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 
 if TYPE_CHECKING:
+    from gaussian_enhancer.enhance.network import Network
     from gaussian_enhancer.train.data import RunsData
 
 
@@ -34,7 +37,7 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = processes(cfg)
-    job = open_run(alike(cfg), "train", cfg.label)
+    job = open_run(with_effect(cfg), "train", cfg.label)
     with alone(job.folder):
         if job.done:
             print(f"trained already: {job.folder / 'weights.safetensors'}")
@@ -61,7 +64,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
     data = _data(cfg)
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
-        build(cfg.fusion),
+        _network(cfg),
         build(cfg.objective),
         metrics,
         build(cfg.optimiser),
@@ -98,6 +101,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         "validation": gains,
         "seed": int(cfg.seed),
         "run": job.digest,
+        **_began_with(cfg),
         **({"dropped": dropped} if dropped else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
@@ -106,6 +110,36 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
     print(f"steps waited for data {waiting.share:.1%} of the time, and {waiting.first:.1f} s for epochs' first batches")
     print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in gains.items()))
     return gains["gain/psnr"]
+
+
+def _network(cfg: DictConfig) -> "Network":
+    """The network to train: untrained, or with the values of the weights ``initial``.
+
+    Raises:
+        InputError: those weights cannot be read, or are of another design than the configuration's network.
+    """
+    network: Network = build(cfg.fusion)
+    if cfg.get("initial") is None:
+        return network
+    begun = load_weights(cfg.initial).network
+    asked, found = design_of(network), design_of(begun)
+    if asked != found:
+        odd = next(name for name in {**asked, **found} if asked.get(name) != found.get(name))
+        received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
+        raise InputError(
+            f"weights {cfg.initial}", received, "choose fusion and size as those weights were trained with"
+        )
+    network.load_state_dict(begun.state_dict())
+    return network
+
+
+def _began_with(cfg: DictConfig) -> dict[str, Any]:
+    """What a card says of the weights that a training began with: the cards of those, one after another."""
+    if cfg.get("initial") is None:
+        return {}
+    card = load_weights(cfg.initial).card
+    told = ("run", "seed", "steps", "train", "minutes", "initial")
+    return {"initial": {name: card[name] for name in told if name in card}}
 
 
 def _data(cfg: DictConfig) -> "RunsData":
@@ -132,21 +166,29 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 
     Args:
         cfg: the job's whole configuration.
+
+    Raises:
+        InputError: the weights to begin with cannot be read.
     """
-    return alike(_without_idle(cfg))
+    same = alike(_without_idle(cfg))
+    if same.get("initial") is not None:  # what they hold, wherever they are
+        same.initial = checkpoint_digest(find_checkpoint(same.initial))
+    return same
 
 
 def _without_idle(cfg: DictConfig) -> DictConfig:
-    """The configuration without the simulator where nothing is simulated.
+    """The configuration without what has no effect, which is not built and does not make another run of the same.
 
-    Then neither gate nor generator has an effect: they are not built, and do not make another run of the same.
+    That is the simulator with its gate and generator where nothing is simulated, and ``initial``
+    where nothing is given.
     """
-    if cfg.data.simulated != 0:
-        return cfg
     without = copy.deepcopy(cfg)
     with open_dict(without):
-        for key in ("gate", "generator"):
-            without.pop(key)
-        for key in ("simulator", "simulated", "training_views"):
-            without.data.pop(key)
+        if without.get("initial") is None:
+            without.pop("initial", None)
+        if without.data.simulated == 0:
+            for key in ("gate", "generator"):
+                without.pop(key)
+            for key in ("simulator", "simulated", "training_views"):
+                without.data.pop(key)
     return without
