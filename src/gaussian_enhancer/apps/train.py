@@ -186,7 +186,7 @@ def _without_idle(cfg: DictConfig) -> DictConfig:
     with open_dict(without):
         if without.get("initial") is None:
             without.pop("initial", None)
-        if without.data.simulated == 0:
+        if without.data.get("simulated") == 0:  # missing: cut down already
             for key in ("gate", "generator"):
                 without.pop(key)
             for key in ("simulator", "simulated", "training_views"):
