@@ -6,7 +6,6 @@ import pytest
 
 from gaussian_enhancer.apps.reading import file_reads
 from gaussian_enhancer.enhance.plan import Rules
-from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.prepare import Preparation, read_target
 from gaussian_enhancer.enhance.suitable import Suited, suited
 from gaussian_enhancer.errors import InputError
@@ -24,7 +23,7 @@ def truncate(image: Path) -> None:
 
 def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> Suited:
     found = suited(read_run(folder), PREPARATION, rules)
-    planner = None if rules.full else Planner(rules, PREPARATION, found.rendered, pool=found.pool)
+    planner = found.planner(rules)
     for read in file_reads(found, keep_photos, planner, False):
         read()
     return found

@@ -25,7 +25,6 @@ from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.enhance.plan import Plan
-from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.enhance.suitable import Suited, suited
@@ -56,7 +55,7 @@ def run(cfg: DictConfig) -> float | None:
     enhancer, task, found = ready(cfg, start(cfg.runtime))
     count = min(count, max(1, len(task.rendered.targets)))
     rules, scale = build(cfg.plan), enhancer.network.scale
-    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, pool=found.pool)
+    planner = found.planner(rules)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     reads = file_reads(found, not cfg.output, planner, cfg.dry_run)
     for read in track(reads, "reading", console=console, disable=hidden):
@@ -134,8 +133,7 @@ def _share(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enha
     device = start(cfg.runtime)
     device = torch.device("cuda", place.rank) if device.type == "cuda" else device
     enhancer, task, found = ready(cfg, device)
-    rules = plan.rules
-    planner = None if rules.full else Planner(rules, enhancer.preparation, task.rendered, plan.views, found.pool)
+    planner = found.planner(plan.rules, plan.views)
     return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)
 
 

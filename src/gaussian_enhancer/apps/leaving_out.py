@@ -20,7 +20,6 @@ from gaussian_enhancer.apps.reading import file_reads
 from gaussian_enhancer.apps.runtime import start
 from gaussian_enhancer.enhance.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.enhance.plan import Plan, Rules
-from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.suitable import suited
 from gaussian_enhancer.enhance.weights import Pretrained, load_weights
 from gaussian_enhancer.errors import InputError
@@ -108,7 +107,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
     """
     found = suited(rendered, pretrained.preparation, rules, pretrained.network.scale)
     enhancer = Enhancer(pretrained.network, found.preparation, device, strength=pretrained.strength)
-    planner = None if rules.full else Planner(rules, found.preparation, found.rendered, pool=found.pool)
+    planner = found.planner(rules)
     for read in file_reads(found, False, planner, False):
         read()
     images = tuple(enhancer(found.rendered, planner, found.pool))

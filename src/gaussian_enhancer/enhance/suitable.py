@@ -1,12 +1,13 @@
 """What of a scene's input can be used: cameras, depth, references, fine photos; where one cannot, why."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 
 from gaussian_enhancer.enhance.alignment import Pixels, Reprojected
-from gaussian_enhancer.enhance.plan import Part, Rules
+from gaussian_enhancer.enhance.plan import Part, Rules, ViewPlan
+from gaussian_enhancer.enhance.planning import Planner
 from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
 from gaussian_enhancer.enhance.survey import coarse
 from gaussian_enhancer.errors import InputError
@@ -40,6 +41,15 @@ class Suited:
     preparation: Preparation
     parts: tuple[Part, ...]
     pool: Pool
+
+    def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
+        """What decides view by view what is left out; None where nothing may be.
+
+        Args:
+            rules: what may be left out.
+            known: views that were decided before.
+        """
+        return None if rules.full else Planner(rules, self.preparation, self.rendered, known, self.pool)
 
     @property
     def lacks(self) -> tuple[str, ...]:
