@@ -6,7 +6,7 @@ import torch
 
 from gaussian_enhancer.enhance import depth as depth_search
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
-from gaussian_enhancer.enhance.depth import Search, refine_depth
+from gaussian_enhancer.enhance.depth import Search, Source, refine_depth
 from gaussian_enhancer.enhance.projection import Projection, land
 from gaussian_enhancer.enhance.reproject import fill_depth, reproject
 from gaussian_enhancer.types import identity_camera
@@ -70,11 +70,12 @@ def test_wrong_depth_is_refined():
     cameras = [REFERENCE, turned(REFERENCE, -0.1, (-0.3, 0.1, 0.0))]
     photos = [plane(camera, 3.0)[0].float() for camera in cameras]
     wrong = (truth * 1.12).float()
-    better = refine_depth(TARGET, wrong, render.float(), cameras, photos, kind="expected")
+    sources = [Source(*source) for source in zip(cameras, photos, strict=True)]
+    better = refine_depth(TARGET, wrong, render.float(), sources, kind="expected")
     error = (better.double() / truth).log().abs().flatten()
     assert error.median() < 0.25 * math.log(1.12)
-    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], [], kind="expected"), wrong)
-    assert torch.equal(refine_depth(TARGET, wrong, render.float(), cameras, photos, kind="exact"), wrong)
+    torch.testing.assert_close(refine_depth(TARGET, wrong, render.float(), [], kind="expected"), wrong)
+    assert torch.equal(refine_depth(TARGET, wrong, render.float(), sources, kind="exact"), wrong)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +94,7 @@ def test_compiled_search_equals_its_readable_twin(how, views):
     for camera in cameras:
         rendered = plane(camera, 3.0)[0].float()
         photo = rendered * 0.9 + 0.05 * torch.rand(rendered.shape, generator=torch.Generator().manual_seed(1))
-        seen.append(depth_search._seen(TARGET, z, image, camera, photo, rendered, how))
+        seen.append(depth_search._seen(TARGET, z, image, Source(camera, photo, rendered), how))
     compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
     assert (compiled - plain).abs().median() < 1e-5
     assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
@@ -117,12 +118,15 @@ def test_photos_place_what_the_splat_blurs():
     flat = [torch.full_like(photo, 0.5) for photo in photos]
     wrong, image = (truth * 1.02).float(), torch.full_like(render, 0.5).float()
 
+    def seen(shown):
+        return [Source(*source) for source in zip(cameras, shown, flat, strict=True)]
+
     def error(consistent):
-        found = refine_depth(TARGET, wrong, image, cameras, photos, flat, consistent=consistent)
+        found = refine_depth(TARGET, wrong, image, seen(photos), consistent=consistent)
         return (found.double() / truth).log().abs().median()
 
     assert error(consistent=True) < 0.25 * math.log(1.02) < error(consistent=False)
-    same = refine_depth(TARGET, wrong, image, cameras, flat, flat)
+    same = refine_depth(TARGET, wrong, image, seen(flat))
     torch.testing.assert_close(same, wrong, rtol=1e-4, atol=0)
 
 

@@ -78,9 +78,9 @@ def test_only_a_surface_is_smoothed_and_holes_stay_holes():
     depth = (ramp() * (1 + 0.005 * noise(1, 40, 48))).float()
     depth[..., 3:5, 3:5] = 0
     image, camera = grey(depth), identity_camera(40, 48, 40.0)
-    smoothed = refine_depth(camera, depth, image, [], [], kind="surface")
+    smoothed = refine_depth(camera, depth, image, [], kind="surface")
     assert bool((smoothed[depth == 0] == 0).all())
     assert not torch.equal(smoothed, depth)
-    assert torch.equal(refine_depth(camera, depth, image, [], [], kind="surface", smooth=False), depth)
+    assert torch.equal(refine_depth(camera, depth, image, [], kind="surface", smooth=False), depth)
     for kind in ("expected", "exact"):
-        assert torch.equal(refine_depth(camera, depth, image, [], [], kind=kind), depth)
+        assert torch.equal(refine_depth(camera, depth, image, [], kind=kind), depth)

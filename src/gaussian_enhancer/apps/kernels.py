@@ -23,7 +23,7 @@ from gaussian_enhancer.degrade.factors import Factors, cells
 from gaussian_enhancer.degrade.resampling import KINDS, resampling_matrix
 from gaussian_enhancer.degrade.weights import load_model
 from gaussian_enhancer.enhance.deform import deformable_sample
-from gaussian_enhancer.enhance.depth import refine_depth
+from gaussian_enhancer.enhance.depth import Source, refine_depth
 from gaussian_enhancer.enhance.prepare import Pool, join, read_target
 from gaussian_enhancer.enhance.reproject import reproject
 from gaussian_enhancer.enhance.smooth import smooth_depth
@@ -101,7 +101,8 @@ def reprojection(device: torch.device) -> Cases:
     def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
         here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in around)
         z, render, *seen = (part.to(dtype) for part in (rough, image, *photos))
-        return refine_depth(here, z.requires_grad_(tensors), render, there, seen, smooth=False).detach()
+        sources = [Source(*source) for source in zip(there, seen, strict=True)]
+        return refine_depth(here, z.requires_grad_(tensors), render, sources, smooth=False).detach()
 
     ways = {"tensors/float32": partial(searched, torch.float32, True)}
     if device.type == "cpu":

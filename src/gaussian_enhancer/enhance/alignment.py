@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.enhance.agreement import agreeing, rank
 from gaussian_enhancer.enhance.colour import apply_colour, fit_colour
-from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, refine_depth
+from gaussian_enhancer.enhance.depth import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.enhance.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
@@ -170,9 +170,10 @@ class Reprojected:
         pairs = zip(references, exposures, strict=True)
         photos = [one.image if exposure is None else apply_colour(one.image, exposure) for one, exposure in pairs]
         renders = [reference.render for reference in references]
+        sources = [Source(*source) for source in zip(cameras, photos, renders, strict=True)]
         with torch.no_grad():
             how = self.depth, self.smooth, self.consistent
-            depth = refine_depth(camera, target.depth, target.image, cameras, photos, renders, *how)
+            depth = refine_depth(camera, target.depth, target.image, sources, *how)
         rendered = target.depth
         if target.alpha is not None:  # says where holes are; they are filled once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)

@@ -63,6 +63,22 @@ SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
 
 
 @dataclass(frozen=True)
+class Source:
+    """A view that depth is judged by.
+
+    Args:
+        camera: where it was taken from, of the photo's size.
+        photo: colours in [0, 1], at any resolution, in the exposure of its render.
+        render: the splat's own of the same view, of any size; None where unknown: then the photo, its colours fitted to
+            the target's, stands in.
+    """
+
+    camera: Camera
+    photo: Float[Tensor, "3 _ _"]
+    render: Float[Tensor, "3 _ _"] | None = None
+
+
+@dataclass(frozen=True)
 class _Seen:
     """A reference as the search sees it.
 
@@ -83,9 +99,7 @@ def refine_depth(
     target: Camera,
     depth: Float[Tensor, "1 h w"],
     render: Float[Tensor, "3 h w"],
-    cameras: Sequence[Camera],
-    photos: Sequence[Float[Tensor, "3 _ _"]],
-    renders: Sequence[Float[Tensor, "3 _ _"] | None] | None = None,
+    sources: Sequence[Source],
     kind: DepthKind = "surface",
     smooth: bool = True,
     consistent: bool = True,
@@ -104,10 +118,7 @@ def refine_depth(
         target: camera of the render.
         depth: rendered z, scene units; holes are filled from their neighbours, and stay holes.
         render: the target's colours, [0, 1].
-        cameras: the references' cameras.
-        photos: the references' colours, [0, 1], at any resolution, each in the exposure of its render.
-        renders: the splat's own renders of the references' views; None, or of one None, where unknown: then the photo,
-            its colours fitted to the target's, stands in.
+        sources: the references; without any, depth is not searched.
         kind: of the depth; decides which searches are made, one after the other, each around the last one's result.
         smooth: give a surface that is one smoothness; without effect on the other kinds.
         consistent: let the photos' difference from each other count, as far as the kind's searches say.
@@ -115,13 +126,11 @@ def refine_depth(
     if smooth and kind == "surface":
         valid = usable(depth)
         depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
-    shown = [None] * len(photos) if renders is None else renders
-    for how in SEARCHES[kind] if cameras else ():
+    for how in SEARCHES[kind] if sources else ():
         how = how if consistent else replace(how, inconsistency=0.0)
         z = fill_depth(depth).to(render.dtype)[..., :: how.stride, :: how.stride].contiguous()
         image = render[..., :: how.stride, :: how.stride].contiguous()
-        views = zip(cameras, photos, shown, strict=True)
-        seen = [_seen(target, z, image, camera, photo, other, how) for camera, photo, other in views]
+        seen = [_seen(target, z, image, source, how) for source in sources]
         change = (_search_compiled if compiled(z, image) else search)(z, image, seen, how)
         change = _spread(change, how.stride, depth.shape[-2], depth.shape[-1])
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
@@ -181,17 +190,15 @@ def _seen(
     target: Camera,
     z: Float[Tensor, "1 h w"],
     image: Float[Tensor, "3 h w"],
-    camera: Camera,
-    photo: Tensor,
-    render: Tensor | None,
+    source: Source,
     how: Search,
 ) -> _Seen:
     """Prepare a reference: not finer than the target, its colours fitted through the depth that is there."""
-    ratio = float(camera.resized(*photo.shape[-2:]).K[0, 0] / target.K[0, 0])
-    height, width = (max(1, round(side / max(1.0, ratio))) for side in photo.shape[-2:])
-    photo = _resized(photo.to(image.dtype), height, width)
-    render = photo if render is None else _resized(render.to(image.dtype), height, width)
-    projection = Projection.between(target, camera.resized(height, width), z).strided(how.stride)
+    ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
+    height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
+    photo = _resized(source.photo.to(image.dtype), height, width)
+    render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
+    projection = Projection.between(target, source.camera.resized(height, width), z).strided(how.stride)
     landing = land(projection, z)
     there = read_at(render, landing, (height, width), landing.inside)
     colours = fit_colour(there, image, landing.inside).to(photo)
