@@ -9,10 +9,8 @@ import math
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
-SSIM_WINDOW = 11
-SSIM_SIGMA = 1.5
+from gaussian_enhancer.ssim import ssim_map
 
 
 def psnr(
@@ -38,22 +36,13 @@ def psnr(
 
 
 def ssim(image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"]) -> float:
-    """Structural similarity, mean over channels and pixels, with the details of 3DGS's evaluation.
-
-    Gaussian window of 11x11 pixels and sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2. Source: Wang et al., Image
-    Quality Assessment, TIP 2004, equation 13; padding and averaging as in Kerbl et al., SIGGRAPH 2023.
+    """Structural similarity, mean over channels and pixels, with the details of 3DGS's evaluation (`ssim_map`).
 
     Args:
         image: what is judged, [0, 1].
         photo: the truth, [0, 1].
     """
-    a, b = image.double(), photo.double()
-    mean_a, mean_b, square_a, square_b, product = _blurred(torch.stack([a, b, a * a, b * b, a * b]))
-    variance_a, variance_b = square_a - mean_a**2, square_b - mean_b**2
-    covariance = product - mean_a * mean_b
-    luminance = (2 * mean_a * mean_b + 0.01**2) / (mean_a**2 + mean_b**2 + 0.01**2)
-    structure = (2 * covariance + 0.03**2) / (variance_a + variance_b + 0.03**2)
-    return (luminance * structure).mean().item()
+    return ssim_map(image.double(), photo.double()).mean().item()
 
 
 def colour_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
@@ -78,14 +67,3 @@ def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -
     if torch.equal(image, photo):
         return math.inf  # the fitted identity would leave rounding errors
     return psnr(colour_aligned(image.double(), photo.double()), photo)
-
-
-def _blurred(images: Float[Tensor, "q c h w"]) -> Float[Tensor, "q c h w"]:
-    """SSIM's Gaussian window, rows then columns, zeros outside."""
-    offsets = torch.arange(SSIM_WINDOW, dtype=images.dtype, device=images.device) - SSIM_WINDOW // 2
-    window = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
-    window = window / window.sum()
-    flat = images.flatten(0, 1)[:, None]
-    flat = functional.conv2d(flat, window[None, None, None, :], padding=(0, SSIM_WINDOW // 2))
-    flat = functional.conv2d(flat, window[None, None, :, None], padding=(SSIM_WINDOW // 2, 0))
-    return flat.view(images.shape)

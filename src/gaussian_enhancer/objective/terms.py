@@ -12,6 +12,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.ssim import gaussian, ssim_map
+
 
 def charbonnier(
     enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"], softness: float = 1e-3
@@ -36,32 +38,26 @@ def squared_error(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c 
     return (enhanced - photo).square()
 
 
-def dissimilarity(
-    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"], sigma: float = 1.5, side: int = 11
-) -> Float[Tensor, "b c h w"]:
-    """1 - SSIM (Wang et al., TIP 2004): Gaussian window, zero padding as in 3DGS, C = (0.01^2, 0.03^2).
+def dissimilarity(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+    """1 - SSIM (`ssim_map`).
 
     Args:
         enhanced: colours in [0, 1].
         photo: colours in [0, 1].
-        sigma: of the window, pixels.
-        side: of the window, pixels, odd.
     """
-    x, y = enhanced, photo
-    rows, columns = (_window(length, sigma, side, enhanced) for length in enhanced.shape[-2:])
-    blurred = rows @ (torch.cat([x, y, x * x, y * y, x * y]) @ columns)
-    mean_x, mean_y, xx, yy, xy = blurred.chunk(5)
-    contrast = (2 * (xy - mean_x * mean_y) + 0.03**2) / (xx - mean_x**2 + yy - mean_y**2 + 0.03**2)
-    return 1 - contrast * (2 * mean_x * mean_y + 0.01**2) / (mean_x**2 + mean_y**2 + 0.01**2)
+    return 1 - ssim_map(enhanced, photo, _windowed)
 
 
-def _window(length: int, sigma: float, side: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
-    """A zero-padded Gaussian window as a symmetric band matrix: on crops, a product costs a fifth of a convolution."""
-    distance = torch.arange(length, dtype=like.dtype, device=like.device)
-    distance = (distance[:, None] - distance).abs()
-    taps = torch.arange(side, dtype=like.dtype, device=like.device) - side // 2
-    total = torch.exp(-(taps**2) / (2 * sigma**2)).sum()
-    return torch.exp(-(distance**2) / (2 * sigma**2)) * (distance <= side // 2) / total
+def _windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
+    """Images under SSIM's window: on crops, a product with band matrices costs a fifth of a convolution."""
+    rows, columns = (_band(length, images) for length in images.shape[-2:])
+    return rows @ (images @ columns)
+
+
+def _band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
+    """SSIM's window along an axis as a symmetric band matrix, zeros outside."""
+    place = torch.arange(length, dtype=like.dtype, device=like.device)
+    return gaussian(place[:, None] - place)
 
 
 def gradient_difference(
@@ -136,12 +132,9 @@ class SquaredError:
 class Dissimilarity:
     """Term: `dissimilarity`, 1 - SSIM."""
 
-    sigma: float = 1.5
-    side: int = 11
-
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
         """Cost per pixel."""
-        return dissimilarity(enhanced, photo, self.sigma, self.side)
+        return dissimilarity(enhanced, photo)
 
 
 @dataclass(frozen=True)

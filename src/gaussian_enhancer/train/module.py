@@ -15,6 +15,7 @@ from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.objective.objective import Objective
+from gaussian_enhancer.ssim import ssim_map
 from gaussian_enhancer.train.average import follow
 from gaussian_enhancer.train.dropped import BAD_SHARE, Dropped, emptied, finite_samples
 from gaussian_enhancer.train.share import gathered
@@ -217,7 +218,5 @@ def psnr(enhanced: Tensor, photo: Tensor) -> Tensor:
 
 
 def ssim(enhanced: Tensor, photo: Tensor) -> Tensor:
-    """Structural similarity as 3DGS measures it: 11x11 Gaussian window of 1.5 pixels, zero padding."""
-    from gaussian_enhancer.objective.terms import dissimilarity
-
-    return 1 - dissimilarity(enhanced, photo).mean()
+    """Structural similarity, mean over all pixels (`ssim_map`)."""
+    return ssim_map(enhanced, photo).mean()

@@ -5,7 +5,8 @@ import torch
 from torch.autograd import gradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare, ssim_map
+from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
+from gaussian_enhancer.ssim import ssim_map
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """How far a render is from its photo while fitting: (1 - weight) L1 + weight (1 - SSIM), with a gradient of its own.
 
-Axes: c channels, h height, w width. SSIM as 3DGS measures it: 11x11 Gaussian window of sigma 1.5, zero padding,
-C1 = 0.01^2, C2 = 0.03^2 (Wang et al., Image Quality Assessment, TIP 2004, equation 13), mean over channels and pixels.
+Axes: c channels, h height, w width. SSIM is the mean of `ssim_map` over channels and pixels.
 float32 on the CPU takes the compiled kernels; every other device or type takes plain torch, which is also their oracle.
 """
 
@@ -11,12 +10,9 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
+from gaussian_enhancer.ssim import ssim_map, windowed
 from gaussian_enhancer.types import Movable
-
-C1 = 0.01**2
-C2 = 0.03**2
 
 
 @dataclass(frozen=True)
@@ -42,7 +38,7 @@ def prepare(photo: Float[Tensor, "c h w"]) -> PreparedPhoto:
     """
     photo = photo.detach().contiguous()
     if not _compiled(photo):
-        return PreparedPhoto(photo, _filtered(photo), _filtered(photo * photo))
+        return PreparedPhoto(photo, windowed(photo), windowed(photo * photo))
     from gaussian_enhancer.splat.fit import similarity_kernels as kernels
 
     mean, square = torch.empty_like(photo), torch.empty_like(photo)
@@ -64,21 +60,6 @@ def photometric_loss(image: Float[Tensor, "c h w"], target: PreparedPhoto, weigh
         return _CompiledLoss.apply(image, target, weight)  # type: ignore[no-any-return]
     absolute = (image - target.photo).abs().mean()
     return (1 - weight) * absolute + weight * (1 - ssim_map(image, target.photo).mean())
-
-
-def ssim_map(image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
-    """Structural similarity of every pixel and channel in plain torch: (a b) / (p q) of the local moments.
-
-    Args:
-        image: first image.
-        photo: second image.
-    """
-    mean_x, mean_y = _filtered(image), _filtered(photo)
-    variance_x = _filtered(image * image) - mean_x**2
-    variance_y = _filtered(photo * photo) - mean_y**2
-    covariance = _filtered(image * photo) - mean_x * mean_y
-    luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
-    return luminance * (2 * covariance + C2) / (variance_x + variance_y + C2)
 
 
 class _CompiledLoss(torch.autograd.Function):
@@ -125,11 +106,3 @@ class _CompiledLoss(torch.autograd.Function):
 
 def _compiled(image: Tensor) -> bool:
     return image.device.type == "cpu" and image.dtype == torch.float32
-
-
-def _filtered(image: Tensor) -> Tensor:
-    offsets = torch.arange(-5, 6, dtype=image.dtype, device=image.device)
-    window = torch.exp(-(offsets**2) / (2 * 1.5**2))
-    window = (window / window.sum()).reshape(1, 1, 11, 1)
-    rows = functional.conv2d(image[:, None], window, padding=(5, 0))
-    return functional.conv2d(rows, window.transpose(2, 3), padding=(0, 5))[:, 0]

@@ -10,16 +10,13 @@ import numpy as np
 from numba import prange
 
 from gaussian_enhancer.splat.compiled import inner, kernel
-
-RADIUS = 5
-C1 = 0.01**2
-C2 = 0.03**2
+from gaussian_enhancer.ssim import C1, C2, RADIUS, SIGMA
 
 
 def gaussian_window() -> np.ndarray:
-    """The eleven weights of a Gaussian with sigma 1.5, normalised to one."""
+    """The window's eleven weights, which sum to one."""
     offsets = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
-    weights = np.exp(-(offsets**2) / (2.0 * 1.5**2))
+    weights = np.exp(-(offsets**2) / (2.0 * SIGMA**2))
     return (weights / weights.sum()).astype(np.float32)
 
 
