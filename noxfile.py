@@ -115,7 +115,8 @@ def realism(session: nox.Session) -> None:
 
 
 WEIGHTS = (
-    "+recipe=lr_long fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
+    "+recipe=lr_long fusion=ssif_lr +card.name=lr_long",
+    "+recipe=lr_further fusion=ssif_lr label=lr_tiny +card.name=lr_tiny initial={lr_long}",
     "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimiser.rate=1.5e-3 label=lr_base "
     "+card.name=lr_base",
     "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
@@ -126,7 +127,8 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
     "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
 )
-"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget."""
+"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget; {label} stands for
+the weights of a row before."""
 
 
 @nox.session(default=False)
@@ -134,7 +136,9 @@ def weights(session: nox.Session) -> None:
     """Train the shipped weights and the rows they are compared with (after `pairs`); goes on where it was killed."""
     install(session)
     for row in WEIGHTS:
-        session.run("gaussian-enhancer", "train", *row.split(), *session.posargs)
+        finished = sorted(Path("runs/train").glob("*/weights.safetensors"), key=lambda path: path.stat().st_mtime)
+        begun = {path.parent.name.split("-")[0]: path for path in finished}
+        session.run("gaussian-enhancer", "train", *row.format(**begun).split(), *session.posargs)
 
 
 @nox.session(default=False)
