@@ -127,8 +127,10 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
     "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
 )
-"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget; {label} stands for
-the weights of a row before."""
+"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget.
+
+{label} stands for the weights of a row before.
+"""
 
 
 @nox.session(default=False)
