@@ -20,32 +20,34 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import (
-    ALPHA_MAX,
-    ALPHA_MIN,
-    COVERED,
-    TILE,
-    TRANSMITTANCE_MIN,
-    exp2_nonpositive,
-    inner,
-    kernel,
-    kernel_lock,
+from gaussian_enhancer.splat.compiled import COVERED, TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.planes import (
+    EVERY,
+    HALF,
+    LARGEST_ALPHA,
+    LOG2_SMALLEST_ALPHA,
+    ONE,
+    P1,
+    P2,
+    P3,
+    P4,
+    P5,
+    P6,
+    P7,
+    P8,
+    PIXELS,
+    SMALLEST_T,
+    ZERO,
+    begin,
+    coordinates,
+    finished,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
 GATHERED = 12
 """Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, |x|, |y|; h = dL/dalpha alpha."""
 
-_F = np.float32
-_ZERO, _HALF, _ONE = _F(0.0), _F(0.5), _F(1.0)
-_ALPHA_MAX = _F(ALPHA_MAX)
-_LOG2_ALPHA_MIN = _F(np.log2(ALPHA_MIN))
-_T_MIN = _F(TRANSMITTANCE_MIN)
-_PIXELS = TILE * TILE
-_EVERY = 8  # entries between two looks at whether the tile is finished
-# Planes of the scratch block as unsigned offsets: with signed ones Numba's wraparound would hinder vectorisation.
-_P1, _P2, _P3, _P4 = np.uint64(_PIXELS), np.uint64(2 * _PIXELS), np.uint64(3 * _PIXELS), np.uint64(4 * _PIXELS)
-_P5, _P6, _P7, _P8 = np.uint64(5 * _PIXELS), np.uint64(6 * _PIXELS), np.uint64(7 * _PIXELS), np.uint64(8 * _PIXELS)
+_COVERED = np.float32(COVERED)
 
 
 class Splats(NamedTuple):
@@ -104,14 +106,6 @@ def blend_backward(
 
 
 @inner
-def _coordinates(planes, at):  # type: ignore[no-untyped-def]
-    """Fill two planes with the pixels' column and row within the tile."""
-    for p in range(_PIXELS):
-        planes[at * _PIXELS + p] = p % TILE
-        planes[(at + 1) * _PIXELS + p] = p // TILE
-
-
-@inner
 def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
     """Whitened coordinates of the tile's first pixel centre; in float64, as the centre may be far away."""
     dx, dy = left + 0.5 - splats.footprints[g, 0], top + 0.5 - splats.footprints[g, 1]
@@ -125,31 +119,22 @@ def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
 def _blend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
     """Add one Gaussian to some rows. Planes: T (negative once stopped), r, g, b, sum of depths, median, x, y."""
     for p in range(first, end):
-        x, y = planes[p + _P6], planes[p + _P7]
+        x, y = planes[p + P6], planes[p + P7]
         u = u0 + a * x + b * y
         v = v0 + c * x + d * y
         t = peak - u * u - v * v
-        alpha = min(exp2_nonpositive(t), _ALPHA_MAX)
+        alpha = min(exp2_nonpositive(t), LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (_ONE - alpha)
-        seen = t >= _LOG2_ALPHA_MIN
-        adds = seen & (rest >= _T_MIN)
-        weight = alpha * T if adds else _ZERO
+        rest = T * (ONE - alpha)
+        seen = t >= LOG2_SMALLEST_ALPHA
+        adds = seen & (rest >= SMALLEST_T)
+        weight = alpha * T if adds else ZERO
         planes[p] = rest if adds else (-abs(T) if seen else T)
-        planes[p + _P1] += weight * red
-        planes[p + _P2] += weight * green
-        planes[p + _P3] += weight * blue
-        planes[p + _P4] += weight * z
-        planes[p + _P5] = max(planes[p + _P5], z if adds & (T > _HALF) else _ZERO)  # depths only grow
-
-
-@inner
-def _finished(planes):  # type: ignore[no-untyped-def]
-    """Whether every pixel of the tile has stopped."""
-    left = _ZERO
-    for p in range(_PIXELS):
-        left += max(planes[p], _ZERO)
-    return left == _ZERO
+        planes[p + P1] += weight * red
+        planes[p + P2] += weight * green
+        planes[p + P3] += weight * blue
+        planes[p + P4] += weight * z
+        planes[p + P5] = max(planes[p + P5], z if adds & (T > HALF) else ZERO)  # depths only grow
 
 
 @inner
@@ -160,12 +145,12 @@ def _write(planes, left, top, background, colour, depth, alpha, median):  # type
         for i in range(min(TILE, width - left)):
             p = j * TILE + i
             T = abs(planes[p])
-            opacity = _ONE - T
+            opacity = ONE - T
             for c in range(3):
-                colour[c, top + j, left + i] = planes[(c + 1) * _PIXELS + p] + T * background[c]
+                colour[c, top + j, left + i] = planes[(c + 1) * PIXELS + p] + T * background[c]
             alpha[0, top + j, left + i] = opacity
-            depth[0, top + j, left + i] = planes[4 * _PIXELS + p] / opacity if opacity >= _F(COVERED) else _ZERO
-            median[0, top + j, left + i] = planes[5 * _PIXELS + p] if T <= _HALF else _ZERO
+            depth[0, top + j, left + i] = planes[4 * PIXELS + p] / opacity if opacity >= _COVERED else ZERO
+            median[0, top + j, left + i] = planes[5 * PIXELS + p] if T <= HALF else ZERO
 
 
 @kernel
@@ -177,17 +162,14 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
     median = np.empty((1, height, width), np.float32)
     used = np.zeros(down * across, np.int32)
     for lane in prange(lanes):
-        planes = np.empty(8 * _PIXELS, np.float32)
-        _coordinates(planes, 6)
+        planes = np.empty(8 * PIXELS, np.float32)
+        coordinates(planes, 6)
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
-            planes[: 6 * _PIXELS] = _ZERO
-            for p in range(_PIXELS):
-                inside = (p % TILE < width - left) & (p // TILE < height - top)
-                planes[p] = _ONE if inside else -_ONE
+            begin(planes, 6, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % _EVERY == 0 and _finished(planes):
+                if k % EVERY == 0 and finished(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k
@@ -204,27 +186,27 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 @inner
 def _unblend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
     """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha), x, y."""
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = _ZERO
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = ZERO
     for p in range(first, end):
-        x, y = planes[p + _P7], planes[p + _P8]
+        x, y = planes[p + P7], planes[p + P8]
         u = u0 + a * x + b * y
         v = v0 + c * x + d * y
         t = peak - u * u - v * v
         raw = exp2_nonpositive(t)
-        alpha = min(raw, _ALPHA_MAX)
+        alpha = min(raw, LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (_ONE - alpha)
-        seen = t >= _LOG2_ALPHA_MIN
-        adds = seen & (rest >= _T_MIN)
-        weight = alpha * T if adds else _ZERO
+        rest = T * (ONE - alpha)
+        seen = t >= LOG2_SMALLEST_ALPHA
+        adds = seen & (rest >= SMALLEST_T)
+        weight = alpha * T if adds else ZERO
         planes[p] = rest if adds else (-abs(T) if seen else T)
-        by_red, by_green, by_blue = planes[p + _P2], planes[p + _P3], planes[p + _P4]
-        by_depth = planes[p + _P5]
-        value = by_red * red + by_green * green + by_blue * blue + by_depth * z + planes[p + _P6]
-        behind = planes[p + _P1] - weight * value
-        planes[p + _P1] = behind
-        slope = raw * (T * value - behind / (_ONE - alpha))
-        h = slope if adds & (raw <= _ALPHA_MAX) else _ZERO
+        by_red, by_green, by_blue = planes[p + P2], planes[p + P3], planes[p + P4]
+        by_depth = planes[p + P5]
+        value = by_red * red + by_green * green + by_blue * blue + by_depth * z + planes[p + P6]
+        behind = planes[p + P1] - weight * value
+        planes[p + P1] = behind
+        slope = raw * (T * value - behind / (ONE - alpha))
+        h = slope if adds & (raw <= LARGEST_ALPHA) else ZERO
         hu, hv = h * u, h * v
         s0 += weight * by_red
         s1 += weight * by_green
@@ -245,22 +227,22 @@ def _unblend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue
 def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-untyped-def]
     """Set up a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
-    planes[: 7 * _PIXELS] = _ZERO
+    planes[: 7 * PIXELS] = ZERO
     for j in range(min(TILE, height - top)):
         for i in range(min(TILE, width - left)):
             p, y, x = j * TILE + i, top + j, left + i
             opacity = image.alpha[0, y, x]
-            by_alpha, by_sum, total = alpha[0, y, x], _ZERO, _ZERO
-            if opacity >= _F(COVERED):
+            by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
+            if opacity >= _COVERED:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
             for c in range(3):
-                planes[(2 + c) * _PIXELS + p] = colour[c, y, x]
+                planes[(2 + c) * PIXELS + p] = colour[c, y, x]
                 total += colour[c, y, x] * image.colour[c, y, x]
-            planes[p] = _ONE
-            planes[_PIXELS + p] = total + opacity * (by_sum * image.depth[0, y, x] + by_alpha)
-            planes[5 * _PIXELS + p] = by_sum
-            planes[6 * _PIXELS + p] = by_alpha
+            planes[p] = ONE
+            planes[PIXELS + p] = total + opacity * (by_sum * image.depth[0, y, x] + by_alpha)
+            planes[5 * PIXELS + p] = by_sum
+            planes[6 * PIXELS + p] = by_alpha
 
 
 @kernel
@@ -269,14 +251,14 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, lanes):  # type:
     down, across = -(-height // TILE), -(-width // TILE)
     gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
     for lane in prange(lanes):
-        planes = np.empty(9 * _PIXELS, np.float32)
-        _coordinates(planes, 7)
+        planes = np.empty(9 * PIXELS, np.float32)
+        coordinates(planes, 7)
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             _read(planes, left, top, image, colour, depth, alpha)
-            begin, end = lists.starts[tile], lists.starts[tile + 1]
-            gathered[begin + image.used[tile] : end] = _ZERO
-            for e in range(begin, begin + image.used[tile]):
+            start, end = lists.starts[tile], lists.starts[tile + 1]
+            gathered[start + image.used[tile] : end] = ZERO
+            for e in range(start, start + image.used[tile]):
                 g = lists.gaussians[e]
                 u0, v0, a, b, c, d, peak = _local(splats, g, left, top)
                 first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])

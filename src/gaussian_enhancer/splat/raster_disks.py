@@ -18,16 +18,31 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import (
-    ALPHA_MAX,
-    ALPHA_MIN,
-    COVERED,
-    TILE,
-    TRANSMITTANCE_MIN,
-    exp2_nonpositive,
-    inner,
-    kernel,
-    kernel_lock,
+from gaussian_enhancer.splat.compiled import COVERED, TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.planes import (
+    EVERY,
+    HALF,
+    LARGEST_ALPHA,
+    LOG2_SMALLEST_ALPHA,
+    ONE,
+    P1,
+    P2,
+    P3,
+    P4,
+    P5,
+    P6,
+    P7,
+    P8,
+    P9,
+    P10,
+    P11,
+    PIXELS,
+    SMALLEST_T,
+    TWO,
+    ZERO,
+    begin,
+    coordinates,
+    finished,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
@@ -35,19 +50,9 @@ GATHERED = 20
 """Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
 log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute."""
 
-_F = np.float32
-_ZERO, _HALF, _ONE, _TWO = _F(0.0), _F(0.5), _F(1.0), _F(2.0)
-_ALPHA_MAX = _F(ALPHA_MAX)
-_LOG2_ALPHA_MIN = _F(np.log2(ALPHA_MIN))
-_LOG2_E, _HALF_LOG2_E = _F(np.log2(np.e)), _F(0.5 * np.log2(np.e))
-_T_MIN = _F(TRANSMITTANCE_MIN)
-_PIXELS = TILE * TILE
-_EVERY = 8  # entries between two looks at whether the tile is finished
-_FAINT = _F(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize
-# Planes of the scratch block as unsigned offsets: with signed ones Numba's wraparound would hinder vectorisation.
-_P1, _P2, _P3, _P4 = np.uint64(_PIXELS), np.uint64(2 * _PIXELS), np.uint64(3 * _PIXELS), np.uint64(4 * _PIXELS)
-_P5, _P6, _P7, _P8 = np.uint64(5 * _PIXELS), np.uint64(6 * _PIXELS), np.uint64(7 * _PIXELS), np.uint64(8 * _PIXELS)
-_P9, _P10, _P11 = np.uint64(9 * _PIXELS), np.uint64(10 * _PIXELS), np.uint64(11 * _PIXELS)
+_COVERED = np.float32(COVERED)
+_HALF_LOG2_E = np.float32(0.5 * np.log2(np.e))
+_FAINT = np.float32(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize
 
 
 class DiskSplats(NamedTuple):
@@ -114,14 +119,6 @@ def blend_disks_backward(
 
 
 @inner
-def _coordinates(planes, at):  # type: ignore[no-untyped-def]
-    """Fill two planes with the pixels' column and row within the tile."""
-    for p in range(_PIXELS):
-        planes[at * _PIXELS + p] = p % TILE
-        planes[(at + 1) * _PIXELS + p] = p // TILE
-
-
-@inner
 def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
     """U, V and D as (constant, by x, by y) from the tile's first pixel centre, that centre's offset, and z_0 D_0."""
     geometry = splats.geometry
@@ -141,40 +138,31 @@ def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colo
     Planes: T (negative once stopped), r, g, b, sum of depths, median, three of normals, x, y.
     """
     for p in range(first, end):
-        x, y = planes[p + _P9], planes[p + _P10]
+        x, y = planes[p + P9], planes[p + P10]
         U = u[0] + u[1] * x + u[2] * y
         V = v[0] + v[1] * x + v[2] * y
         D = d[0] + d[1] * x + d[2] * y
         dx, dy = offset[0] + x, offset[1] + y
-        square, low_pass = U * U + V * V, _TWO * (dx * dx + dy * dy)
-        hit = (square < low_pass * D * D) & (D > _ZERO) & (hit_z > near * D)
-        inverse = _ONE / (D if hit else _ONE)
+        square, low_pass = U * U + V * V, TWO * (dx * dx + dy * dy)
+        hit = (square < low_pass * D * D) & (D > ZERO) & (hit_z > near * D)
+        inverse = ONE / (D if hit else ONE)
         t = peak - _HALF_LOG2_E * (square * inverse * inverse if hit else low_pass)
         z = hit_z * inverse if hit else z0
-        alpha = min(exp2_nonpositive(t), _ALPHA_MAX)
+        alpha = min(exp2_nonpositive(t), LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (_ONE - alpha)
-        seen = t >= _LOG2_ALPHA_MIN
-        adds = seen & (rest >= _T_MIN)
-        weight = alpha * T if adds else _ZERO
+        rest = T * (ONE - alpha)
+        seen = t >= LOG2_SMALLEST_ALPHA
+        adds = seen & (rest >= SMALLEST_T)
+        weight = alpha * T if adds else ZERO
         planes[p] = rest if adds else (-abs(T) if seen else T)
-        planes[p + _P1] += weight * colour[0]
-        planes[p + _P2] += weight * colour[1]
-        planes[p + _P3] += weight * colour[2]
-        planes[p + _P4] += weight * z
-        planes[p + _P5] += z if adds & (T > _HALF) & (rest <= _HALF) else _ZERO  # happens once
-        planes[p + _P6] += weight * normal[0]
-        planes[p + _P7] += weight * normal[1]
-        planes[p + _P8] += weight * normal[2]
-
-
-@inner
-def _finished(planes):  # type: ignore[no-untyped-def]
-    """Whether every pixel of the tile has stopped."""
-    left = _ZERO
-    for p in range(_PIXELS):
-        left += max(planes[p], _ZERO)
-    return left == _ZERO
+        planes[p + P1] += weight * colour[0]
+        planes[p + P2] += weight * colour[1]
+        planes[p + P3] += weight * colour[2]
+        planes[p + P4] += weight * z
+        planes[p + P5] += z if adds & (T > HALF) & (rest <= HALF) else ZERO  # happens once
+        planes[p + P6] += weight * normal[0]
+        planes[p + P7] += weight * normal[1]
+        planes[p + P8] += weight * normal[2]
 
 
 @inner
@@ -186,17 +174,17 @@ def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def
         for i in range(min(TILE, width - left)):
             p, y, x = j * TILE + i, top + j, left + i
             T = abs(planes[p])
-            opacity = _ONE - T
-            covered = opacity >= _F(COVERED)
+            opacity = ONE - T
+            covered = opacity >= _COVERED
             for c in range(3):
-                colour[c, y, x] = planes[(c + 1) * _PIXELS + p] + T * background[c]
-                summed[c, y, x] = planes[(c + 6) * _PIXELS + p]
+                colour[c, y, x] = planes[(c + 1) * PIXELS + p] + T * background[c]
+                summed[c, y, x] = planes[(c + 6) * PIXELS + p]
             length = np.sqrt(summed[0, y, x] ** 2 + summed[1, y, x] ** 2 + summed[2, y, x] ** 2)
             for c in range(3):
-                normals[c, y, x] = summed[c, y, x] / max(length, _FAINT) if covered else _ZERO
+                normals[c, y, x] = summed[c, y, x] / max(length, _FAINT) if covered else ZERO
             alpha[0, y, x] = opacity
-            depth[0, y, x] = planes[4 * _PIXELS + p] / opacity if covered else _ZERO
-            median[0, y, x] = planes[5 * _PIXELS + p] if T <= _HALF else _ZERO
+            depth[0, y, x] = planes[4 * PIXELS + p] / opacity if covered else ZERO
+            median[0, y, x] = planes[5 * PIXELS + p] if T <= HALF else ZERO
 
 
 @kernel
@@ -208,17 +196,14 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
     used = np.zeros(down * across, np.int32)
     near = np.float32(splats.near)
     for lane in prange(lanes):
-        planes = np.empty(11 * _PIXELS, np.float32)
-        _coordinates(planes, 9)
+        planes = np.empty(11 * PIXELS, np.float32)
+        coordinates(planes, 9)
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
-            planes[: 9 * _PIXELS] = _ZERO
-            for p in range(_PIXELS):
-                inside = (p % TILE < width - left) & (p // TILE < height - top)
-                planes[p] = _ONE if inside else -_ONE
+            begin(planes, 9, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % _EVERY == 0 and _finished(planes):
+                if k % EVERY == 0 and finished(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k
@@ -240,40 +225,40 @@ def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, co
 
     Planes: T, what lies behind, eight gradients (r, g, b, depth, alpha, three of normals), x, y.
     """
-    red = green = blue = sx = sy = su = sux = suy = sv = svx = svy = _ZERO
-    sd = sdx = sdy = sz = sz0 = so = snx = sny = snz = ax = ay = _ZERO
+    red = green = blue = sx = sy = su = sux = suy = sv = svx = svy = ZERO
+    sd = sdx = sdy = sz = sz0 = so = snx = sny = snz = ax = ay = ZERO
     for p in range(first, end):
-        x, y = planes[p + _P10], planes[p + _P11]
+        x, y = planes[p + P10], planes[p + P11]
         U = u[0] + u[1] * x + u[2] * y
         V = v[0] + v[1] * x + v[2] * y
         D = d[0] + d[1] * x + d[2] * y
         dx, dy = offset[0] + x, offset[1] + y
-        square, low_pass = U * U + V * V, _TWO * (dx * dx + dy * dy)
-        hit = (square < low_pass * D * D) & (D > _ZERO) & (hit_z > near * D)
-        inverse = _ONE / (D if hit else _ONE)
+        square, low_pass = U * U + V * V, TWO * (dx * dx + dy * dy)
+        hit = (square < low_pass * D * D) & (D > ZERO) & (hit_z > near * D)
+        inverse = ONE / (D if hit else ONE)
         t = peak - _HALF_LOG2_E * (square * inverse * inverse if hit else low_pass)
         z = hit_z * inverse if hit else z0
         raw = exp2_nonpositive(t)
-        alpha = min(raw, _ALPHA_MAX)
+        alpha = min(raw, LARGEST_ALPHA)
         T = planes[p]
-        rest = T * (_ONE - alpha)
-        seen = t >= _LOG2_ALPHA_MIN
-        adds = seen & (rest >= _T_MIN)
-        weight = alpha * T if adds else _ZERO
+        rest = T * (ONE - alpha)
+        seen = t >= LOG2_SMALLEST_ALPHA
+        adds = seen & (rest >= SMALLEST_T)
+        weight = alpha * T if adds else ZERO
         planes[p] = rest if adds else (-abs(T) if seen else T)
-        by_red, by_green, by_blue, by_depth = planes[p + _P2], planes[p + _P3], planes[p + _P4], planes[p + _P5]
-        by_x, by_y, by_z = planes[p + _P7], planes[p + _P8], planes[p + _P9]
-        value = by_red * colour[0] + by_green * colour[1] + by_blue * colour[2] + by_depth * z + planes[p + _P6]
+        by_red, by_green, by_blue, by_depth = planes[p + P2], planes[p + P3], planes[p + P4], planes[p + P5]
+        by_x, by_y, by_z = planes[p + P7], planes[p + P8], planes[p + P9]
+        value = by_red * colour[0] + by_green * colour[1] + by_blue * colour[2] + by_depth * z + planes[p + P6]
         value += by_x * normal[0] + by_y * normal[1] + by_z * normal[2]
-        behind = planes[p + _P1] - weight * value
-        planes[p + _P1] = behind
-        slope = raw * (T * value - behind / (_ONE - alpha))
-        h = slope if adds & (raw <= _ALPHA_MAX) else _ZERO
-        by_hit = h * inverse if hit else _ZERO
-        by_miss = _ZERO if hit else _TWO * h
+        behind = planes[p + P1] - weight * value
+        planes[p + P1] = behind
+        slope = raw * (T * value - behind / (ONE - alpha))
+        h = slope if adds & (raw <= LARGEST_ALPHA) else ZERO
+        by_hit = h * inverse if hit else ZERO
+        by_miss = ZERO if hit else TWO * h
         depth = weight * by_depth
         gu, gv = -by_hit * U * inverse, -by_hit * V * inverse
-        gz = depth * inverse if hit else _ZERO
+        gz = depth * inverse if hit else ZERO
         gd = -((gu * U + gv * V) * inverse + gz * z)
         gx = by_miss * dx - (u[1] * gu + v[1] * gv + d[1] * gd)
         gy = by_miss * dy - (u[2] * gu + v[2] * gv + d[2] * gd)
@@ -294,7 +279,7 @@ def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, co
         sdx += gd * x
         sdy += gd * y
         sz += gz
-        sz0 += _ZERO if hit else depth
+        sz0 += ZERO if hit else depth
         so += h
         snx += weight * by_x
         sny += weight * by_y
@@ -307,31 +292,31 @@ def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, co
 def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ignore[no-untyped-def]
     """Set up a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
-    planes[: 10 * _PIXELS] = _ZERO
+    planes[: 10 * PIXELS] = ZERO
     for j in range(min(TILE, height - top)):
         for i in range(min(TILE, width - left)):
             p, y, x = j * TILE + i, top + j, left + i
             opacity = image.alpha[0, y, x]
-            by_alpha, by_sum, total = alpha[0, y, x], _ZERO, _ZERO
+            by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
             length = np.sqrt(image.summed[0, y, x] ** 2 + image.summed[1, y, x] ** 2 + image.summed[2, y, x] ** 2)
-            if opacity >= _F(COVERED):
+            if opacity >= _COVERED:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
                 if length > _FAINT:
-                    along = _ZERO
+                    along = ZERO
                     for c in range(3):
                         along += normals[c, y, x] * image.normals[c, y, x]
                     for c in range(3):
                         by_normal = (normals[c, y, x] - along * image.normals[c, y, x]) / length
-                        planes[(7 + c) * _PIXELS + p] = by_normal
+                        planes[(7 + c) * PIXELS + p] = by_normal
                         total += by_normal * image.summed[c, y, x]
             for c in range(3):
-                planes[(2 + c) * _PIXELS + p] = colour[c, y, x]
+                planes[(2 + c) * PIXELS + p] = colour[c, y, x]
                 total += colour[c, y, x] * image.colour[c, y, x]
-            planes[p] = _ONE
-            planes[_PIXELS + p] = total + opacity * (by_sum * image.depth[0, y, x] + by_alpha)
-            planes[5 * _PIXELS + p] = by_sum
-            planes[6 * _PIXELS + p] = by_alpha
+            planes[p] = ONE
+            planes[PIXELS + p] = total + opacity * (by_sum * image.depth[0, y, x] + by_alpha)
+            planes[5 * PIXELS + p] = by_sum
+            planes[6 * PIXELS + p] = by_alpha
 
 
 @inner
@@ -355,14 +340,14 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):
     gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
     near = np.float32(splats.near)
     for lane in prange(lanes):
-        planes = np.empty(12 * _PIXELS, np.float32)
-        _coordinates(planes, 10)
+        planes = np.empty(12 * PIXELS, np.float32)
+        coordinates(planes, 10)
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             _read(planes, left, top, image, colour, depth, alpha, normals)
-            begin, end = lists.starts[tile], lists.starts[tile + 1]
-            gathered[begin + image.used[tile] : end] = _ZERO
-            for e in range(begin, begin + image.used[tile]):
+            start, end = lists.starts[tile], lists.starts[tile + 1]
+            gathered[start + image.used[tile] : end] = ZERO
+            for e in range(start, start + image.used[tile]):
                 g = lists.gaussians[e]
                 u, v, d, offset, hit_z = _local(splats, g, left, top)
                 first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
