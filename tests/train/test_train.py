@@ -80,6 +80,22 @@ def test_every_fusion_builds(fusion):
     assert build(cfg.fusion).design
 
 
+@pytest.mark.parametrize("recipe", sorted(path.stem for path in Path(CONF, "recipe").glob("*.yaml")))
+def test_every_recipe_composes_and_names_no_scene_that_is_kept_for_tests(recipe):
+    from hydra import compose, initialize_config_dir
+
+    job = "train_generator" if recipe == "simulator" else "train"
+    with initialize_config_dir(CONF, version_base="1.3"):
+        cfg = compose(job, [f"+recipe={recipe}"])
+    if job == "train":
+        build(cfg.fusion)
+    sources = [*cfg.data.train, *cfg.data.validation]
+    assert cfg.trainer.max_steps > 0
+    assert sources
+    kept = ("fox", "monstree", "unbounded_2000", "outdoor_2000", "indoor_2000", "object_2000", "object_3000")
+    assert not [one for one in sources for name in kept if Path(f"runs/fit/{name}-3dgs-00000000").match(one)]
+
+
 MISSING = ["data.train=[]", "data.validation=[]"]
 
 
