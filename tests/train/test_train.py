@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from gaussian_enhancer.apps.build import build
 from gaussian_enhancer.apps.run import effective
-from gaussian_enhancer.apps.train import with_effect
+from gaussian_enhancer.apps.train import _network, with_effect
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.enhance.enhancer import Enhancer
@@ -156,6 +156,21 @@ def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, othe
         torch.testing.assert_close(kept.network.state_dict()[name], value)
     assert kept.card["initial"]["run"] == begun.card["run"]
     assert kept.card["initial"]["steps"] == begun.card["steps"]
+
+
+def test_parts_begin_with_weights_of_their_own():
+    cascade = ["fusion=cascade", "size=tiny", *MISSING]
+    cfg = configured(*cascade, "+initial.first=lr_tiny")
+    begun, network = load_weights("lr_tiny").network.state_dict(), _network(cfg)
+    for name, value in network.first.state_dict().items():
+        assert torch.equal(value, begun[name])
+    assert not any(value.any() for name, value in network.second.state_dict().items() if name.startswith("tail.head"))
+    other = configured(*cascade, "+initial.first=lr_base")
+    with pytest.raises(InputError, match="widths"):
+        _network(other)
+    with pytest.raises(InputError, match="no part of the network"):
+        _network(configured(*cascade, "+initial.third=lr_tiny"))
+    assert len({str(effective(with_effect(one))) for one in (cfg, other, configured(*cascade))}) == 3
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):

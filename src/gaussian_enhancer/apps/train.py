@@ -101,7 +101,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         "validation": gains,
         "seed": int(cfg.seed),
         "run": job.digest,
-        **_began_with(cfg),
+        **_told(cfg),
         **({"dropped": dropped} if dropped else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
@@ -119,27 +119,38 @@ def _network(cfg: DictConfig) -> "Network":
         InputError: those weights cannot be read, or are of another design than the configuration's network.
     """
     network: Network = build(cfg.fusion)
-    if cfg.get("initial") is None:
-        return network
-    begun = load_weights(cfg.initial).network
-    asked, found = design_of(network), design_of(begun)
-    if asked != found:
-        odd = next(name for name in {**asked, **found} if asked.get(name) != found.get(name))
-        received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
-        raise InputError(
-            f"weights {cfg.initial}", received, "choose fusion and size as those weights were trained with"
-        )
-    network.load_state_dict(begun.state_dict())
+    for name, weights in _begun_with(cfg).items():
+        part = getattr(network, name, None) if name else network
+        if part is None:
+            raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
+        begun = load_weights(weights).network
+        asked, found = design_of(part), design_of(begun)
+        if asked != found:
+            odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
+            received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
+            raise InputError(f"weights {weights}", received, "choose fusion and size as they have")
+        part.load_state_dict(begun.state_dict())
     return network
 
 
-def _began_with(cfg: DictConfig) -> dict[str, Any]:
-    """What a card says of the weights that a training began with: the cards of those, one after another."""
-    if cfg.get("initial") is None:
+def _begun_with(cfg: DictConfig) -> dict[str, str]:
+    """The weights to begin with by the part of the network that they are for, which is empty where it is the whole."""
+    initial = cfg.get("initial")
+    if initial is None:
         return {}
-    card = load_weights(cfg.initial).card
-    told = ("run", "seed", "steps", "train", "minutes", "initial")
-    return {"initial": {name: card[name] for name in told if name in card}}
+    return (
+        {str(name): str(one) for name, one in initial.items()}
+        if isinstance(initial, DictConfig)
+        else {"": str(initial)}
+    )
+
+
+def _told(cfg: DictConfig) -> dict[str, Any]:
+    """What a card says of the weights that a training began with: the cards of those, one after another."""
+    known = ("run", "seed", "steps", "train", "minutes", "initial")
+    cards = {name: load_weights(one).card for name, one in _begun_with(cfg).items()}
+    told = {name: {key: card[key] for key in known if key in card} for name, card in cards.items()}
+    return {"initial": told.get("", told)} if told else {}
 
 
 def _data(cfg: DictConfig) -> "RunsData":
@@ -171,8 +182,9 @@ def with_effect(cfg: DictConfig) -> DictConfig:
         InputError: the weights to begin with cannot be read.
     """
     same = alike(_without_idle(cfg))
-    if same.get("initial") is not None:  # what they hold, wherever they are
-        same.initial = checkpoint_digest(find_checkpoint(same.initial))
+    digests = {name: checkpoint_digest(find_checkpoint(one)) for name, one in _begun_with(same).items()}
+    if digests:  # what they hold, wherever they are
+        same.initial = digests.get("", digests)
     return same
 
 

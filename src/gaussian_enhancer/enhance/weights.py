@@ -35,6 +35,8 @@ STAGES: dict[str, tuple[type[Any], ...]] = {
     "combine": (Combined, Uncombined),
     "output": (Gated, Residual),
 }
+PARTS = ("first", "second")
+"""Parameters of a network that are networks."""
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
 
 
@@ -64,6 +66,7 @@ NETWORKS: Mapping[str, type[Any]] = Networks(
         "SIF": "sif",
         "SSIFLR": "ssif_lr",
         "SSIFSR": "ssif_sr",
+        "Cascade": "cascade",
         "NAFNet": "baselines.nafnet",
         "EDVR": "baselines.edvr",
         "Identity": "baselines.identity",
@@ -144,7 +147,16 @@ def load_weights(source: str | Path) -> Pretrained:
 
 def design_of(network: Network) -> dict[str, Any]:
     """The plain values that a network is built from."""
-    return {name: _plain(value) if name in STAGES else value for name, value in network.design.items()}
+    return _plain_design(network.design)
+
+
+def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
+    def plain(name: str, value: Any) -> Any:
+        if name in PARTS:
+            return _plain_design(value)
+        return _plain(value) if name in STAGES else value
+
+    return {name: plain(name, value) for name, value in design.items()}
 
 
 def build_design(design: Mapping[str, Any]) -> Network:
@@ -163,6 +175,10 @@ def build_design(design: Mapping[str, Any]) -> Network:
 
 def _value(name: str, value: Any) -> Any:
     """A parameter of a network from its plain value."""
+    if name in PARTS:
+        if "first" in value or "second" in value:
+            raise ValueError(f"{name} is made of several networks itself")
+        return build_design(value)
     if name in STAGES:
         return _part(value, STAGES[name])
     if isinstance(value, bool):
