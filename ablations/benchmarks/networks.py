@@ -60,7 +60,8 @@ def subjects() -> Iterator[Subject]:
     with initialize_config_dir(str(conf), version_base="1.3"):
         for kind in NETWORKS:
             fusion = kinds[kind]
-            aligned, sized = ("${" + group in OmegaConf.to_yaml(files[fusion]) for group in ("alignment", "size"))
+            said = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
+            aligned, sized = ("${" + group in said for group in ("alignment", "size"))
             for alignment in ALIGNMENTS if aligned else ("-",):
                 for size in SIZES if sized else ("-",):
                     chosen = [f"{k}={v}" for k, v in (("alignment", alignment), ("size", size)) if v != "-"]

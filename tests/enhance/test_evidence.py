@@ -19,9 +19,13 @@ def test_colours_within_reach_stay_and_others_go_to_the_nearest() -> None:
 
 
 def test_what_is_not_visible_is_no_evidence() -> None:
-    render, photo = torch.full((1, 3, 4, 4), 0.5), torch.full((1, 1, 3, 4, 4), 0.8)
-    unseen = Views(render, photo, torch.zeros(1, 1, 1, 4, 4))
-    assert torch.equal(within_evidence(torch.ones_like(render), unseen), render)
+    render, photo = torch.full((2, 3, 4, 8), 0.5), torch.full((2, 1, 3, 4, 8), 0.8)
+    visibility = torch.zeros(2, 1, 1, 4, 8)
+    visibility[0, ..., 6:] = 1
+    kept = within_evidence(torch.ones_like(render), Views(render, photo, visibility))
+    assert torch.equal(kept[0, :, :, :5], render[0, :, :, :5])
+    assert bool((kept[0, :, :, 5:] == 0.8).all())
+    assert bool((kept[1] == 1).all())  # nothing shows any of it: as where there is no reference
 
 
 @pytest.mark.parametrize("window", [1, 3, 5, 9])

@@ -25,7 +25,10 @@ NULL = {"Identity", "Bicubic"}
 
 def small(name: str, **choices) -> Network:
     kind = NETWORKS[name]
-    network = kind() if name in NULL else kind(**SIZES, **choices)
+    if name == "Cascade":
+        network = kind(small("SSIFLR", **choices), small("SSIFSR", **choices))
+    else:
+        network = kind() if name in NULL else kind(**SIZES, **choices)
     assert isinstance(network, Network)
     return network.eval()
 
@@ -89,7 +92,12 @@ def learning(request) -> str:
 
 def with_choices(name: str, **choices) -> dict[str, object]:
     """Those of the choices that the network has."""
-    return {key: value for key, value in choices.items() if key in small(name).design}
+    return {key: value for key, value in choices.items() if key in parameters(small(name))}
+
+
+def parameters(network: Network) -> dict[str, object]:
+    """What the network, or the first of several, is built from."""
+    return {**network.design, **network.design.get("first", {})}
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (48, 16), (33, 17)])
@@ -215,7 +223,7 @@ def test_gradients_reach_offsets_masks_and_depth_separately(learning):
     network(views_for(network)).square().mean().backward()
     aligned = [module for module in network.modules() if isinstance(module, Deformation)]
     modulated = [module for module in network.modules() if isinstance(module, DepthModulation)]
-    assert bool(aligned) == bool(modulated) == ("refine" in network.design)
+    assert bool(aligned) == bool(modulated) == ("refine" in parameters(network))
     for module in aligned:
         moved = module.predict.weight.grad.abs().sum((1, 2, 3))
         split = 2 * module.groups * module.kernel**2

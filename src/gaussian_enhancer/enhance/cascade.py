@@ -55,6 +55,6 @@ class Cascade(Network):
     def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """The first network's image, then the second one's of all its scales."""
         enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
-        if self.evidence and views.references.shape[1]:
+        if self.evidence:
             enhanced = within_evidence(enhanced, views, self.evidence)
         return enhanced, *self.second.stages(dataclasses.replace(views, render=enhanced))

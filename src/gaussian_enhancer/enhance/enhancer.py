@@ -199,8 +199,8 @@ class Enhancer:
         if self.strength < 1:
             start = enlarged(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
-        shown = views.references.shape[1] > 0 and isinstance(self.preparation.warp, Reprojected)
-        if self.evidence and shown and self.network.scale == 1:
+        warped = isinstance(self.preparation.warp, Reprojected)
+        if self.evidence and warped and self.network.scale == 1:
             enhanced = within_evidence(enhanced, views, self.evidence)
         return enhanced.clamp(0, 1).cpu()
 

@@ -20,7 +20,7 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
     references. Photos that lie on the target's grid hold what an enhanced pixel may look like, give or take their
     misalignment; what lies outside is the network's invention, such as light in a shadow unlike any it was trained on.
     The neighbourhood clamp of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH 2014)
-    keeps a history within the frame in the same way.
+    keeps a history within the frame in the same way. Images of which no reference shows anything are left as they are.
 
     Args:
         image: enhanced, finite.
@@ -32,6 +32,9 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
     """
     check_window(window)
     hidden = views.visibility <= 0
+    shown = ~hidden.flatten(1).all(1)
+    if not bool(shown.any()):
+        return image
     kept = torch.empty_like(image)
     for channel in range(3):  # one by one, so that large images need little memory
         low = views.render[:, channel].clone()
@@ -44,7 +47,7 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
         for axis in (1, 2):
             low, high = _spread(low, axis, window // 2, torch.minimum), _spread(high, axis, window // 2, torch.maximum)
         kept[:, channel] = image[:, channel].clamp(low, high)
-    return kept
+    return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
 
 
 def check_window(window: int) -> None:
