@@ -116,11 +116,15 @@ def realism(session: nox.Session) -> None:
 
 WEIGHTS = (
     "+recipe=lr_long fusion=ssif_lr +card.name=lr_long",
-    "+recipe=lr_further fusion=ssif_lr label=lr_tiny +card.name=lr_tiny initial={lr_long}",
+    "+recipe=lr_further fusion=ssif_lr +card.name=lr_tiny initial={lr_long}",
     "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimiser.rate=1.5e-3 label=lr_base "
     "+card.name=lr_base",
-    "+recipe=ssif_sr size=base label=sr_base +card.name=sr_base",
-    "+recipe=ssif_sr size=tiny label=sr_tiny +card.name=sr_tiny",
+    "+recipe=sr_shipped size=tiny",
+    "+recipe=sr_cascade fusion=cascade size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_further} "
+    "initial.second={sr_shipped}",
+    "+recipe=ssif_sr size=base",
+    "+recipe=sr_cascade fusion=cascade size=base fusion.first.widths=[16,24,32] fusion.first.blocks=[1,1,2] "
+    "label=sr_base +card.name=sr_base initial.first={lr_further} initial.second={sr}",
     "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
