@@ -1,0 +1,43 @@
+import json
+import sys
+
+import pytest
+import ship
+import torch
+
+from gaussian_enhancer.enhance.cascade import Cascade
+from gaussian_enhancer.enhance.prepare import Preparation
+from gaussian_enhancer.enhance.ssif_lr import SSIFLR
+from gaussian_enhancer.enhance.ssif_sr import SSIFSR
+from gaussian_enhancer.enhance.weights import load_weights, save_weights
+from gaussian_enhancer.errors import InputError
+
+SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
+TEXTS = ["--helps", "much", "--harms", "little"]
+
+
+def run(monkeypatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["ship.py", *arguments, *TEXTS])
+    ship.main()
+
+
+def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, monkeypatch):
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    monkeypatch.setattr(ship, "SHIPPED", shipped)
+    torch.manual_seed(0)
+    first, second = SSIFLR(widths=(16, 8, 8), blocks=(1, 1, 1)), SSIFSR(**SMALL)
+    for name, network in (("lr", first), ("sr", second), ("both", Cascade(SSIFLR(**SMALL), second))):
+        save_weights(
+            tmp_path / f"{name}.safetensors", network, Preparation(fine=name != "lr"), {"run": name, "steps": 3}
+        )
+    run(monkeypatch, str(tmp_path / "both.safetensors"), "new", "--first", str(tmp_path / "lr.safetensors"))
+    found = load_weights(shipped / "new.safetensors")
+    assert isinstance(found.network, Cascade)
+    for name, value in first.state_dict().items():
+        assert torch.equal(found.network.first.state_dict()[name], value.half().float())
+    assert found.card["first"] == {"name": None, "run": "lr", "steps": 3}
+    assert found.card["run"] == "both"
+    assert json.loads((shipped / "new.json").read_text())["design"]["first"]["widths"] == [16, 8, 8]
+    with pytest.raises(InputError, match="SSIFSR"):
+        run(monkeypatch, str(tmp_path / "sr.safetensors"), "new", "--first", str(tmp_path / "lr.safetensors"))
