@@ -124,7 +124,7 @@ WEIGHTS = (
     "initial.second={sr_shipped}",
     "+recipe=ssif_sr size=base",
     "+recipe=sr_cascade fusion=cascade size=base fusion.first.widths=[16,24,32] fusion.first.blocks=[1,1,2] "
-    "label=sr_base +card.name=sr_base initial.first={lr_further} initial.second={sr}",
+    "trainer.max_steps=2000 label=sr_base +card.name=sr_base initial.first={lr_long} initial.second={sr}",
     "+recipe=lr_shipped fusion=ssif_lr label=lr_tiny +card.name=lr_tiny",
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
