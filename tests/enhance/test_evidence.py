@@ -67,3 +67,15 @@ def test_windows_without_a_middle_are_refused(window: int) -> None:
     render = noise(1, 3, 4, 4)
     with pytest.raises(InputError, match="odd"):
         within_evidence(render, Views(render, render[:, None], torch.ones(1, 1, 1, 4, 4)), window)
+
+
+def test_gradients_pass_where_the_limits_do_not_hold() -> None:
+    image, render = (
+        torch.tensor([0.2, 0.9]).expand(1, 3, 1, 2).clone(),
+        torch.tensor([0.0, 0.5]).expand(1, 3, 1, 2).clone(),
+    )
+    image.requires_grad_()
+    seen = Views(render.requires_grad_(), render[:, None].detach(), torch.ones(1, 1, 1, 1, 2))
+    within_evidence(image, seen, 3).sum().backward()
+    assert torch.equal(image.grad, torch.tensor([1.0, 0.0]).expand(1, 3, 1, 2))
+    assert render.grad is None

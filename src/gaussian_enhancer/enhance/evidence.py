@@ -6,7 +6,7 @@ Axes: b batch, h height, w width.
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
@@ -21,6 +21,7 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
     misalignment; what lies outside is the network's invention, such as light in a shadow unlike any it was trained on.
     The neighbourhood clamp of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH 2014)
     keeps a history within the frame in the same way. Images of which no reference shows anything are left as they are.
+    Limits are constants to a gradient.
 
     Args:
         image: enhanced, finite.
@@ -37,17 +38,25 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
         return image
     kept = torch.empty_like(image)
     for channel in range(3):  # one by one, so that large images need little memory
-        low = views.render[:, channel].clone()
-        high = low.clone()
-        for i in range(views.references.shape[1]):
-            photo = views.references[:, i, channel]
-            unseen = hidden[:, i, 0]
-            torch.minimum(low, photo.masked_fill(unseen, torch.inf), out=low)
-            torch.maximum(high, photo.masked_fill(unseen, -torch.inf), out=high)
-        for axis in (1, 2):
-            low, high = _spread(low, axis, window // 2, torch.minimum), _spread(high, axis, window // 2, torch.maximum)
+        low, high = _limits(views, hidden, channel, window // 2)
         kept[:, channel] = image[:, channel].clamp(low, high)
     return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
+
+
+@torch.no_grad()
+def _limits(
+    views: Views, hidden: Bool[Tensor, "b r 1 h w"], channel: int, reach: int
+) -> tuple[Float[Tensor, "b h w"], Float[Tensor, "b h w"]]:
+    """The least and the greatest value of a channel around each pixel."""
+    low = views.render[:, channel].clone()
+    high = low.clone()
+    for i in range(views.references.shape[1]):
+        photo, unseen = views.references[:, i, channel], hidden[:, i, 0]
+        torch.minimum(low, photo.masked_fill(unseen, torch.inf), out=low)
+        torch.maximum(high, photo.masked_fill(unseen, -torch.inf), out=high)
+    for axis in (1, 2):
+        low, high = _spread(low, axis, reach, torch.minimum), _spread(high, axis, reach, torch.maximum)
+    return low, high
 
 
 def check_window(window: int) -> None:
