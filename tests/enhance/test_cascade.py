@@ -4,6 +4,7 @@ import json
 import pytest
 import torch
 import torch.nn.functional as F
+from test_ssif_sr import views
 
 from gaussian_enhancer.enhance.cascade import Cascade
 from gaussian_enhancer.enhance.evidence import within_evidence
@@ -12,26 +13,8 @@ from gaussian_enhancer.enhance.ssif_lr import SSIFLR
 from gaussian_enhancer.enhance.ssif_sr import SSIFSR
 from gaussian_enhancer.enhance.weights import build_design, design_of, load_weights, save_weights
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Views
 
 SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
-
-
-def views(height: int = 16, width: int = 24, references: int = 2, fine: bool = True) -> Views:
-    generator = torch.Generator().manual_seed(0)
-
-    def rand(*shape):
-        return torch.rand(*shape, generator=generator)
-
-    return Views(
-        rand(1, 3, height, width),
-        rand(1, references, 3, height, width),
-        rand(1, references, 1, height, width),
-        1 + rand(1, 1, height, width),
-        rand(1, 1, height, width),
-        reference_renders=rand(1, references, 3, height, width),
-        fine_references=rand(1, references, 3, 4 * height, 4 * width) if fine else None,
-    )
 
 
 def moved(network):

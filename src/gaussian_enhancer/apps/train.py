@@ -37,7 +37,7 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = processes(cfg)
-    job = open_run(with_effect(cfg), "train", cfg.label)
+    job = open_run(_named(cfg), "train", cfg.label)
     with alone(job.folder):
         if job.done:
             print(f"trained already: {job.folder / 'weights.safetensors'}")
@@ -138,11 +138,8 @@ def _begun_with(cfg: DictConfig) -> dict[str, str]:
     initial = cfg.get("initial")
     if initial is None:
         return {}
-    return (
-        {str(name): str(one) for name, one in initial.items()}
-        if isinstance(initial, DictConfig)
-        else {"": str(initial)}
-    )
+    parts = initial if isinstance(initial, DictConfig) else {"": initial}
+    return {str(name): str(one) for name, one in parts.items()}
 
 
 def _told(cfg: DictConfig) -> dict[str, Any]:
@@ -181,7 +178,12 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     Raises:
         InputError: the weights to begin with cannot be read.
     """
-    same = alike(_without_idle(cfg))
+    return _named(_without_idle(cfg))
+
+
+def _named(cfg: DictConfig) -> DictConfig:
+    """The configuration that names the run of one without what has no effect."""
+    same = alike(cfg)
     digests = {name: checkpoint_digest(find_checkpoint(one)) for name, one in _begun_with(same).items()}
     if digests:  # what they hold, wherever they are
         same.initial = digests.get("", digests)
@@ -191,14 +193,13 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 def _without_idle(cfg: DictConfig) -> DictConfig:
     """The configuration without what has no effect, which is not built and does not make another run of the same.
 
-    That is the simulator with its gate and generator where nothing is simulated, and ``initial``
-    where nothing is given.
+    That is the simulator with its gate and generator where nothing is simulated, and ``initial`` where none is given.
     """
     without = copy.deepcopy(cfg)
     with open_dict(without):
         if without.get("initial") is None:
             without.pop("initial", None)
-        if without.data.get("simulated") == 0:  # missing: cut down already
+        if without.data.simulated == 0:
             for key in ("gate", "generator"):
                 without.pop(key)
             for key in ("simulator", "simulated", "training_views"):
