@@ -6,7 +6,7 @@ once a pixel has stopped and outside the image.
 
 import numpy as np
 
-from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, TILE, TRANSMITTANCE_MIN, inner
+from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, COVERED, TILE, TRANSMITTANCE_MIN, inner
 
 PIXELS = TILE * TILE
 EVERY = 8
@@ -15,6 +15,7 @@ ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.flo
 LARGEST_ALPHA = np.float32(ALPHA_MAX)
 LOG2_SMALLEST_ALPHA = np.float32(np.log2(ALPHA_MIN))
 SMALLEST_T = np.float32(TRANSMITTANCE_MIN)
+LEAST_OPACITY = np.float32(COVERED)
 # Where planes begin, as unsigned offsets: with signed ones Numba's wraparound would hinder vectorisation.
 P1, P2, P3, P4 = np.uint64(PIXELS), np.uint64(2 * PIXELS), np.uint64(3 * PIXELS), np.uint64(4 * PIXELS)
 P5, P6, P7, P8 = np.uint64(5 * PIXELS), np.uint64(6 * PIXELS), np.uint64(7 * PIXELS), np.uint64(8 * PIXELS)

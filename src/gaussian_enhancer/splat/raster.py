@@ -20,11 +20,12 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import COVERED, TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.compiled import TILE, exp2_nonpositive, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.planes import (
     EVERY,
     HALF,
     LARGEST_ALPHA,
+    LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
     P1,
@@ -46,8 +47,6 @@ from gaussian_enhancer.splat.tiles import TileLists
 
 GATHERED = 12
 """Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, |x|, |y|; h = dL/dalpha alpha."""
-
-_COVERED = np.float32(COVERED)
 
 
 class Splats(NamedTuple):
@@ -149,7 +148,7 @@ def _write(planes, left, top, background, colour, depth, alpha, median):  # type
             for c in range(3):
                 colour[c, top + j, left + i] = planes[(c + 1) * PIXELS + p] + T * background[c]
             alpha[0, top + j, left + i] = opacity
-            depth[0, top + j, left + i] = planes[4 * PIXELS + p] / opacity if opacity >= _COVERED else ZERO
+            depth[0, top + j, left + i] = planes[4 * PIXELS + p] / opacity if opacity >= LEAST_OPACITY else ZERO
             median[0, top + j, left + i] = planes[5 * PIXELS + p] if T <= HALF else ZERO
 
 
@@ -233,7 +232,7 @@ def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-un
             p, y, x = j * TILE + i, top + j, left + i
             opacity = image.alpha[0, y, x]
             by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
-            if opacity >= _COVERED:
+            if opacity >= LEAST_OPACITY:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
             for c in range(3):

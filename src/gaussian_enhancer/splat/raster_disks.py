@@ -18,11 +18,12 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import COVERED, TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.compiled import TILE, exp2_nonpositive, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.planes import (
     EVERY,
     HALF,
     LARGEST_ALPHA,
+    LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
     P1,
@@ -50,7 +51,6 @@ GATHERED = 20
 """Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
 log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute."""
 
-_COVERED = np.float32(COVERED)
 _HALF_LOG2_E = np.float32(0.5 * np.log2(np.e))
 _FAINT = np.float32(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize
 
@@ -175,7 +175,7 @@ def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def
             p, y, x = j * TILE + i, top + j, left + i
             T = abs(planes[p])
             opacity = ONE - T
-            covered = opacity >= _COVERED
+            covered = opacity >= LEAST_OPACITY
             for c in range(3):
                 colour[c, y, x] = planes[(c + 1) * PIXELS + p] + T * background[c]
                 summed[c, y, x] = planes[(c + 6) * PIXELS + p]
@@ -299,7 +299,7 @@ def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ign
             opacity = image.alpha[0, y, x]
             by_alpha, by_sum, total = alpha[0, y, x], ZERO, ZERO
             length = np.sqrt(image.summed[0, y, x] ** 2 + image.summed[1, y, x] ** 2 + image.summed[2, y, x] ** 2)
-            if opacity >= _COVERED:
+            if opacity >= LEAST_OPACITY:
                 by_sum = depth[0, y, x] / opacity
                 by_alpha -= by_sum * image.depth[0, y, x]
                 if length > _FAINT:
