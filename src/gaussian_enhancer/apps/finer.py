@@ -3,7 +3,8 @@
 Axes: h height, w width.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -13,7 +14,7 @@ from jaxtyping import Float
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from gaussian_enhancer.apps.build import build, plain
+from gaussian_enhancer.apps.build import plain
 from gaussian_enhancer.apps.run import digest_of
 from gaussian_enhancer.enhance.images import write_image
 from gaussian_enhancer.errors import InputError
@@ -21,8 +22,9 @@ from gaussian_enhancer.scene.finer import FINER, attach_fine_photos
 from gaussian_enhancer.scene.photos import read_header, read_photo
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
-SCENES = "gaussian_enhancer.scene."
+PROCEDURAL = "gaussian_enhancer.scene.procedural."
 
 
 class FinePhotos:
@@ -45,18 +47,11 @@ class FinePhotos:
         Raises:
             InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
         """
-        file = run / "config.yaml"
-        if not file.is_file():
-            raise InputError(run, "holds no config.yaml that names its scene", "give the scene with scene=")
-        content = OmegaConf.load(file)
-        scene = content.get("scene") if isinstance(content, DictConfig) else None
-        if not isinstance(scene, DictConfig):
-            raise InputError(file, "names no scene", "give a run that `fit` made")
-        finer = finer_config(scene)
+        finer = finer_values(read_scene_values(run / "config.yaml"))
         if not _is_procedural(finer):
-            return attach_fine_photos(rendered, build(finer))
-        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(plain(finer))}"
-        return _drawn(rendered, cache(lambda: build(finer)), folder)
+            return attach_fine_photos(rendered, scene_from_values(finer))
+        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(finer)}"
+        return _drawn(rendered, cache(lambda: scene_from_values(finer)), folder)
 
 
 def finer_config(scene: DictConfig) -> DictConfig:
@@ -66,35 +61,40 @@ def finer_config(scene: DictConfig) -> DictConfig:
         scene: configuration of a procedural scene or a capture.
 
     Raises:
-        InputError: the photos are not that large, or the configuration names something else than a scene.
+        InputError: the photos are not that large.
     """
-    values = plain(scene)
-    _check(values)
-    if _is_procedural(scene):
-        size = {"height": FINER * values.get("height", 192), "width": FINER * values.get("width", 256)}
-        return OmegaConf.create({**values, **size, "points": 0})
-    downscale = values.get("downscale", 1) / FINER
+    return OmegaConf.create(finer_values(plain(scene)))
+
+
+def finer_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The same of plain values.
+
+    Args:
+        values: of a procedural scene or a capture.
+
+    Raises:
+        InputError: the photos are not that large, or a size is no number.
+    """
+    if _is_procedural(values):
+        size = {"height": FINER * _number(values, "height", 192), "width": FINER * _number(values, "width", 256)}
+        return {**values, **size, "points": 0}
+    downscale = _number(values, "downscale", 1) / FINER
     if downscale < 1:
         received = f"is rendered at 1/{values.get('downscale', 1)} of its photos' size"
-        subject = values.get("path", values["_target_"])
+        subject = values.get("path", values.get("_target_"))
         raise InputError(subject, received, f"fit it with scene.downscale={FINER} or more, so that finer photos exist")
-    return OmegaConf.create({**values, "downscale": int(downscale) if downscale == int(downscale) else downscale})
+    return {**values, "downscale": int(downscale) if downscale == int(downscale) else downscale}
 
 
-def _check(values: Any) -> None:
-    """Refuse targets that are no scenes: a run's folder may come from elsewhere."""
-    if isinstance(values, dict):
-        target = values.get("_target_", SCENES)
-        if not str(target).startswith(SCENES):
-            raise InputError(
-                target, "is named by a run as a part of its scene", f"give runs whose scenes are {SCENES}*"
-            )
-        for value in values.values():
-            _check(value)
+def _number(values: Mapping[str, Any], name: str, default: int) -> int | float:
+    value = values.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"scene.{name}", f"is {value!r}", "give a number")
+    return value
 
 
-def _is_procedural(scene: DictConfig) -> bool:
-    return str(scene.get("_target_")).startswith(f"{SCENES}procedural.")
+def _is_procedural(values: Mapping[str, Any]) -> bool:
+    return str(values.get("_target_")).startswith(PROCEDURAL)
 
 
 def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:

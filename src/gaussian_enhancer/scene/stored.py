@@ -1,0 +1,109 @@
+"""Scenes from a configuration that lies on disk, which is data: a closed list of loaders, with typed values.
+
+A run's folder may come from a stranger. What its ``config.yaml`` names is therefore looked up in a table and never
+imported, and no value of it is built by a name that it gives.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError, validate_call
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.capture import open_capture
+from gaussian_enhancer.scene.colmap import load_colmap
+from gaussian_enhancer.scene.opensfm import load_opensfm
+from gaussian_enhancer.scene.procedural import procedural_scene
+from gaussian_enhancer.scene.published import load_published
+from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
+
+LARGEST = 2**20
+"""Bytes of a configuration file; a run's own is a few thousand."""
+
+LOADERS: Mapping[str, Callable[..., Scene]] = {
+    "gaussian_enhancer.scene.capture.open_capture": open_capture,
+    "gaussian_enhancer.scene.colmap.load_colmap": load_colmap,
+    "gaussian_enhancer.scene.opensfm.load_opensfm": load_opensfm,
+    "gaussian_enhancer.scene.procedural.procedural_scene": procedural_scene,
+    "gaussian_enhancer.scene.published.load_published": load_published,
+    "gaussian_enhancer.scene.transforms.load_nerf_synthetic": load_nerf_synthetic,
+    "gaussian_enhancer.scene.transforms.load_transforms": load_transforms,
+}
+"""Every loader that a configuration on disk may name."""
+
+_SPLIT = "gaussian_enhancer.scene.splits.Split"
+
+
+def read_scene_values(file: Path) -> dict[str, Any]:
+    """The values below ``scene`` in a run's ``config.yaml``, as plain data.
+
+    Args:
+        file: the run's configuration.
+
+    Raises:
+        InputError: the file is missing, too large, no YAML, or names no scene.
+    """
+    if not file.is_file():
+        raise InputError(file, "does not exist", "give a run that `fit` made, or the scene with scene=")
+    if file.stat().st_size > LARGEST:
+        raise InputError(file, f"has {file.stat().st_size} bytes", f"a run's configuration has at most {LARGEST}")
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        cause = " ".join(str(error).split())
+        raise InputError(file, f"is no YAML ({cause})", "give the run as `fit` wrote it") from None
+    scene = content.get("scene") if isinstance(content, dict) else None
+    if not isinstance(scene, dict):
+        raise InputError(file, "names no scene", "give a run that `fit` made")
+    return scene
+
+
+def scene_from_values(values: Mapping[str, Any]) -> Scene:
+    """Open the scene that plain values describe.
+
+    Args:
+        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, or a split.
+
+    Raises:
+        InputError: the loader is not in the list, an argument is unknown or of another type, or the loader refuses it.
+    """
+    name = values.get("_target_")
+    loader = LOADERS.get(name) if isinstance(name, str) else None
+    if loader is None:
+        known = ", ".join(sorted(one.rsplit(".", 1)[1] for one in LOADERS))
+        raise InputError("scene._target_", f"is {name!r} in a stored configuration", f"scenes are opened by {known}")
+    arguments = {str(key): _argument(str(key), value) for key, value in values.items() if key != "_target_"}
+    strict = validate_call(config=ConfigDict(strict=True, arbitrary_types_allowed=True))(loader)
+    try:
+        return strict(**arguments)
+    except ValidationError as error:
+        raise _refusal("scene", error) from None
+
+
+def _argument(name: str, value: Any) -> Any:
+    if name == "split" and value is not None:
+        return _split(value)
+    if name == "background" and isinstance(value, list):
+        return tuple(float(c) if isinstance(c, int) else c for c in value)
+    return value
+
+
+def _split(value: Any) -> Split:
+    if not isinstance(value, dict) or value.get("_target_", _SPLIT) != _SPLIT:
+        raise InputError("scene.split", f"is {value!r} in a stored configuration", f"a split is a mapping of {_SPLIT}")
+    try:
+        return TypeAdapter(Split).validate_python({k: v for k, v in value.items() if k != "_target_"}, strict=False)
+    except ValidationError as error:
+        raise _refusal("scene.split", error) from None
+
+
+def _refusal(subject: str, error: ValidationError) -> InputError:
+    """The first thing that pydantic refuses, in our words."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join([subject, *(str(part) for part in first["loc"])])
+    received = repr(first.get("input"))[:80]
+    return InputError(place, f"is {received}: {first['msg'].lower()}", "give the run as `fit` wrote it")
