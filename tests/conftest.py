@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from synthetic_runs import write_plane_run
+from support.synthetic_runs import write_plane_run
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -6,12 +6,12 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.checkpoint import checkpoint_digest
-from gaussian_enhancer.enhance.network import Network
-from gaussian_enhancer.enhance.prepare import Preparation
-from gaussian_enhancer.enhance.sif import SIF
-from gaussian_enhancer.enhance.weights import save_weights
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.sif import SIF
 
 
 def network(*widths: int) -> SIF:

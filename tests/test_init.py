@@ -1,17 +1,24 @@
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
 NAMES = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
-TELL = f"import os; import gaussian_enhancer; print(*(os.environ.get(name) for name in {NAMES}))"
+TELL = f"""
+import os, gaussian_enhancer
+from gaussian_enhancer.cli.main import let_idle_threads_sleep
+assert not os.environ.get("CLEAN") or not any(name in os.environ for name in {NAMES})
+let_idle_threads_sleep()
+print(*(os.environ.get(name) for name in {NAMES}))
+"""
 
 
 @pytest.mark.parametrize(
     ("given", "then"),
     [
-        ({}, "PASSIVE 10000"),
+        ({"CLEAN": "1"}, "PASSIVE 10000"),
         ({"GOMP_SPINCOUNT": "7"}, "PASSIVE 7"),
         ({"OMP_WAIT_POLICY": "ACTIVE"}, "ACTIVE None"),
     ],
@@ -20,3 +27,8 @@ def test_idle_threads_sleep_soon_unless_the_user_says_otherwise(given, then):
     environment = {name: value for name, value in os.environ.items() if name not in NAMES} | given
     ended = subprocess.run([sys.executable, "-c", TELL], env=environment, capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == then
+
+
+def test_the_module_is_the_command_line():
+    ended = subprocess.run([sys.executable, "-m", "gaussian_enhancer", "--version"], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout.strip()) == (0, version("gaussian-enhancer"))

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.objective.terms import dissimilarity
+from gaussian_enhancer.loss.terms import dissimilarity
 from gaussian_enhancer.ssim import RADIUS, gaussian, ssim_map, windowed
 
 

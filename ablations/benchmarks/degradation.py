@@ -25,12 +25,12 @@ import torch
 import torch.nn.functional as F
 from hydra import compose, initialize_config_dir
 from hydra.errors import HydraException
-from real_esrgan import SecondOrder
 
-from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.degrade.view import View
+from ablations.benchmarks.real_esrgan import SecondOrder
+from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.provenance import this_commit, this_machine
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.runs.instantiate import build
 
 Degradation = Callable[[View, torch.Generator], object]
 SIMULATORS = {

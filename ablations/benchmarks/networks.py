@@ -24,11 +24,11 @@ from omegaconf import OmegaConf
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.apps.cli import configurations
-from gaussian_enhancer.enhance.network import Network
-from gaussian_enhancer.enhance.weights import NETWORKS, count_parameters, design_of
-from gaussian_enhancer.measure.provenance import this_commit, this_machine
+from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_of
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.types import Views
 
 SIZES = ("tiny", "base", "large")

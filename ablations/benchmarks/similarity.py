@@ -15,8 +15,8 @@ from pathlib import Path
 import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
 import torch
 
-from gaussian_enhancer.measure.provenance import this_commit, this_machine
-from gaussian_enhancer.objective.terms import dissimilarity
+from gaussian_enhancer.loss.terms import dissimilarity
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
 
 

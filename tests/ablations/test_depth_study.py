@@ -1,9 +1,11 @@
 import dataclasses
 
-import depth as depth_study
 import pytest
 import torch
-from depth import (
+from test_sif import small
+
+from ablations.scripts import depth as depth_study
+from ablations.scripts.depth import (
     FAR,
     SEARCHED,
     Through,
@@ -16,13 +18,11 @@ from depth import (
     with_sky,
     world_of,
 )
-from test_sif import small
-
-from gaussian_enhancer.enhance.alignment import Aligned, Unwarped
-from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
+from gaussian_enhancer.align.alignment import Aligned, Unwarped
+from gaussian_enhancer.align.references import Pool, Preparation, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import identity_camera

@@ -3,17 +3,17 @@ from functools import partial
 
 import pytest
 import torch
-from flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table
 from test_sif import small
 
-from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.network import Network
-from gaussian_enhancer.enhance.prepare import Preparation
+from ablations.scripts.flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import read_records, write_records
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.metrics.records import read_records, write_records
+from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from synthetic_runs import plane_camera, plane_view
+from support.synthetic_runs import plane_camera, plane_view
 
 
 def same(value):

@@ -1,14 +1,14 @@
 import json
-from pathlib import Path
 
 import torch
-from benchmarks import networks
 from torch import nn
 
-from gaussian_enhancer.enhance.network import Network
-from gaussian_enhancer.enhance.weights import NETWORKS
+from ablations.benchmarks import networks
+from gaussian_enhancer.infer.weights import NETWORKS
+from gaussian_enhancer.network.network import Network
+from support import paths
 
-ROOT = Path(__file__).parents[2]
+ROOT = paths.ROOT
 
 
 class OneConvolution(Network):

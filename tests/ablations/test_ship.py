@@ -2,15 +2,15 @@ import json
 import sys
 
 import pytest
-import ship
 import torch
 
-from gaussian_enhancer.enhance.cascade import Cascade
-from gaussian_enhancer.enhance.prepare import Preparation
-from gaussian_enhancer.enhance.ssif_lr import SSIFLR
-from gaussian_enhancer.enhance.ssif_sr import SSIFSR
-from gaussian_enhancer.enhance.weights import load_weights, save_weights
+from ablations.scripts import ship
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import load_weights, save_weights
+from gaussian_enhancer.network.cascade import Cascade
+from gaussian_enhancer.network.ssif_lr import SSIFLR
+from gaussian_enhancer.network.ssif_sr import SSIFSR
 
 SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
 TEXTS = ["--helps", "much", "--harms", "little"]

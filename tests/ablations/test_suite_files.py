@@ -8,12 +8,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.apps.cells import composed
-from gaussian_enhancer.apps.rows import Runs
-from gaussian_enhancer.apps.suite import asked_names, experiment, known_names
+from ablations.suite.descriptions import asked_names, experiment, known_names
+from ablations.suite.evaluation import composed
+from ablations.suite.method_runs import Runs
+from gaussian_enhancer.runs.instantiate import build
+from support import paths
 
-ROOT = Path(__file__).parents[2]
+ROOT = paths.ROOT
 CONF = str(ROOT / "conf")
 NAMES = [name for group in known_names().values() for name in group]
 

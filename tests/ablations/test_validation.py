@@ -3,17 +3,15 @@
 import json
 import sys
 
-import candidates
-import guards
 import pytest
-import renders
 import torch
 from test_sif import small
 
-from gaussian_enhancer.enhance.alignment import Reprojected, Unwarped
-from gaussian_enhancer.enhance.prepare import Preparation
-from gaussian_enhancer.enhance.weights import Pretrained, save_weights
+from ablations.scripts import candidates, guards, renders
+from gaussian_enhancer.align.alignment import Reprojected, Unwarped
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import Pretrained, save_weights
 
 
 @pytest.fixture

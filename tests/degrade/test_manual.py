@@ -2,11 +2,11 @@ import pytest
 import torch
 
 from gaussian_enhancer.degrade import manual
-from gaussian_enhancer.degrade.draws import spawn
-from gaussian_enhancer.degrade.gate import TYPES, Step
+from gaussian_enhancer.degrade.artefacts.region import soft_region
+from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.gates.gate import TYPES, Step
 from gaussian_enhancer.degrade.manual import degrade
-from gaussian_enhancer.degrade.region import soft_region
-from gaussian_enhancer.degrade.view import View
 
 
 def halve(view, strength, generators):

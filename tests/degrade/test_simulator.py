@@ -1,11 +1,11 @@
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.draws import spawn
-from gaussian_enhancer.degrade.gate import TYPES, AllGate, NoGate, RandomGate
+from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.gates.gate import TYPES, AllGate, NoGate, RandomGate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.errors import InputError
 
 LIGHT = {name: name in ("blur", "noise", "cloudy", "floater") for name in TYPES}

@@ -3,9 +3,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from report_samples import NASTY, compared
 
 from gaussian_enhancer.report.compared import ComparedView
+from support.report_samples import NASTY, compared
 
 CHROMIUM, DRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
 FLAGS = (

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.report.collect import compared_views, provenance_of
 
 

@@ -5,12 +5,12 @@ from html.parser import HTMLParser
 
 import pytest
 import torch
-from report_samples import NASTY, REASON, compared
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.cards import pictured
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.page import document, write_report
+from support.report_samples import NASTY, REASON, compared
 
 VOID = {"meta", "link", "img", "input"}
 LOADING = {"src", "href", "srcset", "action", "poster", "data", "formaction", "background"}

@@ -3,11 +3,11 @@ import math
 import statistics
 
 import pytest
-from report_samples import compared
 
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.quantities import KNOWN, quantities
 from gaussian_enhancer.report.summary import measured, summarise, worst_view
+from support.report_samples import compared
 
 BY_KEY = {quantity.key: quantity for quantity in KNOWN}
 

@@ -1,10 +1,10 @@
 import io
 
-from report_samples import REASON, compared
 from rich.console import Console
 
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.terminal import comparison_table, reasons
+from support.report_samples import REASON, compared
 
 
 def printed(views: list[ComparedView], width: int = 80) -> str:

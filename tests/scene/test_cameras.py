@@ -2,12 +2,12 @@ import json
 
 import pytest
 import torch
-from captures_on_disk import write_colmap
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import read_cameras, write_cameras, write_scene_cameras
 from gaussian_enhancer.scene.colmap import load_colmap
 from gaussian_enhancer.scene.rendered import RenderedView
+from support.captures_on_disk import write_colmap
 
 
 @pytest.fixture

@@ -1,11 +1,11 @@
 import json
 
 import pytest
-from captures_on_disk import write_colmap, write_photos, write_transforms
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.splits import Split
+from support.captures_on_disk import write_colmap, write_photos, write_transforms
 
 
 def test_colmap_is_recognised(tmp_path):

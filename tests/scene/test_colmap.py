@@ -3,7 +3,12 @@ import pickle
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import (
+from PIL import Image
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.colmap import load_colmap
+from gaussian_enhancer.scene.splits import Split
+from support.captures_on_disk import (
     COUNT,
     CX,
     CY,
@@ -19,11 +24,6 @@ from captures_on_disk import (
     save,
     write_colmap,
 )
-from PIL import Image
-
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.colmap import load_colmap
-from gaussian_enhancer.scene.splits import Split
 
 HEAD = (FX, FY, CX, CY)
 

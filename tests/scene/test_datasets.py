@@ -1,15 +1,14 @@
 """Datasets as data: what conf/dataset states is complete, plausible and refused where it is not."""
 
-from pathlib import Path
-
 import pytest
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.datasets import dataset_of
 from gaussian_enhancer.scene.published import DATASETS, PYRAMID
+from support import paths
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = paths.ROOT / "conf"
 
 
 def values(name: str) -> dict:

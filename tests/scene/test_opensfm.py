@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import COUNT, DOT, HEIGHT, WIDTH, dot_centre, pose, write_photos
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.opensfm import load_opensfm, rotation_from_axis_angle
+from support.captures_on_disk import COUNT, DOT, HEIGHT, WIDTH, dot_centre, pose, write_photos
 
 FOCAL, K1, K2 = 1.1, -0.12, 0.03
 

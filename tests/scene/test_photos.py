@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import write_deep_png
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
@@ -15,6 +14,7 @@ from gaussian_enhancer.scene.photos import (
     read_photo,
     resize,
 )
+from support.captures_on_disk import write_deep_png
 
 
 def noise(*shape, top=256, dtype=np.uint8):

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import COUNT, HEIGHT, WIDTH, colmap_to_binary, dot_centre, write_colmap
 from PIL import Image
-from published_on_disk import write_pyramid, write_synthetic
 from test_colmap import predicted
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.pair import measure_pair
+from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.scene.masks import write_masks
 from gaussian_enhancer.scene.published import load_published, missing_parts
 from gaussian_enhancer.scene.splits import Split
+from support.captures_on_disk import COUNT, HEIGHT, WIDTH, colmap_to_binary, dot_centre, write_colmap
+from support.published_on_disk import write_pyramid, write_synthetic
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import pickle
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import COUNT, HEIGHT, WIDTH, save, write_colmap
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.colmap import load_colmap
 from gaussian_enhancer.scene.renders import read_folder, read_run, run_steps, write_scene_cameras
+from support.captures_on_disk import COUNT, HEIGHT, WIDTH, save, write_colmap
 
 
 def level(value):

@@ -26,7 +26,7 @@ def test_a_scene_is_opened_with_its_split() -> None:
 def hostile(mark: Path) -> list[dict[str, Any]]:
     """Configurations that wrote a file, or deleted one, before loaders were a closed list."""
     write = {"_target_": "pathlib.Path.write_text", "_args_": [{"_target_": "pathlib.Path", "_args_": [str(mark)]}, ""]}
-    copy = {"_target_": "gaussian_enhancer.scene.unpack.shutil.copyfile", "src": "/etc/hostname", "dst": str(mark)}
+    copy = {"_target_": "gaussian_enhancer.scene.extract.shutil.copyfile", "src": "/etc/hostname", "dst": str(mark)}
     load = {"_target_": "numpy.load", "file": str(mark), "allow_pickle": True}
     return [
         procedural(background=[write]),

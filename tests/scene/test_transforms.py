@@ -4,7 +4,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import (
+from PIL import Image
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
+from support.captures_on_disk import (
     COUNT,
     DOT,
     FX,
@@ -19,11 +24,6 @@ from captures_on_disk import (
     pose,
     write_transforms,
 )
-from PIL import Image
-
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.splits import Split
-from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
 
 
 def predicted(camera):

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 import torch
-from captures_on_disk import CX, CY, FX, FY, HEIGHT, WIDTH, dot_centre, dot_image, fisheye, opencv, pinhole
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.undistort import Lens, distort, ideal_pinhole, undistort
+from support.captures_on_disk import CX, CY, FX, FY, HEIGHT, WIDTH, dot_centre, dot_image, fisheye, opencv, pinhole
 
 HEAD = (FX, FY, CX, CY)
 LENSES = {

@@ -10,24 +10,25 @@ from pathlib import Path
 
 import pytest
 import torch
-from failing_processes import dies, refuses
 from hydra import compose, initialize_config_dir
 from safetensors.torch import load_file
 
-from gaussian_enhancer.apps.together import together
-from gaussian_enhancer.enhance.prepare import Preparation
-from gaussian_enhancer.enhance.sif import SIF
-from gaussian_enhancer.enhance.weights import save_weights
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import read_records
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate
+from gaussian_enhancer.train.processes import together
 from gaussian_enhancer.train.samples import prepare_samples
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
-from synthetic_runs import write_plane_run
+from support import paths
+from support.failing_processes import dies, refuses
+from support.synthetic_runs import write_plane_run
 
-CONF = str(Path(__file__).resolve().parents[2] / "conf")
+CONF = paths.CONF
 
 
 def configured(job: str, *overrides: str):
@@ -87,7 +88,7 @@ def test_strides_leave_nothing_out_and_nothing_twice():
 
 
 def test_two_processes_train_as_one_does(plane_run, three_views, tmp_path):
-    from gaussian_enhancer.apps.train import run
+    from gaussian_enhancer.cli.train import run
 
     gains, folders = [], []
     for name, more in (("one", []), ("two", ["trainer.devices=2", "trainer.strategy=ddp"])):
@@ -109,7 +110,7 @@ def test_two_processes_train_as_one_does(plane_run, three_views, tmp_path):
 
 
 def test_two_processes_enhance_as_one_does(three_views, tmp_path):
-    from gaussian_enhancer.apps.enhance import run
+    from gaussian_enhancer.cli.enhance import run
 
     torch.manual_seed(0)
     network = SIF((8, 8, 8), (1, 1, 1))
@@ -146,7 +147,7 @@ def test_a_process_that_fails_ends_the_others():
 def test_a_shared_training_that_was_killed_goes_on_alone(plane_run, three_views, tmp_path):
     words = [*options(plane_run, three_views, tmp_path), "trainer.max_steps=30", "save_every=5"]
     words += ["runtime.progress=false", "runtime.threads=1"]
-    command = [sys.executable, "-c", "from gaussian_enhancer.apps.cli import main; main()", "train", *words]
+    command = [sys.executable, "-c", "from gaussian_enhancer.cli.main import main; main()", "train", *words]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     shared = subprocess.Popen([*command, "trainer.devices=2"], env=environment, start_new_session=True)
     deadline = time.monotonic() + 400

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.diffuse import Sampler
-from gaussian_enhancer.degrade.generative import FactorDesign, FactorModel
+from gaussian_enhancer.degrade.generative.diffusion import Sampler
+from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.generator import DiffusedModule, GeneratorLoss, PairedModule
 from gaussian_enhancer.train.module import Optimiser

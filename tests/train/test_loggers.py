@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_dir
 from PIL import Image
-from wandb_log import history, records
 
-from gaussian_enhancer.apps.run import effective, run_digest
-from gaussian_enhancer.apps.train import run, with_effect
+from gaussian_enhancer.cli.train import run, with_effect
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.run import effective, run_digest
 from gaussian_enhancer.train.loggers import LastingCSV
+from support import paths
+from support.wandb_log import history, records
 
-CONF = str(Path(__file__).resolve().parents[2] / "conf")
+CONF = paths.CONF
 SMALL = (
     "size=tiny",
     "fusion.widths=[8,8,8]",

@@ -6,18 +6,18 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
-from gaussian_enhancer.enhance.alignment import Unwarped
-from gaussian_enhancer.enhance.prepare import Pool, Preparation, join, read_target
-from gaussian_enhancer.enhance.weights import preparation_of
+from gaussian_enhancer.align.alignment import Unwarped
+from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.finer import attach_fine_photos
+from gaussian_enhancer.infer.weights import preparation_of
+from gaussian_enhancer.scene.high_resolution import attach_fine_photos
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import Collate, Crops
 from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.samples import EACH, FIXED, batch_of, prepare_samples
-from synthetic_runs import write_plane_run
+from support.synthetic_runs import write_plane_run
 
 
 def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):

@@ -3,9 +3,9 @@ import dataclasses
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.gate import NoGate, Step
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.degrade.gates.gate import NoGate, Step
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.augment import Augmentation

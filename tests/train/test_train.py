@@ -10,20 +10,21 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from gaussian_enhancer.apps.build import build
-from gaussian_enhancer.apps.run import effective
-from gaussian_enhancer.apps.train import _network, with_effect
 from gaussian_enhancer.checkpoint import find_checkpoint
+from gaussian_enhancer.cli.train import _network, with_effect
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
-from gaussian_enhancer.enhance.enhancer import Enhancer
-from gaussian_enhancer.enhance.weights import load_weights
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.run import effective
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
 from gaussian_enhancer.train.data import RunsData, find_runs
 from gaussian_enhancer.train.module import Optimiser, psnr
+from support import paths
 
-CONF = str(Path(__file__).resolve().parents[2] / "conf")
+CONF = paths.CONF
 
 
 def configured(*overrides: str):
@@ -53,7 +54,7 @@ def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[st
 
 @pytest.mark.parametrize("alignment", ["none", "deformable", "reprojected", "reprojected_deformable"])
 def test_every_alignment_trains_and_its_weights_enhance(alignment, plane_run, other_plane_run, tmp_path):
-    from gaussian_enhancer.apps.train import run
+    from gaussian_enhancer.cli.train import run
 
     options = settings(plane_run, other_plane_run, tmp_path, f"alignment={alignment}")
     gain = run(configured(*options))
@@ -141,7 +142,7 @@ def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
 
 
 def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, other_plane_run, tmp_path):
-    from gaussian_enhancer.apps.train import run
+    from gaussian_enhancer.cli.train import run
 
     begun = load_weights("lr_tiny")
     begin = ["fusion=ssif_lr", "fusion.widths=[16,24,32]", "initial=lr_tiny"]
@@ -174,7 +175,7 @@ def test_parts_begin_with_weights_of_their_own():
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):
-    from gaussian_enhancer.apps.train import run
+    from gaussian_enhancer.cli.train import run
 
     others = ["data.simulated=1.0", "data.training_views=true", "gate=random"]
     run(configured(*settings(plane_run, other_plane_run, tmp_path, *others)))
@@ -194,7 +195,7 @@ def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
     options = settings(
         plane_run, other_plane_run, tmp_path, "trainer.max_steps=40", "save_every=5", "data.steps_per_epoch=20"
     )
-    command = [sys.executable, "-c", "from gaussian_enhancer.apps.cli import main; main()", "train", *options]
+    command = [sys.executable, "-c", "from gaussian_enhancer.cli.main import main; main()", "train", *options]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 400

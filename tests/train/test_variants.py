@@ -1,13 +1,12 @@
 """The paper's five variants compose with the recipes and build what they name."""
 
-from pathlib import Path
-
 import pytest
 from hydra import compose, initialize_config_dir
 
-from gaussian_enhancer.apps.build import build
+from gaussian_enhancer.runs.instantiate import build
+from support import paths
 
-CONF = str(Path(__file__).parents[2] / "conf")
+CONF = paths.CONF
 
 
 @pytest.mark.parametrize(

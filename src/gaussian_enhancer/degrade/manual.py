@@ -7,20 +7,20 @@ from collections.abc import Mapping, Sequence
 
 import torch
 
-from gaussian_enhancer.degrade.banding import banding
-from gaussian_enhancer.degrade.blur import blur
-from gaussian_enhancer.degrade.cloudy import cloudy
-from gaussian_enhancer.degrade.colour import colour
-from gaussian_enhancer.degrade.displacement import displacement
-from gaussian_enhancer.degrade.floater import floater
-from gaussian_enhancer.degrade.gate import Step
-from gaussian_enhancer.degrade.jpeg import jpeg
-from gaussian_enhancer.degrade.needle import needle
-from gaussian_enhancer.degrade.noise import noise
-from gaussian_enhancer.degrade.region import soft_region, within
-from gaussian_enhancer.degrade.resampling import downsampling
-from gaussian_enhancer.degrade.sensor import sensor
-from gaussian_enhancer.degrade.view import Artefact, View
+from gaussian_enhancer.degrade.artefacts.banding import banding
+from gaussian_enhancer.degrade.artefacts.blur import blur
+from gaussian_enhancer.degrade.artefacts.cloudy import cloudy
+from gaussian_enhancer.degrade.artefacts.colour import colour
+from gaussian_enhancer.degrade.artefacts.displacement import displacement
+from gaussian_enhancer.degrade.artefacts.floater import floater
+from gaussian_enhancer.degrade.artefacts.jpeg import jpeg
+from gaussian_enhancer.degrade.artefacts.needle import needle
+from gaussian_enhancer.degrade.artefacts.noise import noise
+from gaussian_enhancer.degrade.artefacts.region import soft_region, within
+from gaussian_enhancer.degrade.artefacts.resampling import downsampling
+from gaussian_enhancer.degrade.artefacts.sensor import sensor
+from gaussian_enhancer.degrade.artefacts.view import Artefact, View
+from gaussian_enhancer.degrade.gates.gate import Step
 
 ARTEFACTS: Mapping[str, Artefact] = {
     "blur": blur,

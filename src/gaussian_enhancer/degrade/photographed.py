@@ -10,7 +10,7 @@ from pathlib import Path
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.view import View
+from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.photos import read_header

@@ -10,10 +10,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.draws import spawn
-from gaussian_enhancer.degrade.gate import Gate
+from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.gates.gate import Gate
 from gaussian_enhancer.degrade.manual import degrade
-from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import quantised
 

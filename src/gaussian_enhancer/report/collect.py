@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.scene.photos import list_images, read_photo
 

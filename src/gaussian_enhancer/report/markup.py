@@ -9,6 +9,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+PACKAGE = "gaussian_enhancer.report"
+
 
 class Markup(str):
     """A string that is HTML already."""
@@ -54,14 +56,17 @@ def joined(*parts: str) -> Markup:
     return Markup("".join(escaped(part) for part in parts))
 
 
-def fill(template: str, values: Mapping[str, str]) -> Markup:
-    """A template of this package with its ``$names`` replaced; text among the values is escaped.
+def fill(template: str, values: Mapping[str, str], package: str = PACKAGE) -> Markup:
+    """A template of a package with its ``$names`` replaced; text among the values is escaped.
 
     Args:
-        template: file name in ``report/templates``.
+        template: file name in the package's folder ``templates``.
         values: exactly the names that the template asks for.
+        package: whose template it is.
     """
-    return Markup(Template(resource(template)).substitute({key: escaped(value) for key, value in values.items()}))
+    return Markup(
+        Template(resource(template, package)).substitute({key: escaped(value) for key, value in values.items()})
+    )
 
 
 def head(title: str, style: str, policy: str) -> Markup:
@@ -93,6 +98,6 @@ def _finite(value: Any) -> Any:
 
 
 @cache
-def resource(name: str) -> str:
-    """The text of a file in ``report/templates``, as it was packaged."""
-    return files("gaussian_enhancer.report").joinpath("templates", name).read_text(encoding="utf-8")
+def resource(name: str, package: str = PACKAGE) -> str:
+    """The text of a file in a package's folder ``templates``."""
+    return files(package).joinpath("templates", name).read_text(encoding="utf-8")

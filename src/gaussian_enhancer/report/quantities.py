@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from gaussian_enhancer.measure.records import HIGHER_IS_BETTER
+from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 
 @dataclass(frozen=True)

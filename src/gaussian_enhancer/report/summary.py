@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaussian_enhancer.measure.compare import Comparison, Pair, compare
-from gaussian_enhancer.measure.records import Record
+from gaussian_enhancer.metrics.comparison import Comparison, Pair, compare
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.quantities import DECIDING, Quantity, quantities
 

@@ -13,7 +13,7 @@ from typing import Literal
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import ListedCamera, read_cameras, write_cameras, write_scene_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
-from gaussian_enhancer.scene.finer import FINER, is_finer
+from gaussian_enhancer.scene.high_resolution import FINER, is_finer
 from gaussian_enhancer.scene.photos import list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView

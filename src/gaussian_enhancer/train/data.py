@@ -9,14 +9,14 @@ from typing import Any
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
+from gaussian_enhancer.align.references import Preparation
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
-from gaussian_enhancer.train.dropped import BAD_SHARE, refuse_bad
+from gaussian_enhancer.train.non_finite import BAD_SHARE, refuse_bad
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
 from gaussian_enhancer.train.simulated import Simulation

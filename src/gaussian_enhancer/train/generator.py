@@ -12,13 +12,13 @@ import torch.nn.functional as F
 from lightning import LightningModule
 from torch import Tensor
 
-from gaussian_enhancer.degrade.diffuse import Sampler
-from gaussian_enhancer.degrade.draws import spawn
-from gaussian_enhancer.degrade.factors import Factors
-from gaussian_enhancer.degrade.generative import SCHEDULES, FactorModel
-from gaussian_enhancer.degrade.texture import texture_difference
+from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.generative.diffusion import Sampler
+from gaussian_enhancer.degrade.generative.factors import Factors
+from gaussian_enhancer.degrade.generative.second_stage import SCHEDULES, FactorModel
+from gaussian_enhancer.degrade.generative.texture import texture_difference
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.train.average import follow
+from gaussian_enhancer.train.ema import follow
 from gaussian_enhancer.train.module import Optimiser
 from gaussian_enhancer.types import Batch
 

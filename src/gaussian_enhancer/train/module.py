@@ -11,13 +11,13 @@ import torch.nn.functional as F
 from lightning import LightningModule
 from torch import Tensor
 
-from gaussian_enhancer.enhance.network import Network
-from gaussian_enhancer.enhance.pyramid import enlarged
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.objective.objective import Objective
+from gaussian_enhancer.loss.weighted_sum import Objective
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.pyramid import enlarged
 from gaussian_enhancer.ssim import ssim_map
-from gaussian_enhancer.train.average import follow
-from gaussian_enhancer.train.dropped import BAD_SHARE, Dropped, emptied, finite_samples
+from gaussian_enhancer.train.ema import follow
+from gaussian_enhancer.train.non_finite import BAD_SHARE, Dropped, emptied, finite_samples
 from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch, precise, quantised
 

@@ -22,12 +22,12 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from gaussian_enhancer.enhance.alignment import Aligned
-from gaussian_enhancer.enhance.modulate import depth_unit, normalised_inverse_depth
-from gaussian_enhancer.enhance.prepare import Pool, Preparation, read_target
-from gaussian_enhancer.enhance.weights import preparation_of
+from gaussian_enhancer.align.alignment import Aligned
+from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.align.references import Pool, Preparation, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
+from gaussian_enhancer.infer.weights import preparation_of
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, Views

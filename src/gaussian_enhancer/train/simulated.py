@@ -11,9 +11,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from gaussian_enhancer.degrade.draws import spawn
+from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.degrade.view import View
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.samples import Sample
 from gaussian_enhancer.types import Batch

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable
 
-from gaussian_enhancer.scene.procedural import print as printed
+from gaussian_enhancer.scene.procedural import printed_textures as printed
 from gaussian_enhancer.scene.procedural import textures
 from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.noise import earthy, green, muted

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.procedural import shade
+from gaussian_enhancer.scene.procedural.baking import bake_world
 from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.indoor import draft_indoor
 from gaussian_enhancer.scene.procedural.light import look_at
@@ -21,7 +22,7 @@ from gaussian_enhancer.scene.procedural.raster import SampleGrid
 from gaussian_enhancer.scene.procedural.recent import Recent
 from gaussian_enhancer.scene.procedural.single import draft_object
 from gaussian_enhancer.scene.procedural.unbounded import draft_unbounded
-from gaussian_enhancer.scene.procedural.world import World, bake_world
+from gaussian_enhancer.scene.procedural.world import World
 from gaussian_enhancer.scene.scene import Photo, Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.types import Camera

@@ -1,0 +1,1 @@
+"""One short file a job of the lab."""

@@ -1,0 +1,64 @@
+"""``gaussian-enhancer dashboard``: the suite's results as a page to click through, from descriptions and records."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from yaml import YAMLError  # type: ignore[import-untyped]
+
+from ablations.jobs.leaving_out import aims_of
+from ablations.report.dashboard.folder import all_records, read_folder
+from ablations.report.dashboard.page import write_dashboard
+from ablations.report.dashboard.pictures import Pictures, copy_pictures
+from ablations.report.dashboard.runs import source_runs
+from ablations.report.dashboard.studies import read_study
+from ablations.suite.evaluation import composed
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import require
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Write ``dashboard.html`` and its pictures.
+
+    Args:
+        cfg: see ``conf/dashboard.yaml``.
+
+    Raises:
+        InputError: the folder holds no table, a file in it is damaged, or the output cannot be written.
+    """
+    require(cfg)
+    folder, runs = Path(cfg.folder), Path(cfg.runs)
+    output = Path(cfg.output or runs / "dashboard")
+    listed = read_folder(folder)
+    sources = source_runs(runs, all_records(listed), configuration)
+    views = int(cfg.images_per_scene)
+    pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
+    title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
+    path = output / "dashboard.html"
+    aims = aims_of(composed("leaving_out", cfg, ()))
+    studies = [
+        read_study(str(name), Path(one.records), Path(one.diagrams), output, aims) for name, one in cfg.studies.items()
+    ]
+    write_dashboard(path, title, listed, sources, pictures, studies)
+    absent = sum(bool(source.absent) for source in sources)
+    counts = f"{len(listed)} tables, {len(all_records(listed))} records, {len(pictures.shown)} views with pictures"
+    counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""
+    Console(stderr=True).print(f"{path}: {counts}", highlight=False, soft_wrap=True)
+    return None
+
+
+def configuration(path: Path) -> Mapping[str, Any]:
+    """A run's resolved configuration.
+
+    Raises:
+        InputError: the file is no configuration.
+    """
+    try:
+        values = OmegaConf.to_container(OmegaConf.load(path))
+    except (OSError, ValueError, YAMLError) as error:
+        raise InputError(path, f"cannot be read ({str(error).splitlines()[0]})", "run the job again") from error
+    if not isinstance(values, dict):
+        raise InputError(path, "is no configuration", "run the job again")
+    return {str(key): value for key, value in values.items()}

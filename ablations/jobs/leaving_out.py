@@ -1,0 +1,186 @@
+"""``gaussian-enhancer leaving_out``: what the plan leaves out of each scene, what that saves, what it costs.
+
+Every plan enhances the same views in the same process, in turn, as the job enhance does: files are read and checked,
+the plan is made, references are warped, the network runs. Writing images is left aside.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+
+from ablations.report.plan_study import KIND, RATIOS, Aims, Section, leaving_out_page
+from ablations.report.plan_study_figure import diagram
+from ablations.suite.evaluation import StudyCell, composed, fitted_cell
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.infer.plan import Plan, Rules
+from gaussian_enhancer.infer.preload import file_reads
+from gaussian_enhancer.infer.validated_inputs import suited
+from gaussian_enhancer.infer.weights import Pretrained, load_weights
+from gaussian_enhancer.metrics.backbones import with_backbones
+from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
+from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.renders import read_run
+
+WORLDS = {
+    "test": "Scenes that nothing was chosen by",
+    "training": "Training worlds, by which the thresholds were chosen",
+}
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a plan made of a scene's views.
+
+    Args:
+        plan: the plan, with the decision of every view.
+        images: the enhanced views.
+    """
+
+    plan: Plan
+    images: tuple[Enhanced, ...]
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Measure every plan on every scene and write records, diagram and page; or write the page again.
+
+    Args:
+        cfg: see ``conf/leaving_out.yaml``.
+
+    Returns:
+        How many times faster the shown plan is than the baseline, least over the scenes; None where none was measured.
+
+    Raises:
+        InputError: the configuration names an unknown plan, or a file cannot be read or written.
+    """
+    cfg = with_backbones(cfg)
+    require(cfg)
+    console = Console(stderr=True)
+    for name in (cfg.baseline, cfg.shown):
+        if name not in cfg.worlds.plans:
+            raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")
+    results = Path(cfg.results)
+    if not cfg.records_only:
+        records = [record for name in cfg.worlds.cells for record in _cell(cfg, str(name), console)]
+        write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
+    aims = aims_of(cfg)
+    files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
+    sections = [
+        Section(title, name, read_records(files[name]) if files[name].is_file() else (), aims)
+        for name, title in WORLDS.items()
+    ]
+    page, drawing = Path(cfg.markdown), results / "leaving_out.svg"
+    write_text(drawing, diagram(sections[0]))
+    tried = results / "already_good.jsonl"
+    good = read_records(tried) if tried.is_file() else ()
+    write_text(page, leaving_out_page(cfg.title, cfg.about, sections, good, drawing, page))
+    console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
+    ratios = [cell.ratio for cell in sections[0].cells() if cell.ratio is not None]
+    return min(ratios, default=None)
+
+
+def aims_of(cfg: DictConfig) -> Aims:
+    """What the shown plan is held to; see ``conf/leaving_out.yaml``."""
+    return Aims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
+
+
+def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> Done:
+    """Enhance a set's views as the job enhance does, by one set of rules.
+
+    Args:
+        rules: what may be left out.
+        pretrained: the network with its preparation.
+        rendered: targets, whose depth is the surface's, and references.
+        device: where the network runs.
+    """
+    found = suited(rendered, pretrained.preparation, rules, pretrained.network.scale)
+    enhancer = Enhancer(pretrained.network, found.preparation, device, strength=pretrained.strength)
+    planner = found.planner(rules)
+    for read in file_reads(found, False, planner, False):
+        read()
+    images = tuple(enhancer(found.rendered, planner, found.pool))
+    views = tuple(one.plan for one in images if one.plan is not None)
+    return Done(Plan(rendered.name, rules, found.parts, views), images)
+
+
+def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
+    """The records of one scene, or the one that says why there are none."""
+    choice = cfg.worlds.cells[name]
+    splat = "3dgs/sparse"
+    console.print(f"{cfg.worlds.name}: {name}", highlight=False)
+    try:
+        cell = StudyCell(name, splat, (*choice.fit, *cfg.worlds.fit), choice.every)
+        yield from _measured(cfg, cell, bool(choice.get("background")))
+    except InputError as error:
+        console.print(f"{name} is missing: {error}", highlight=False, soft_wrap=True)
+        yield Record(MISSING, "", name, splat, "", cfg.baseline, {}, {"row": str(error)})
+
+
+def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Record]:
+    fit = fitted_cell(cfg, cell)
+    rendered = read_run(fit)
+    rendered = replace(rendered, targets=rendered.targets[:: cell.every])
+    device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
+    rules = {str(name): build(composed("enhance", cfg, words).plan) for name, words in cfg.worlds.plans.items()}
+    done: dict[str, Done] = {}
+
+    def enhance(name: str) -> None:
+        done[name] = enhanced_by(rules[name], pretrained, rendered, device)
+
+    calls: dict[str, Callable[[], object]] = {name: partial(enhance, name) for name in rules}
+    times = timed(calls, cfg.repeats, 1, device)
+    alone = replace(rendered, targets=rendered.targets[:1])
+    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    for name, one in done.items():
+        peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
+        record = _scene_record(fit.name, cell, name, one, times[name], peak, background)
+        ratios = dict(zip(RATIOS, times[name].times_faster(times[cfg.baseline]), strict=True))
+        yield replace(record, metrics={**record.metrics, **ratios})
+        for record in _view_records(rendered, one, distances):
+            yield replace(record, run=fit.name, scene=cell.scene, splat=cell.splat, variant=name)
+
+
+def _scene_record(
+    fit: str, cell: StudyCell, name: str, one: Done, timing: Timing, peak: int, background: bool
+) -> Record:
+    """Time, memory and what was left out of a scene."""
+    views, count = one.plan.views, len(one.images)
+    left = [share for view in views for share in view.left_out.values()]
+    metrics: dict[str, float | None] = {
+        "milliseconds": timing.milliseconds / count,
+        "milliseconds_deviation": timing.deviation / count,
+        "peak_memory_mb": peak / 1e6,
+        "views": count,
+        "background": float(background),
+        "passed": one.plan.passed,
+        "candidates_taken": sum(len(view.references or ()) for view in views),
+        "candidates_left_out": len(left),
+        "candidates_unseeing": sum(share < one.plan.rules.share for share in left),
+    }
+    metrics |= {f"part {part.name}": float(part.used) for part in one.plan.parts}
+    reasons = {f"part {part.name}": part.why for part in one.plan.parts}
+    height, width = one.images[0].image.shape[-2:]
+    rounds = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views"
+    how = f"{rounds}, median; times faster: median of the repeats' own ratios"
+    return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), how)
+
+
+def _view_records(rendered: RenderedSet, one: Done, distances: list[PerceptualDistance]) -> Iterator[Record]:
+    """Error of every view against its photo."""
+    for view, image in zip(rendered.targets, one.images, strict=True):
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to be measured against", "give a run with its photos")
+        found = measure_pair(image.image, view.read_photo(), distances)
+        height, width = image.image.shape[-2:]
+        yield Record("quality", "", "", "", view.name, "", found.metrics, found.reasons, (width, height), PROTOCOL)

@@ -1,0 +1,141 @@
+"""``gaussian-enhancer tables``: any table, figure or study, from nothing to its reports, by one command.
+
+Fits, trainings and measurements are runs of their own, made where they are missing and shared by all tables: a killed
+job goes on where it stopped. The table's description and records are written together; reports come from these alone.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+
+from ablations.records.description import Dataset, read_description, write_description
+from ablations.report.grids import PHOTO, write_grid
+from ablations.report.tables import summary_page, write_reports
+from ablations.suite.costs import cost_records
+from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
+from ablations.suite.evaluation import StudyCell
+from ablations.suite.method_runs import Runs
+from ablations.suite.plan import planned, told
+from ablations.suite.workers import made_ahead
+from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.backbones import with_backbones
+from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.runs.instantiate import require
+
+
+def run(cfg: DictConfig) -> None:
+    """Make tables, or tell what making them takes.
+
+    Args:
+        cfg: conf/tables.yaml, composed.
+
+    Raises:
+        InputError: a name is unknown, a record was damaged, or a file cannot be read or written.
+    """
+    cfg = with_backbones(cfg)
+    require(cfg)
+    experiments = [experiment(name, cfg.scale) for name in asked_names(cfg.table)]
+    if cfg.dry_run:
+        print(told(planned(cfg, experiments)))
+        return
+    console, folder, runs = Console(stderr=True), Path(cfg.results) / cfg.scale.name, Runs(cfg)
+    if not cfg.records_only:
+        runs.failures |= made_ahead(cfg, experiments, console)
+    for one in experiments:
+        console.rule(f"{one.table.name}: {one.table.title}", align="left")
+        if not cfg.records_only:
+            found = list(made(runs, one, console))
+            write_description(folder / f"{one.table.name}.json", one.table)
+            write_records(folder / f"{one.table.name}.jsonl", found)
+            if one.table.kind == "images":
+                draw(runs, one, found, folder)
+        report(folder, one.table.name, console)
+    index(folder)
+
+
+def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
+    """The records of a table; a row that cannot be made in a cell leaves a record with the reason."""
+    if one.table.kind == "cost":
+        yield from cost_records(runs, one, console)
+        return
+    for number, cell in enumerate(one.cells, 1):
+        console.print(f"{number} of {len(one.cells)}: {cell.scene}, {cell.splat}", highlight=False)
+        views: dict[str, tuple[str, ...]] = {}
+        for row in one.table.rows:
+            for seed in one.seeds(row):
+                found = _row(runs, one, cell, row, seed, console)
+                if found[0].kind != MISSING:
+                    views[f"{row}, seed {seed}"] = tuple(sorted(record.view for record in found))
+                yield from found
+        if len(set(views.values())) > 1:
+            raise RuntimeError(
+                f"{cell.scene}, {cell.splat}: rows were measured on different views ({', '.join(views)})"
+            )
+
+
+def _row(
+    runs: Runs, one: Experiment, cell: StudyCell, row: str, seed: int | None, console: Console
+) -> tuple[Record, ...]:
+    """A row's records in a cell, or the one that says why there are none; damaged records are refused."""
+    try:
+        runs.make(one, cell, row, seed)
+    except (
+        Exception
+    ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
+        reason = reason_of(error)
+        console.print(f"{row} is missing: {reason}", highlight=False, soft_wrap=True)
+        if not isinstance(error, InputError):
+            console.print_exception()
+        return (Record(MISSING, "", cell.scene, cell.splat, "", row, {}, {"row": reason}, seed=seed),)
+    return runs.records(one, cell, row, seed)
+
+
+def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -> None:
+    """Write a figure's grid, a line for each scene and splat: the first view that was measured of it.
+
+    Args:
+        runs: the suite's.
+        one: the figure.
+        records: its records; what they lack is a grey tile.
+        folder: where it is written, as ``NAME.png``.
+    """
+    pictures: dict[tuple[str, str], Path] = {}
+    lines: list[str] = []
+    for cell in one.cells:
+        lines.append(f"{cell.scene}, {cell.splat}")
+        for row in one.table.rows:
+            own = [r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, row) and r.view]
+            if own:
+                images, photos = runs.images(one, cell, row, one.seeds(row)[0])
+                found = {row: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
+                pictures |= {(lines[-1], key): path for key, path in found.items() if path and path.is_file()}
+    if pictures:
+        shown = replace(one.table, datasets={"all": Dataset("", tuple(lines))})
+        write_grid(folder / f"{one.table.name}.png", shown, pictures)
+
+
+def index(folder: Path) -> None:
+    """Write the index of all tables of a scale that are there.
+
+    Raises:
+        InputError: one of them was damaged.
+    """
+    names = [name for group in known_names().values() for name in group]
+    there = [name for name in names if all((folder / f"{name}{end}").is_file() for end in (".json", ".jsonl"))]
+    found = [(read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")) for name in there]
+    write_text(folder / "README.md", summary_page(found))
+
+
+def report(folder: Path, name: str, console: Console) -> None:
+    """Write a table's reports from its description and records.
+
+    Raises:
+        InputError: they are missing or damaged.
+    """
+    table, records = read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")
+    for path in write_reports(folder, table, records):
+        console.print(str(path), highlight=False, soft_wrap=True)

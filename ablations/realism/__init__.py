@@ -1,0 +1,1 @@
+"""How close simulated renders are to real ones."""

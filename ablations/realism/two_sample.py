@@ -1,0 +1,238 @@
+"""Can a classifier tell simulated renders from real ones? A two-sample test on patches.
+
+A small network is trained on patches of some scenes and judged on others. At 50% it has found no difference; the
+further above, the plainer the simulator shows. After Lopez-Paz and Oquab, Revisiting classifier two-sample tests, ICLR
+2017; here the interval comes from resampling views, since patches of one view are no independent samples.
+Axes: n places, k some of them, m patches (simulated and real ones of every place), c channels, s side of a patch.
+"""
+
+import copy
+import itertools
+import statistics
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor, nn
+from torch.nn.utils import skip_init
+
+from ablations.realism.patches import Patches
+from gaussian_enhancer.errors import InputError
+
+
+@dataclass(frozen=True)
+class TwoSample:
+    """How well simulated and real renders of unseen scenes were told apart.
+
+    Args:
+        accuracy: share of the test patches that were told right; as many are simulated as are real.
+        low: lower end of the accuracy's 95% bootstrap interval over test views.
+        high: upper end.
+        auc: chance that a simulated patch looks more simulated to the classifier than a real one, which does not
+            depend on where it draws its line: in other scenes that line may lie elsewhere.
+        n: number of test patches.
+        views: number of test views.
+        seeds: number of classifiers, over which accuracy and auc are means.
+        deviation: standard deviation (ddof 1) of the accuracy over classifiers; None for a single one.
+    """
+
+    accuracy: float
+    low: float
+    high: float
+    auc: float
+    n: int
+    views: int
+    seeds: int
+    deviation: float | None
+
+
+class Classifier(nn.Module):
+    """Four strided 3x3 convolutions, the mean over all places, one number: positive means simulated.
+
+    Args:
+        channels: of the input: 3 for renders, 6 for renders with their photos.
+        generator: source of the first weights.
+    """
+
+    def __init__(self, channels: int, generator: torch.Generator) -> None:
+        super().__init__()
+        widths = (channels, 24, 48, 48, 48)
+        layers: list[nn.Module] = []
+        for narrow, wide in itertools.pairwise(widths):
+            convolution = skip_init(nn.Conv2d, narrow, wide, 3, stride=2, padding=1, bias=False)
+            nn.init.kaiming_normal_(convolution.weight, nonlinearity="relu", generator=generator)
+            layers += [convolution, nn.BatchNorm2d(wide), nn.ReLU()]
+        self.features = nn.Sequential(*layers)
+        self.decide = skip_init(nn.Linear, widths[-1], 1)
+        nn.init.zeros_(self.decide.weight)
+        nn.init.zeros_(self.decide.bias)
+
+    def forward(self, patches: Float[Tensor, "m c s s"]) -> Float[Tensor, " m"]:
+        """Evidence that patches, in [-1, 1], are simulated."""
+        return self.decide(self.features(patches).mean(dim=(2, 3)))[:, 0]
+
+
+def two_sample_test(
+    train: Patches,
+    test: Patches,
+    *,
+    conditional: bool = False,
+    seeds: int = 3,
+    epochs: int = 12,
+    batch: int = 32,
+    rate: float = 2e-3,
+    patience: int = 4,
+    first_seed: int = 0,
+) -> TwoSample:
+    """Train classifiers on patches of some scenes and measure them on others.
+
+    A fifth of the training scenes (of their views where there are fewer than four scenes) is held out; the weights
+    that do best on it are kept, and training ends when they stay the best for a while.
+
+    Args:
+        train: patches to learn from.
+        test: patches of other scenes.
+        conditional: show the classifier each patch beside its photo, which is stricter: it then sees what changed.
+        seeds: number of classifiers, each with its own first weights, order and held-out share.
+        epochs: passes over the training patches at most.
+        batch: places in a batch; each gives a simulated and a real patch.
+        rate: Adam's learning rate.
+        patience: epochs without progress on the held-out share after which training ends.
+        first_seed: seed of the first classifier; the others have the following ones.
+
+    Raises:
+        InputError: a scene is in both sets, or the training patches show a single view.
+    """
+    both = set(train.scenes) & set(test.scenes)
+    if both:
+        raise InputError(sorted(both)[0], "is a training scene and a test scene", "keep the scenes apart")
+    correct, areas = [], []
+    for seed in range(first_seed, first_seed + seeds):
+        generator = torch.Generator().manual_seed(seed)
+        learn, held_out = _split(train, generator)
+        network = Classifier(6 if conditional else 3, generator).to(memory_format=torch.channels_last)
+        network = _trained(network, learn, held_out, conditional, generator, epochs, batch, rate, patience)
+        simulated, real = (_evidence(network, test, kind, conditional) for kind in ("simulated", "real"))
+        correct.append(((simulated > 0).float() + (real <= 0).float()) / 2)
+        areas.append(area_under_curve(simulated, real))
+    by_seed = [one.mean().item() for one in correct]
+    mean = torch.stack(correct).mean(dim=0)
+    low, high = view_interval(mean, test.view, torch.Generator().manual_seed(first_seed))
+    deviation = statistics.stdev(by_seed) if seeds > 1 else None
+    views = int(test.view.unique().numel())
+    return TwoSample(mean.mean().item(), low, high, statistics.fmean(areas), 2 * len(test), views, seeds, deviation)
+
+
+def view_interval(
+    correct: Float[Tensor, " n"],
+    view: Int64[Tensor, " n"],
+    generator: torch.Generator,
+    resamples: int = 2000,
+    level: float = 0.95,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of a mean over places, with whole views drawn again.
+
+    Args:
+        correct: the share that was told right at each place.
+        view: the view that each place belongs to.
+        generator: source of randomness.
+        resamples: number of bootstrap samples.
+        level: share of the samples within the interval.
+    """
+    _, number = view.unique(return_inverse=True)
+    count = torch.bincount(number).double()
+    total = torch.bincount(number, weights=correct.double())
+    drawn = torch.randint(len(count), (resamples, len(count)), generator=generator)
+    means = total[drawn].sum(dim=1) / count[drawn].sum(dim=1)
+    ends = torch.quantile(means, torch.tensor([(1 - level) / 2, (1 + level) / 2], dtype=means.dtype))
+    return ends[0].item(), ends[1].item()
+
+
+def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"]) -> float:
+    """Chance that a positive's value exceeds a negative's, ties counted by half: the area under the ROC curve."""
+    ordered = negative.double().sort().values
+    below = torch.searchsorted(ordered, positive.double(), right=False)
+    not_above = torch.searchsorted(ordered, positive.double(), right=True)
+    return ((below + not_above).double() / 2).mean().item() / len(ordered)
+
+
+def _split(train: Patches, generator: torch.Generator) -> tuple[Patches, Patches]:
+    """Patches to learn from and those that decide when to stop, without a scene (or a view) in common."""
+    group = train.scene if len(train.scenes) >= 4 else train.view
+    groups = group.unique()
+    if len(groups) < 2:
+        raise InputError("training patches", "show a single view", "give renders of more views")
+    shuffled = groups[torch.randperm(len(groups), generator=generator)]
+    held_out = torch.isin(group, shuffled[: max(1, round(len(groups) / 5))])
+    return train[_where(~held_out)], train[_where(held_out)]
+
+
+def _where(mask: Bool[Tensor, " n"]) -> Int64[Tensor, " k"]:
+    return mask.nonzero()[:, 0]
+
+
+def _trained(
+    network: Classifier,
+    learn: Patches,
+    held_out: Patches,
+    conditional: bool,
+    generator: torch.Generator,
+    epochs: int,
+    batch: int,
+    rate: float,
+    patience: int,
+) -> Classifier:
+    optimiser = torch.optim.Adam(network.parameters(), lr=rate, weight_decay=1e-4)
+    best, best_loss, since = copy.deepcopy(network.state_dict()), float("inf"), 0
+    for _ in range(epochs):
+        network.train()
+        for chosen in torch.randperm(len(learn), generator=generator).split(batch):
+            if len(chosen) < 2:
+                continue  # the statistics of one place are no batch
+            places = learn[chosen]
+            inputs = torch.cat([_inputs(places, kind, conditional) for kind in ("simulated", "real")])
+            loss = _loss(_run(network, turned(inputs, generator)))
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+        evidence = torch.cat([_evidence(network, held_out, kind, conditional) for kind in ("simulated", "real")])
+        judged = _loss(evidence).item()
+        since += 1
+        if judged < best_loss:
+            best, best_loss, since = copy.deepcopy(network.state_dict()), judged, 0
+        if since >= patience:
+            break
+    network.load_state_dict(best)
+    return network
+
+
+def turned(patches: Float[Tensor, "m c s s"], generator: torch.Generator) -> Float[Tensor, "m c s s"]:
+    """A batch after one of the square's eight symmetries."""
+    quarters, flip = torch.randint(4, (), generator=generator), torch.randint(2, (), generator=generator)
+    patches = patches.rot90(int(quarters), dims=(2, 3))
+    return patches.flip(3) if flip else patches
+
+
+def _inputs(places: Patches, kind: str, conditional: bool) -> Float[Tensor, "n c s s"]:
+    image = getattr(places, kind).float() / 127.5 - 1
+    return torch.cat([image, places.photo.float() / 127.5 - 1], dim=1) if conditional else image
+
+
+def _run(network: Classifier, inputs: Float[Tensor, "m c s s"]) -> Float[Tensor, " m"]:
+    with torch.autocast(inputs.device.type, torch.bfloat16):
+        return network(inputs.contiguous(memory_format=torch.channels_last)).float()
+
+
+def _loss(evidence: Float[Tensor, " m"]) -> Float[Tensor, ""]:
+    """Cross entropy of patches whose first half is simulated and whose second half is real."""
+    half = len(evidence) // 2
+    label = torch.cat([torch.ones(half), torch.zeros(half)]).to(evidence)
+    return F.binary_cross_entropy_with_logits(evidence, label)
+
+
+@torch.no_grad()
+def _evidence(network: Classifier, places: Patches, kind: str, conditional: bool) -> Float[Tensor, " n"]:
+    network.eval()
+    batches = torch.arange(len(places)).split(256)
+    return torch.cat([_run(network, _inputs(places[index], kind, conditional)) for index in batches])

@@ -1,0 +1,1 @@
+"""Tables, diagrams and pages of studies, from records only."""

@@ -1,0 +1,94 @@
+"""What stands over and under a table: caption with its stand-ins and machine, how to read it, where it comes from."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from ablations.records.description import Table
+from ablations.records.statistics import FEWEST
+from gaussian_enhancer.metrics.records import Record
+
+KINDS = {
+    "quality": (
+        "Means over scenes of the means over their seeds and views. Gains are over the first row, on the same scenes, "
+        "seeds and views, with a 95 % bootstrap interval that draws scenes, seeds and views anew. p: two-sided "
+        "sign-flip test of the gains, corrected by Holm over all rows and blocks of a column"
+    ),
+    "repeats": (
+        "Statistics of gains over the baseline. A run is one training seed, its gain the mean over the dataset's "
+        "scenes of the mean over their views; 'by scene' takes every scene of every seed as a run of its own. Largest "
+        "and smallest are numbers, not merits; std is the standard deviation with ddof=1"
+    ),
+    "cost": "Medians of interleaved repeats, and peak memory",
+}
+KINDS["images"] = KINDS["quality"]
+
+
+def caption(table: Table, records: Sequence[Record]) -> str:
+    """Title, scale, what stands in for what, and for tables of cost the machine, in sentences.
+
+    Args:
+        table: its description.
+        records: its records.
+    """
+    sentences = [table.title]
+    sentences += [f"Scale: {table.scale}"] if table.scale else []
+    sentences += [stand_in(d.stand_in, d.title) for d in table.datasets.values() if d.stand_in]
+    if table.kind == "cost":
+        machines = stated(record.machine for record in records if record.kind == "cost")
+        sentences += [f"Measured on {'; '.join(machines)}"] if machines else ["Measured on no machine yet"]
+        if any("no GPU" in machine for machine in machines):
+            sentences.append("These are CPU times and the memory of a process: the machine has no GPU")
+    return " ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
+
+
+def stand_in(what: str, dataset: str) -> str:
+    """A stand-in called by its name: "procedural scenes stand in for Mip-NeRF 360"."""
+    verb = "stands" if what.lower().startswith(("a ", "an ", "one ", "the ")) else "stand"
+    return f"Stand-in: {what} {verb} in for {dataset}"
+
+
+def reading(table: Table, units: Sequence[str], alone: bool = False) -> str:
+    """How the table's numbers were made.
+
+    Args:
+        table: its description.
+        units: what the tests' units stand for.
+        alone: whether every block has one scene only.
+    """
+    text = KINDS[table.kind]
+    if units:
+        text += f", on means by {' or by '.join(units)}"
+    if "view" in units:
+        text += f" (by view where fewer than {FEWEST} scenes and seeds could tell nothing)"
+    one = " A block has one scene: its intervals and tests speak of that scene alone." if alone else ""
+    best = "" if table.kind == "repeats" else " Bold: best of a column in its block."
+    paper = " The paper's numbers stand beside ours; a dash where it has none." if table.paper else ""
+    return f"{text}.{one}{best}{paper}"
+
+
+def sources(folder: Path, table: Table, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
+    """Where the numbers come from: what the records state, each value once, and the hash of their file.
+
+    Args:
+        folder: where description and records lie.
+        table: its description.
+        records: its records.
+    """
+    times = sorted(record.time for record in records)
+    path = folder / f"{table.name}.jsonl"
+    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file of records beside this one"
+    lines = {
+        "protocol": "; ".join(stated(record.protocol for record in records)),
+        "commits": ", ".join(stated(record.commit for record in records)),
+        "machines": "; ".join(stated(record.machine for record in records)),
+        "measured": f"{times[0]} to {times[-1]}" if times else "",
+        "records": f"{len(records)} in {table.name}.jsonl",
+        "sha256 of the records": digest,
+    }
+    return tuple((label, text or "not stated") for label, text in lines.items())
+
+
+def stated(values: Iterable[str]) -> list[str]:
+    """Each value that is not empty once, in alphabetical order."""
+    return sorted({value for value in values if value})

@@ -1,0 +1,1 @@
+"""The dashboard: a static page made from descriptions and records alone."""

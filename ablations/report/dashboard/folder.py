@@ -1,0 +1,75 @@
+"""A folder of the suite's results: descriptions with their records, each record with its checksum."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ablations.records.description import Table, read_description
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import Record, read_checked
+
+KINDS = ("table", "figure")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A table and what was measured for it.
+
+    Args:
+        table: its description.
+        records: its records, in the file's order.
+        checksums: of each record, as its line states it.
+        digest: SHA-256 of the file of records; empty without one.
+        absent: why there are no records; empty where there are.
+    """
+
+    table: Table
+    records: tuple[Record, ...] = ()
+    checksums: tuple[str, ...] = ()
+    digest: str = ""
+    absent: str = ""
+
+
+def read_folder(folder: str | Path) -> tuple[Listed, ...]:
+    """Every table of a folder in the order of its numbers, then every figure, then what has no number.
+
+    Args:
+        folder: holds ``<name>.json`` and ``<name>.jsonl``.
+
+    Raises:
+        InputError: the folder is missing or holds no description, a file of records has no description, or a file
+            is damaged.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise InputError(root, "is no folder", "give the folder of results: docs/results/tables/desk")
+    descriptions = sorted(root.glob("*.json"), key=lambda path: _number(path.stem))
+    if not descriptions:
+        raise InputError(root, "holds no description of a table", "make a table first: gaussian-enhancer tables")
+    lonely = sorted({p.stem for p in root.glob("*.jsonl")} - {p.stem for p in descriptions})
+    if lonely:
+        raise InputError(root / f"{lonely[0]}.jsonl", "has no description beside it", "make the table again")
+    return tuple(_listed(path) for path in descriptions)
+
+
+def all_records(listed: Sequence[Listed]) -> tuple[Record, ...]:
+    """The records of all tables; one that several tables hold comes once for each."""
+    return tuple(record for one in listed for record in one.records)
+
+
+def _listed(path: Path) -> Listed:
+    table = read_description(path)
+    source = path.with_suffix(".jsonl")
+    if not source.is_file():
+        return Listed(table, absent="no records yet: make the table")
+    checked = read_checked(source)
+    checksums, records = tuple(checksum for checksum, _ in checked), tuple(record for _, record in checked)
+    return Listed(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
+
+
+def _number(name: str) -> tuple[int, str, int]:
+    """``table_2`` before ``table_10``, tables before figures, and these before studies."""
+    head, _, tail = name.rpartition("_")
+    numbered = tail.isdigit() and head in KINDS
+    return (KINDS.index(head), head, int(tail)) if numbered else (len(KINDS), name, 0)

@@ -1,0 +1,91 @@
+"""The dashboard's page: one file with all numbers and its script inside, pictures in a folder beside it."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ablations.report.dashboard.folder import Listed, all_records
+from ablations.report.dashboard.packed import packed_tables
+from ablations.report.dashboard.pictures import Pictures
+from ablations.report.dashboard.runs import SourceRun, packed_runs
+from ablations.report.dashboard.studies import Study
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.provenance import this_commit
+from gaussian_enhancer.metrics.records import MISSING
+from gaussian_enhancer.report.markup import Markup, fill, head, json_block, resource
+
+SCRIPTS = (
+    "elements",
+    "records",
+    "grid",
+    "provenance",
+    "tables",
+    "curves",
+    "distributions",
+    "pictures",
+    "settings",
+    "measurements",
+    "studies",
+    "tabs",
+)
+"""The page's script in its order, one file a part, in ``report/templates/dashboard``."""
+
+PACKAGE = "ablations.report"
+
+POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Style and script are inside the page, pictures in a folder beside it."""
+
+
+def write_dashboard(
+    path: str | Path,
+    title: str,
+    listed: Sequence[Listed],
+    runs: Sequence[SourceRun] = (),
+    pictures: Pictures | None = None,
+    studies: Sequence[Study] = (),
+) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file; written whole or not at all.
+        title: the page's title.
+        listed: tables and records.
+        runs: the runs that the records name.
+        pictures: what lies beside the page.
+        studies: beside the tables, their diagrams beside the page.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    text = document(title, listed, runs, pictures, studies)
+    write_text(path, text)
+
+
+def document(
+    title: str,
+    listed: Sequence[Listed],
+    runs: Sequence[SourceRun] = (),
+    pictures: Pictures | None = None,
+    studies: Sequence[Study] = (),
+) -> Markup:
+    """The page's HTML; arguments as for `write_dashboard`."""
+    data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
+    data["studies"] = [study.packed() for study in studies]
+    scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js", PACKAGE) for name in SCRIPTS)]
+    records = all_records(listed)
+    missing = sum(record.kind == MISSING for record in records)
+    lacking = f" · {missing} of them of what is missing" if missing else ""
+    values = {
+        "head": head(title, resource("report.css") + resource("dashboard/dashboard.css", PACKAGE), POLICY),
+        "title": title,
+        "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{lacking}",
+        "data": json_block(data),
+        "script": Markup("(() => {\n" + "".join(scripts) + "})();"),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "commit": this_commit(),
+    }
+    return fill("dashboard/dashboard.html", values, PACKAGE)
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count:,} {word}{'' if count == 1 else 's'}"

@@ -1,0 +1,140 @@
+"""The studies beside the suite's tables: error over run time, stability, what a scene does not need."""
+
+import html
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ablations.report.plan_study import Aims, Section, cost_table
+from ablations.report.stability import count_table
+from ablations.report.tradeoff_quality import by_side, setting_table
+from ablations.stability.judge import KIND as CELL
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.metrics.comparison import Table
+from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.tradeoff import summarised
+
+FOLDER = "diagrams"
+NOTES = {
+    "tradeoff": (
+        "gaussian-enhancer tradeoff",
+        "Error over run time, both logarithmic; the grey line is the Pareto front. Open a diagram to read its marks.",
+    ),
+    "stability": (
+        "gaussian-enhancer stability",
+        "Every case in five precisions, forward and backward, held against float64. Open the matrix to read its cells.",
+    ),
+    "plan": (
+        "gaussian-enhancer leaving_out",
+        "What a plan leaves out of each scene: the time that this saves, and what it costs.",
+    ),
+}
+"""By study: the job that measures it, and how it is to be read."""
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """One diagram.
+
+    Args:
+        title: its own, unescaped.
+        file: address relative to the page.
+    """
+
+    title: str
+    file: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the page shows of a study.
+
+    Args:
+        name: the part of the page that shows it.
+        note: how it is to be read.
+        diagrams: beside the page.
+        tables: by heading.
+        absent: why there is nothing to show; empty where there is.
+    """
+
+    name: str
+    note: str
+    diagrams: tuple[Diagram, ...] = ()
+    tables: Mapping[str, Table] | None = None
+    absent: str = ""
+
+    def packed(self) -> dict[str, Any]:
+        """The study as the page's script reads it."""
+        tables = [{"title": title, **vars(table)} for title, table in (self.tables or {}).items()]
+        return {**vars(self), "diagrams": [vars(one) for one in self.diagrams], "tables": tables}
+
+
+def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Aims) -> Study:
+    """What the page shows of a study; its reason where nothing was measured.
+
+    Args:
+        name: one of `NOTES`.
+        records: what the study's job has written.
+        diagrams: an SVG file, or a folder of some.
+        output: the page's folder, where they are copied to.
+        aims: what plans are held to.
+
+    Raises:
+        InputError: records are damaged, or a file cannot be written.
+    """
+    if not records.is_file():
+        return Study(name, "", absent=f"Nothing was measured where this page was made: {NOTES[name][0]}.")
+    found = read_records(records)
+    tables = {
+        "tradeoff": _tradeoff_tables,
+        "stability": _stability_tables,
+        "plan": lambda own: _plan_tables(own, aims),
+    }[name](found)
+    files = sorted(diagrams.glob("*.svg")) if diagrams.is_dir() else [diagrams] if diagrams.is_file() else []
+    return Study(name, NOTES[name][1], copy_diagrams(files, output), tables)
+
+
+def _tradeoff_tables(records: Sequence[Record]) -> dict[str, Table]:
+    return {
+        f"{study}, {side} scenes": setting_table(summarised(own)[0]) for (study, side), own in by_side(records).items()
+    }
+
+
+def _stability_tables(records: Sequence[Record]) -> dict[str, Table]:
+    families: dict[str, list[Record]] = {}
+    for record in records:
+        if record.kind == CELL:
+            families.setdefault(record.run, []).append(record)
+    return {family.capitalize(): count_table(own) for family, own in families.items()}
+
+
+def _plan_tables(records: Sequence[Record], aims: Aims) -> dict[str, Table]:
+    section = Section("", "", records, aims)
+    return {f"{plan} against {aims.baseline}": cost_table(section.cells(plan), aims) for plan in section.plans()}
+
+
+def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:
+    """Copy SVG files beside the page.
+
+    Args:
+        sources: files as jobs have written them; of two with one name the last is shown.
+        output: the page's folder.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    found = []
+    for path in sources:
+        with whole_file(output / FOLDER / path.name) as temporary:
+            shutil.copyfile(path, temporary)
+        found.append(Diagram(_title(path), f"{FOLDER}/{path.name}"))
+    return tuple(found)
+
+
+def _title(path: Path) -> str:
+    """The document's title; the file's name where it has none."""
+    match = re.search(r"<svg[^>]*>\s*<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.S)
+    return html.unescape(match[1]) if match else path.stem.replace("_", " ")

@@ -1,0 +1,172 @@
+"""Grids of images as in the paper's figures 5 to 7: one line a scene, one column a row of the table, the photo last.
+
+The paper's figures 5 and 6 set renders of several splats beside what GE and GE++ make of them and the photo; figure 7
+shows details with artefacts before and after. Here each line shows the whole photo with a frame, and the frame's
+content in every column.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat, UnidentifiedImageError
+
+from ablations.records.description import Table
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+
+PHOTO = "photo"
+"""Key of the photo among the images of a scene."""
+
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom as shares of width and height."""
+
+Picture = Image.Image
+GAP, LINE = 8, 20
+PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 225, 225)
+
+
+def write_grid(
+    path: Path, table: Table, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
+) -> Path:
+    """Write a grid of labelled crops as PNG, whole or not at all.
+
+    A line's crop is where the baseline is farthest from the photo (mean absolute difference), the same in every
+    column whatever its resolution: it shows the greatest artefacts, not the average. Without baseline or photo it is
+    the middle. A scene or row without an image has a grey tile that says so.
+
+    Args:
+        path: the PNG.
+        table: rows are columns, in its order; scenes of its datasets come first, in their order.
+        images: image files by scene and row, the photo under `PHOTO`.
+        height: of a crop in the grid, pixels.
+        share: side of the crop as a share of the image's.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: an image cannot be read, a key names no row, there is no image at all, or the file cannot be
+            written.
+    """
+    columns = {name: row.title for name, row in table.rows.items()} | {PHOTO: "photo"}
+    unknown = sorted({row for _, row in images} - set(columns))
+    if unknown or not images:
+        received = f"names the row {unknown[0]!r}" if unknown else "has no image"
+        raise InputError(path, received, f"give images of {', '.join(columns)}")
+    named = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
+    scenes = list(dict.fromkeys([*named, *(scene for scene, _ in images)]))
+    lines = [_line(scene, table.baseline, columns, images, height, share) for scene in scenes]
+    with whole_file(path) as temporary:
+        _assembled(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
+    return path
+
+
+def crop_box(render: Picture, photo: Picture, share: float = 1 / 3, steps: int = 9) -> Box:
+    """Where a render is farthest from its photo: the worst of ``steps`` x ``steps`` evenly spaced boxes.
+
+    Args:
+        render: what is judged.
+        photo: the truth, brought to the render's size.
+        share: side of the box as a share of the image's.
+        steps: positions by axis.
+    """
+    same = photo if photo.size == render.size else photo.resize(render.size, Image.Resampling.BOX)
+    difference = ImageChops.difference(render, same)
+    starts = [(1 - share) * step / (steps - 1) for step in range(steps)]
+    boxes = [(left, top, left + share, top + share) for top in starts for left in starts]
+    return max(boxes, key=lambda box: sum(ImageStat.Stat(difference.crop(_pixels(box, render))).mean))
+
+
+def _line(
+    scene: str,
+    baseline: str,
+    columns: Mapping[str, str],
+    images: Mapping[tuple[str, str], Path],
+    height: int,
+    share: float,
+) -> list[Picture]:
+    """A scene's tiles: the whole view with a frame, then every column's crop."""
+    pictures = {row: _read(images[scene, row]) for row in columns if (scene, row) in images}
+    photo, before = pictures.get(PHOTO), pictures.get(baseline)
+    middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
+    box = crop_box(before, photo, share) if photo is not None and before is not None else middle
+    whole = photo if photo is not None else next(iter(pictures.values()), None)
+    width = height if whole is None else max(1, round(height * whole.width / whole.height))
+    tiles = [_missing((width, height)) if whole is None else _framed(whole, box, (width, height))]
+    for row in columns:
+        picture = pictures.get(row)
+        tiles.append(_missing((width, height)) if picture is None else _cropped(picture, box, (width, height)))
+    return tiles
+
+
+def _read(path: Path) -> Picture:
+    try:
+        with Image.open(path) as picture:
+            return picture.convert("RGB")
+    except FileNotFoundError:
+        raise InputError(path, "does not exist", "make the table again") from None
+    except (OSError, UnidentifiedImageError) as error:
+        raise InputError(path, f"is no readable image ({error})", "make the table again") from None
+
+
+def _pixels(box: Box, picture: Picture) -> tuple[int, int, int, int]:
+    """A box in pixels, at least one wide and high."""
+    left, top = int(box[0] * picture.width), int(box[1] * picture.height)
+    right, bottom = round(box[2] * picture.width), round(box[3] * picture.height)
+    return left, top, max(left + 1, right), max(top + 1, bottom)
+
+
+def _cropped(picture: Picture, box: Box, size: tuple[int, int]) -> Picture:
+    """A crop enlarged without smoothing, so that the pixels stay what they are."""
+    crop = picture.crop(_pixels(box, picture))
+    larger = crop.width > size[0] or crop.height > size[1]
+    return crop.resize(size, Image.Resampling.LANCZOS if larger else Image.Resampling.NEAREST)
+
+
+def _framed(picture: Picture, box: Box, size: tuple[int, int]) -> Picture:
+    tile = picture.resize(size, Image.Resampling.LANCZOS)
+    left, top, right, bottom = _pixels(box, tile)
+    ImageDraw.Draw(tile).rectangle((left, top, right - 1, bottom - 1), outline=FRAME, width=2)
+    return tile
+
+
+def _missing(size: tuple[int, int]) -> Picture:
+    tile = Image.new("RGB", size, NONE)
+    ImageDraw.Draw(tile).text((size[0] / 2, size[1] / 2), "missing", fill=INK, font=_font(), anchor="mm")
+    return tile
+
+
+def _assembled(lines: Sequence[Sequence[Picture]], names: Sequence[str], titles: Sequence[str]) -> Picture:
+    """Tiles with a title over each column and the scene's name over each line."""
+    widths = [max(line[column].width for line in lines) for column in range(len(titles))]
+    lefts = [GAP + sum(widths[:column]) + GAP * column for column in range(len(titles))]
+    tops = list(_tops(lines))
+    grid = Image.new("RGB", (lefts[-1] + widths[-1] + GAP, tops[-1] + lines[-1][0].height + GAP), PAPER)
+    draw = ImageDraw.Draw(grid)
+    for left, width, title in zip(lefts, widths, titles, strict=True):
+        draw.text((left, GAP), _fitting(title, width), fill=INK, font=_font())
+    for top, line, name in zip(tops, lines, names, strict=True):
+        draw.text((GAP, top - LINE + 2), name, fill=INK, font=_font())
+        for left, tile in zip(lefts, line, strict=True):
+            grid.paste(tile, (left, top))
+    return grid
+
+
+def _tops(lines: Sequence[Sequence[Picture]]) -> Iterator[int]:
+    """Where each line's tiles begin, under its name."""
+    top = GAP + LINE
+    for line in lines:
+        top += LINE
+        yield top
+        top += line[0].height + GAP
+
+
+def _fitting(title: str, width: int) -> str:
+    """A title as far as its column has room for it."""
+    while len(title) > 1 and _font().getlength(title) > width:
+        title = title[:-2] + "…"
+    return title
+
+
+def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(13)

@@ -1,0 +1,155 @@
+"""The page of the stability study as Markdown, from its records: matrix, counts, refusals, faults, order."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from ablations.report.sources import sources
+from ablations.report.stability_figures import RAISED, outcome_of
+from ablations.stability.case import PASSES, PRECISIONS, Case
+from ablations.stability.faults import FAULTS
+from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
+from ablations.stability.order import slopes
+from gaussian_enhancer.metrics.comparison import Table
+from gaussian_enhancer.metrics.records import Record
+
+SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
+"""A cell's outcome in one character; a dot stands where a case has no such pass."""
+
+_FAULTS = (
+    "Found while the matrix was built, by its cells or by reading what a case reaches. Each is fixed; the case and a "
+    "test hold it.\n"
+)
+
+ABOUT = """\
+Every case of the catalogue is computed in five precisions, forward and backward, and compared with float64 on the very
+same numbers: inputs and weights are rounded to the precision first, so that what is measured is the computation and not
+what the precision cannot hold. Autocast computes on float32 numbers. A cell ends in one of four ways:
+
+- ✓ finite and within its tolerance of float64;
+- ◐ the same, with what half precision cannot do computed in float32 (the result is float32, which says so);
+- ⊘ refused with an error that names the cause;
+- ✗ failed: not finite, off by more than the tolerance, another error, or no result in time. Cells are computed in a
+  process of their own, so that a hang or a crash is a cell.
+
+`gaussian-enhancer stability` computes the matrix and writes this page; `families=[splats]` or `cases=[black_lr_tiny]`
+narrow it down. A subset of seconds is a test, and another test reads the committed records and holds that no cell has
+failed.
+"""
+
+
+def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Mapping[str, str], source: str) -> str:
+    """The whole page.
+
+    Args:
+        records: of the matrix and of the sampler's order.
+        cases: the catalogue, which says what each is.
+        figures: links to the diagrams by name: "matrix" and, where it was measured, "order".
+        source: the records' file, as the page links it.
+    """
+    cells = [record for record in records if record.kind == KIND]
+    order = [record for record in records if record.kind != KIND]
+    parts = ["# Stability\n", ABOUT, "## In short\n", count_table(cells).markdown()]
+    parts += [f"![The matrix in colour; the pointer on a cell shows its error]({figures['matrix']})\n"]
+    known = {case.name: case for case in cases}
+    for family in dict.fromkeys(record.run for record in cells):
+        own = [record for record in cells if record.run == family]
+        parts += [f"## {family.capitalize()}\n", _matrix(own, known), _reasons(own, known)]
+    if order:
+        parts += ["## Order of the latent sampler\n", _order(order, figures["order"])]
+    parts += ["## What was refused, and what has failed\n", _said(cells)]
+    parts += [
+        "## Faults found and fixed\n",
+        _FAULTS,
+    ]
+    parts += [
+        Table(("case", "what happened", "now"), tuple((f"`{f.case}`", f.fault, f.remedy) for f in FAULTS)).markdown()
+    ]
+    parts += ["## Where the numbers come from\n", sources(records, source)]
+    return "\n".join(parts)
+
+
+def count_table(cells: Sequence[Record]) -> Table:
+    """How many cells ended in which way, by precision.
+
+    Args:
+        cells: records of the matrix.
+    """
+    found = Counter((record.splat, outcome_of(record)) for record in cells)
+    rows = [(precision.name, *(str(found[precision.name, outcome]) for outcome in SYMBOLS)) for precision in PRECISIONS]
+    rows.append(("all", *(str(sum(found[p.name, outcome] for p in PRECISIONS)) for outcome in SYMBOLS)))
+    heads = tuple(f"{symbol} {outcome}" for outcome, symbol in SYMBOLS.items())
+    return Table(("precision", *heads), tuple(rows))
+
+
+def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
+    """One line a case: forward and backward of each precision, and float32's errors."""
+    by_place = {(record.scene, record.splat, record.view): record for record in cells}
+    rows = []
+    for name in dict.fromkeys(record.scene for record in cells):
+        marks = []
+        for precision in PRECISIONS:
+            both = (by_place.get((name, precision.name, direction)) for direction in PASSES)
+            marks.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
+        errors = (by_place.get((name, "float32", direction)) for direction in PASSES)
+        about = known[name].about if name in known else ""
+        rows.append((f"`{name}`", about, *marks, *("" if r is None else _number(r.metrics["error"]) for r in errors)))
+    heads = "case", "what", *(precision.name for precision in PRECISIONS), "float32 error", "its gradient's"
+    return Table(heads, tuple(rows)).markdown()
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else "0" if value == 0 else f"{value:.1e}"
+
+
+def _reasons(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
+    """The family's tolerances with their reasons."""
+    lines: dict[str, list[str]] = {}
+    for name in dict.fromkeys(record.scene for record in cells):
+        case = known.get(name)
+        if case is None:
+            continue
+        limits = "; ".join(f"{p} {_limits(pair)}" for p, pair in case.tolerance.items())
+        lines.setdefault(f"{limits}{f' ({case.why})' if case.why else ''}", []).append(name)
+    whose = (f"- {names}: {words}\n" for words, names in _named(lines, len(dict.fromkeys(r.scene for r in cells))))
+    return "Tolerances, result and gradient:\n\n" + "".join(whose)
+
+
+def _named(lines: Mapping[str, Sequence[str]], count: int) -> list[tuple[str, str]]:
+    return [
+        (w, "all" if len(names) == count else ", ".join(f"`{name}`" for name in names)) for w, names in lines.items()
+    ]
+
+
+def _limits(pair: tuple[float, float]) -> str:
+    return " and ".join("any finite" if math.isinf(limit) else f"{limit:.2g}" for limit in pair)
+
+
+def _order(records: Sequence[Record], figure: str) -> str:
+    found = slopes(records)
+    rows = []
+    for name in dict.fromkeys(record.scene for record in records):
+        own = {int(r.metrics["steps"] or 0): r.metrics["error"] for r in records if r.scene == name}
+        shown = [_number(own.get(steps)) for steps in (1, 4, 64, 1000)]
+        rows.append((f"`{name}`", *shown, f"{found[name]:.2f}" if name in found else ""))
+    words = (
+        f"{records[0].protocol}. The first two schedules are those in use, the others make the reverse process stiff. "
+        "Order 1 means that twice the steps halve the error. The denoiser hears the time in waves down to 1/64 of the "
+        "way, which take hundreds of steps to resolve; it was never trained on the stiff schedules.\n"
+    )
+    heads = "schedule", "1 step", "4", "64", "1000", "order at the end"
+    return "\n".join([words, f"![Error over steps]({figure})\n", Table(heads, tuple(rows)).markdown()])
+
+
+def _said(cells: Sequence[Record]) -> str:
+    """Every text of a refusal or a failure with its cells."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for record in cells:
+        if record.variant in (REFUSED, FAILED):
+            key = record.variant, record.reasons.get("outcome", "")
+            found.setdefault(key, []).append(f"`{record.scene}` {record.splat} {record.view}")
+    lines = []
+    for (outcome, words), places in found.items():
+        more = f" and {len(places) - 1} more cells" if len(places) > 1 else ""
+        lines.append(f"- {outcome}, {places[0]}{more}: {words}\n")
+    return "".join(lines) or "Nothing.\n"

@@ -1,0 +1,65 @@
+"""The page of error over run time, as Markdown with diagrams, from records alone."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from ablations.report.sources import sources
+from ablations.report.tradeoff_kernels import kernel_parts
+from ablations.report.tradeoff_quality import Asked, quality_parts
+from ablations.report.tradeoff_training import training_parts
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.records import Record
+
+
+def write_pages(
+    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: Asked
+) -> Iterator[Path]:
+    """Write the page and its diagrams; each path as it is written.
+
+    Args:
+        page: Markdown file.
+        folder: of diagrams and records.
+        records: by kind: "quality", "training", "numerics"; those that are not there are said to be missing.
+        titles: of the studies of the kind quality.
+        asked: what is chosen for.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    link = Path(os.path.relpath(folder, page.parent)).as_posix()
+    parts, drawings = [HEAD], {}
+    for kind, made in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
+        if kind not in records:
+            parts.append(f"## {KINDS[kind]}\n\nNot measured yet: `gaussian-enhancer tradeoff kind={kind}`.\n")
+            continue
+        own = quality_parts(records[kind], titles, asked) if made is None else made(records[kind])
+        parts.append(f"## {KINDS[kind]}\n")
+        for text, name, drawing in own:
+            parts.append(text)
+            if drawing:
+                drawings[f"{name}.svg"] = drawing
+                parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
+        parts.append(sources(records[kind], f"{link}/{kind}.jsonl", between="; or "))
+    for name, drawing in drawings.items():
+        yield _written(folder / name, drawing)
+    yield _written(page, "\n".join(parts))
+
+
+HEAD = """# Error against run time
+
+After the work-precision diagrams of the ODE community: every method at several settings, one axis the error, the other
+the run time, both logarithmic, taken in one run and in turn. Lower left is better. The grey staircase is the Pareto
+front, and its settings are ringed: nothing else is at once faster and closer. Made from records by
+`gaussian-enhancer tradeoff`.
+"""
+KINDS = {
+    "quality": "Enhancement",
+    "training": "Training",
+    "numerics": "Numerics",
+}
+
+
+def _written(path: Path, text: str) -> Path:
+    write_text(path, text)
+    return path

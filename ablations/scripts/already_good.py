@@ -1,0 +1,118 @@
+"""Whether blocks that are good already can be told before they are enhanced, by what the references' own errors say.
+
+    python ablations/already_good.py runs/fit/object_0-* runs/fit/unbounded_0-* --json docs/results/already_good.jsonl
+
+For each view the whole image is enhanced. Then blocks of 16x16 are passed through in the order of a predicted error,
+and the loss of PSNR against the enhanced image is counted. The predicted error of a block is the mean difference
+between a reference's photo and the splat's render of the same view, brought to the target on a coarse grid; blocks
+that no reference sees come last. The order by the gain itself, which nobody knows, is the bound for any predictor.
+Runs must be training or validation scenes, since thresholds follow from this.
+"""
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Pixels, apply_colour
+from gaussian_enhancer.align.coarse_visibility import coarse
+from gaussian_enhancer.align.exposure import fit_colour
+from gaussian_enhancer.align.references import read_target
+from gaussian_enhancer.align.reproject import reproject
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.plan import Rules
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.regions import BLOCK
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.types import quantised
+
+ALLOWED = 0.02
+"""dB that passing blocks through may cost."""
+
+
+def main() -> None:
+    """Measure the runs that the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--views", type=int, default=3, help="of each run, evenly spread")
+    parser.add_argument("--weights", default="lr_tiny")
+    parser.add_argument("--json", type=Path, required=True, help="file of records")
+    given = parser.parse_args()
+    if any(f"_{seed}-" in run.name for run in given.runs for seed in (2000, 3000)):
+        parser.error("test scenes choose nothing: give training or validation runs")
+    write_records(given.json, [one for run in given.runs for one in measured(run, given.views, given.weights)])
+
+
+def measured(run: Path, count: int, weights: str) -> Iterator[Record]:
+    """One record a view: the share of blocks that each order passes through for `ALLOWED`, and what box is left."""
+    pretrained, rendered = load_weights(weights), read_run(run)
+    targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
+    rendered = replace(rendered, targets=targets)
+    planner = Planner(Rules(references="auto"), pretrained.preparation, rendered)
+    enhancer = Enhancer(pretrained.network, pretrained.preparation)
+    for view, one in zip(targets, enhancer(rendered, planner), strict=True):
+        if view.read_photo is None or one.plan is None:
+            continue
+        target, photo = read_target(view), view.read_photo()
+        before, after = (blocks(((quantised(i) - photo) ** 2).mean(0)) for i in (target.image, one.image))
+        references = [planner.pool.read(index, False) for index in planner.chosen(one.plan) or ()]
+        orders = {"predicted": predicted(coarse(target), references, before.shape), "bound": before - after}
+        metrics: dict[str, float | None] = {}
+        for name, order in orders.items():
+            passed = passable(order, before - after, float(after.mean()))
+            metrics |= {f"passed by {name}": float(passed.float().mean()), f"box by {name}": box(~passed)}
+        height, width = target.image.shape[-2:]
+        yield Record(
+            "already_good", run.name, run.name.split("-")[0], "3dgs", view.name, "", metrics, {}, (width, height)
+        )
+
+
+def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Tensor:
+    """The largest error that a reference shows for each block; infinite where none sees most of it."""
+    worst = torch.full(shape, -1.0)
+    for reference in references:
+        if reference.render is None or reference.camera is None or target.camera is None or target.depth is None:
+            raise SystemExit(f"{reference.name} has no render, camera or depth")
+        whole = torch.ones_like(reference.image[:1])
+        seen = apply_colour(reference.image, fit_colour(reference.image, reference.render, whole))
+        error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
+        small = coarse(replace(reference, image=error))
+        warped = reproject(target.camera, target.depth, small.camera, small.image, small.depth, target.alpha)  # type: ignore[arg-type]
+        errors, visible = (F.adaptive_avg_pool2d(x[:1], shape)[0] for x in (warped.colour, warped.visibility))
+        worst = torch.where(visible > 0.5, torch.maximum(worst, errors / visible), worst)
+    return torch.where(worst < 0, math.inf, worst)
+
+
+def passable(order: Tensor, gain: Tensor, remaining: float) -> Tensor:
+    """Blocks in the given order, as many as can be passed through for `ALLOWED`."""
+    indices = order.flatten().argsort()
+    lost = gain.flatten()[indices].cumsum(0) / gain.numel()
+    allowed = remaining * (10 ** (ALLOWED / 10) - 1)
+    count = int((lost <= allowed).long().cumprod(0).sum())
+    passed = torch.zeros(gain.numel(), dtype=torch.bool)
+    passed[indices[:count]] = True
+    return passed.view(gain.shape)
+
+
+def box(needed: Tensor) -> float:
+    """Share of the image that the smallest rectangle around the needed blocks takes."""
+    sides = [needed.any(axis).nonzero()[:, 0] for axis in (0, 1)]
+    if not len(sides[0]):
+        return 0.0
+    return float(math.prod(int(side[-1] - side[0]) + 1 for side in sides) / needed.numel())
+
+
+def blocks(values: Tensor) -> Tensor:
+    """Mean over each block."""
+    return F.avg_pool2d(values[None, None], BLOCK, ceil_mode=True)[0, 0]
+
+
+if __name__ == "__main__":
+    main()

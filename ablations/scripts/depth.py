@@ -1,0 +1,282 @@
+"""How much hangs on depth: the same weights with references warped through seven kinds of it.
+
+    python ablations/depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
+        [--json docs/results/depth.jsonl]
+
+References are warped through the splat's expected depth and through its surface (median depth), each as it is and
+searched as its kind asks for (`enhance.depth`). The surface is also smoothed before it is searched (`enhance.smooth`),
+first by how renders agree with the target's alone, then also by how photos agree with each other. In procedural scenes
+they are warped through the depth that the world itself has, too, of target and references alike. Candidates are the
+same, and the network sees the stored depth in all of them. Beside the network's gain stand two figures that no network
+has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what handing on the
+splat's mistakes gives,
+render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
+and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
+"""
+
+import argparse
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from omegaconf import OmegaConf
+from torch import Tensor
+
+from ablations.realism.realism import finished_runs, scene_of
+from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.align.depth_search import DepthKind
+from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.image_quality import psnr
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
+from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.scene.procedural.source import ProceduralView
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.splat.io.open import read_splat
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Camera, quantised
+
+SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
+    ("expected", "expected", "exact", False, False),
+    ("expected, searched", "expected", "expected", False, False),
+    ("surface", "surface", "exact", False, False),
+    ("surface, searched", "surface", "surface", False, False),
+    ("surface, smoothed, searched", "surface", "surface", True, False),
+    ("surface, smoothed, searched by photos too", "surface", "surface", True, True),
+    ("exact", "exact", "exact", False, False),
+)
+"""Name of a row, which depth it warps through, how that is searched, whether it is smoothed before, and whether photos
+are asked to agree with each other."""
+FAR = 1e4
+"""How many times further than all else the sky lies, which has no depth of its own."""
+
+
+Depths = Mapping[str, Float[Tensor, "1 h w"]]
+"""Z by the view's name."""
+
+
+@dataclass(frozen=True)
+class Through:
+    """A warp through other depth than what is stored.
+
+    Args:
+        depths: of targets and references.
+        warp: how.
+    """
+
+    depths: Depths
+    warp: Reprojected
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Warp as ever, with the depths replaced."""
+        views = [replace(view, depth=self.depths[view.name]) for view in (target, *references)]
+        return self.warp(views[0], views[1:], keep)
+
+
+def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
+    """Every kind of depth of a run's views: drawn from its splat, and the world's own where that is known."""
+    gaussians, method = read_splat(run / "splat.ply"), build(OmegaConf.load(run / "config.yaml").splat)
+    views = [*rendered.targets, *rendered.references]
+    with torch.no_grad():
+        drawn = {view.name: render(gaussians, camera_of(view), method) for view in views}
+    found: dict[str, Depths] = {
+        "expected": {name: view.depth for name, view in drawn.items()},
+        "surface": {name: view.surface for name, view in drawn.items()},
+    }
+    world = world_of(run)
+    if world is not None:
+        found["exact"] = exact_depths(world, views)
+    return found
+
+
+def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depths:
+    """The world's own z in views; the sky lies far behind all else."""
+    return {view.name: with_sky(ProceduralView(*world, camera_of(view), "cpu").depth()) for view in views}
+
+
+def world_of(run: Path) -> tuple[str, int] | None:
+    """Family and seed of the procedural world that a run was fitted to; None for captures."""
+    scene = OmegaConf.load(run / "config.yaml").scene
+    return (str(scene.family), int(scene.seed)) if "family" in scene else None
+
+
+def camera_of(view: RenderedView) -> Camera:
+    """A view's camera, which must be known."""
+    if view.camera is None:
+        raise InputError(view.name, "has no camera to look from", "give a run with cameras")
+    return view.camera
+
+
+def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
+    """Depth whose holes are filled with what counts as infinitely far."""
+    return torch.where(depth > 0, depth, FAR * depth.max().clamp_min(1.0))
+
+
+def at_one_size(enhancer: Enhancer) -> None:
+    """Refuse networks whose images are finer than the renders that they are compared with."""
+    if enhancer.network.scale != 1:
+        raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
+
+
+def preparations(base: Preparation, depths: Mapping[str, Depths]) -> dict[str, Preparation]:
+    """The preparation with each kind of depth that is known.
+
+    Raises:
+        InputError: it does not warp by depth.
+    """
+    warp = base.warp
+    if not isinstance(warp, Reprojected):
+        raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
+    known = [row for row in SEARCHED if row[1] in depths]
+    return {
+        name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth, consistent=consistent)))
+        for name, kind, how, smooth, consistent in known
+    }
+
+
+def propagated(
+    render: Float[Tensor, "3 h w"], aligned: Aligned, softness: float = 0.02, prior: float = 0.5
+) -> Float[Tensor, "3 h w"]:
+    """The render with the references' residuals handed on, each as far as the splat's two renders agree.
+
+    Raises:
+        InputError: the splat's renders of the references are not known.
+    """
+    if aligned.renders is None:
+        raise InputError("references", "come without the splat's renders of them", "give a run with training renders")
+    seen = aligned.visibility
+    difference = (aligned.renders - render).abs().mean(1, keepdim=True)
+    total, share = F.avg_pool2d(torch.cat([difference * seen, seen]), 5, 1, 2).chunk(2)
+    weight = seen * torch.exp(-total / share.clamp_min(1e-6) / softness)
+    residual = (weight * (aligned.references - aligned.renders)).sum(0) / (weight.sum(0) + prior)
+    return (render + residual).clamp(0, 1)
+
+
+def reference_quality(
+    aligned: Aligned, render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
+) -> dict[str, float | None]:
+    """PSNR of the first reference where it is visible, of the render on the same pixels, and what share they are."""
+    if not len(aligned.references):
+        return {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
+    mask = (aligned.visibility[0] > 0.5).float()
+    if not bool(mask.any()):
+        return {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
+    return {
+        "reference_psnr": psnr(aligned.references[0], photo, mask),
+        "render_psnr_there": psnr(render, photo, mask),
+        "reference_visible": float(mask.mean()),
+    }
+
+
+def study(
+    rendered: RenderedSet,
+    enhancer: Enhancer,
+    depths: Mapping[str, Depths],
+    distances: Sequence[PerceptualDistance] = (),
+    every: int = 1,
+) -> Iterator[tuple[RenderedView, str, dict[str, float | None], dict[str, str]]]:
+    """Metrics and reasons for missing ones by view and variant: "raw", then the rows of `SEARCHED`.
+
+    Args:
+        rendered: a run's held-out renders and training views.
+        enhancer: the network; its preparation is taken with every kind of depth.
+        depths: by kind.
+        distances: LPIPS distances to measure as well.
+        every: take every n-th target.
+
+    Raises:
+        InputError: a target has no photo.
+    """
+    at_one_size(enhancer)
+    pool, kinds = Pool(rendered.references), preparations(enhancer.preparation, depths)
+    for view in rendered.targets[::every]:
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
+        target, photo = read_target(view), view.read_photo()
+        raw = measure_pair(target.image, photo, distances)
+        yield view, "raw", raw.metrics, raw.reasons
+        for name, preparation in kinds.items():
+            aligned = preparation.align(target, view, pool)
+            found = measure_pair(quantised(enhancer.enhance(join(target, aligned))[0]), photo, distances)
+            shown = reference_quality(aligned, target.image, photo)
+            reasons = {key: "no reference is visible" for key, value in shown.items() if value is None}
+            simple: dict[str, float | None] = {"propagated_psnr": None}
+            if aligned.renders is None:
+                reasons["propagated_psnr"] = "the run kept no renders of its training views"
+            else:
+                simple["propagated_psnr"] = psnr(quantised(propagated(target.image, aligned)), photo)
+            yield view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
+
+
+def table(found: Sequence[Record]) -> str:
+    """Mean gains over the raw render by run and depth, then over all views."""
+    names = [name for name in ("psnr", "psnr_aligned", "ssim", "lpips_alex") if name in found[0].metrics]
+    heads = ["run", "depth", "views", *(f"gain in {name}" for name in names), "gain of residuals handed on"]
+    heads += ["best reference, dB", "render there, dB", "share visible"]
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    raw = {(record.run, record.view): record for record in found if record.variant == "raw"}
+    runs = list(dict.fromkeys(record.run for record in found))
+    for label, chosen in [*((run, {run}) for run in runs), ("all", set(runs))]:
+        for depth, *_ in SEARCHED:
+            mine = [record for record in found if record.variant == depth and record.run in chosen]
+            if not mine:
+                continue
+            before = [raw[record.run, record.view] for record in mine]
+            cells = [label, depth, str(len(mine))]
+            cells += [_mean(_gains(mine, before, name, name), "+.4f") for name in names]
+            cells.append(_mean(_gains(mine, before, "propagated_psnr", "psnr"), "+.4f"))
+            for name, form in (("reference_psnr", ".2f"), ("render_psnr_there", ".2f"), ("reference_visible", ".3f")):
+                cells.append(_mean([value for r in mine if (value := r.metrics[name]) is not None], form))
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _gains(after: Sequence[Record], before: Sequence[Record], name: str, raw_name: str) -> list[float]:
+    pairs = [(a.metrics[name], b.metrics[raw_name]) for a, b in zip(after, before, strict=True)]
+    return [a - b for a, b in pairs if a is not None and b is not None]
+
+
+def _mean(values: Sequence[float], form: str) -> str:
+    return format(statistics.fmean(values), form) if values else "-"
+
+
+def main() -> None:
+    """Read the command line, enhance, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
+    parser.add_argument("--weights", default="lr_tiny")
+    parser.add_argument("--every", type=int, default=1, help="take every n-th held-out view")
+    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
+    parser.add_argument("--strength", type=float, default=1.0, help="share of the change to apply")
+    parser.add_argument("--json", type=Path, help="write every record there")
+    options = parser.parse_args()
+    torch.set_flush_denormal(True)
+    distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
+    pretrained = load_weights(options.weights)
+    enhancer = Enhancer(pretrained.network, pretrained.preparation, strength=options.strength)
+    note = f"{PROTOCOL}; weights {Path(options.weights).name}, strength {options.strength:g}"
+    found: list[Record] = []
+    for run in finished_runs(options.runs)[0]:
+        step = run_steps(run)[-1]
+        rendered = read_run(run, step)
+        depths = depths_of(run, replace(rendered, targets=rendered.targets[:: options.every]))
+        for view, variant, metrics, reasons in study(rendered, enhancer, depths, distances, options.every):
+            size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
+            what = (run.name, scene_of(run), f"ours_{step}", view.name, variant)
+            found.append(Record("depth", *what, metrics, reasons, size, note))
+        if options.json:
+            write_records(options.json, found)
+    print(table(found))
+
+
+if __name__ == "__main__":
+    main()

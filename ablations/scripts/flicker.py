@@ -1,0 +1,247 @@
+"""Whether enhancement flickers: warped-frame error of raw and enhanced frames along a smooth path through a capture.
+
+    python ablations/flicker.py RUN [RUN ...] [--weights NAME] [--frames 60] [--cameras 6] [--strength S]
+        [--steady S ...] [--json docs/results/flicker.jsonl]
+
+The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
+enhanced with the run's training photos as references, as a view of a capture would be. The next frame is then warped
+onto each through rendered depth, which is the same for all variants. Of a procedural scene the path is rendered
+exactly as well: steady photos still differ, since rendered depth is not exact and the warp blurs, and all the more the
+sharper they are. A blurred render is steadier than the truth by this measure; therefore the network's change alone is
+followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
+frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
+from the frame before (`enhance steady=S`) are variants of their own.
+"""
+
+import argparse
+import dataclasses
+import itertools
+import math
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio
+
+from ablations.realism.realism import finished_runs, scene_of
+from ablations.scripts.depth import at_one_size, world_of
+from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence_errors
+from gaussian_enhancer.align.references import read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.temporal_smoothing import Carried, steadied
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.runs.inputs import render_capture
+from gaussian_enhancer.scene.cameras import read_cameras
+from gaussian_enhancer.scene.path import short_tour, smooth_path
+from gaussian_enhancer.scene.procedural.source import ProceduralView
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.types import Camera
+
+STEADY = "steady "
+"""What names of variants begin with whose change is partly carried over; the share follows."""
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """Frames along a path in every variant.
+
+    Args:
+        places: cameras and rendered geometry, one each frame.
+        images: frames by variant.
+        references: names of the references of each enhanced frame, best first.
+    """
+
+    places: tuple[Place, ...]
+    images: dict[str, tuple[Tensor, ...]]
+    references: tuple[tuple[str, ...], ...]
+
+
+def path_cameras(run: Path, count: int, frames: int) -> tuple[Camera, ...]:
+    """A smooth path through the middle ``count`` cameras of a run's capture, held-out ones among them."""
+    listed = sorted(read_cameras(run / "cameras.json"), key=lambda one: one.name)
+    tour = [listed[i].camera for i in short_tour([one.camera for one in listed])]
+    if not 2 <= count <= len(tour):
+        raise InputError("--cameras", f"is {count}", f"give 2 to {len(tour)}, the cameras of {run.name}")
+    first = (len(tour) - count) // 2
+    return smooth_path(tour[first : first + count], frames)
+
+
+def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
+    """The run's splat as seen along a path, in memory, with its training views as references."""
+    fitted = read_run(run)
+    photos = tuple(Photo(f"path_{i:04d}.png", camera, _no_photo) for i, camera in enumerate(cameras))
+    path = Scene(scene_of(run), photos, (), tuple(range(len(photos))), fitted.background)
+    drawn = render_capture(str(run / "splat.ply"), path, "auto", "test")
+    return RenderedSet(fitted.name, tuple(map(_kept, drawn.targets)), fitted.references, fitted.background)
+
+
+def rendered_sequence(
+    rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = (), steady: Sequence[float] = ()
+) -> Filmed:
+    """Raw, enhanced and steadied frames of a path, and photos where they are known."""
+    at_one_size(enhancer)
+    enhanced = list(enhancer(rendered))
+    places, raw = [], []
+    for view in rendered.targets:
+        if view.read is None or view.camera is None or view.read_depth is None:
+            raise InputError(view.name, "lacks render, camera or depth", "render the path from a splat")
+        places.append(Place(view.camera, view.read_depth(), view.read_alpha() if view.read_alpha else None))
+        raw.append(view.read())
+    images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
+    images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))
+    for share in steady:
+        images[f"{STEADY}{share:g}"] = tuple(_steadied(rendered, [one.image for one in enhanced], share))
+    if photos:
+        images["photo"] = tuple(photos)
+    return Filmed(tuple(places), images, tuple(one.references for one in enhanced))
+
+
+def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
+    """Frames as the job enhance gives them with ``steady=share``."""
+    before: Carried | None = None
+    for view, frame in zip(rendered.targets, frames, strict=True):
+        image, before = steadied(frame, read_target(view), before, share)
+        yield image
+
+
+def exact_photos(run: Path, cameras: Sequence[Camera]) -> tuple[Tensor, ...]:
+    """The path as the world itself looks, for runs of procedural scenes; empty for captures."""
+    world = world_of(run)
+    return () if world is None else tuple(ProceduralView(*world, camera, "cpu").photo() for camera in cameras)
+
+
+def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
+    """From each frame to the next, how many references are new, and whether the same ones only change their order."""
+    pairs = itertools.pairwise(map(tuple, references))
+    return [(len(set(b) - set(a)), set(a) == set(b) and a != b) for a, b in pairs]
+
+
+def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
+    """One record for each pair of neighbouring frames and variant."""
+    changed = changes(sequence.references)
+    for variant, images in sequence.images.items():
+        for t, error in enumerate(sequence_errors(images, sequence.places)):
+            size = (images[t].shape[2], images[t].shape[1])
+            what = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
+            extra: dict[str, float | None] = {}
+            if variant == "enhanced":
+                extra = {"references_new": float(changed[t][0]), "references_reordered": float(changed[t][1])}
+            elif variant == "change":
+                extra = {"size": float((images[t] - 0.5).abs().mean())}
+            if "photo" in sequence.images and variant not in ("photo", "change"):
+                extra["psnr"] = float(peak_signal_noise_ratio(images[t], sequence.images["photo"][t], data_range=1.0))
+            note = PROTOCOL if variant in ("raw", "photo") else f"{PROTOCOL}; weights {weights}"
+            yield Record("consistency", *what, {**_metrics(error), **extra}, _reasons(error), size, note)
+
+
+def table(found: Sequence[Record]) -> str:
+    """Mean errors by run and variant, in steps of 1/255, and what changing references adds to them."""
+    heads = ["run", "pairs", "raw", "enhanced", "photo", "enhanced / raw", "raw, dB", "enhanced, dB"]
+    heads += ["change", "change / its size", "pairs with new references", "enhanced - raw there", "elsewhere"]
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for run in dict.fromkeys(record.run for record in found):
+        mine = [record for record in found if record.run == run]
+        raw, enhanced, photo, change = (_values(mine, v) for v in ("raw", "enhanced", "photo", "change"))
+        new = {r.view for r in mine if r.variant == "enhanced" and r.metrics["references_new"]}
+        excess = {view: enhanced[view] - raw[view] for view in enhanced}
+        sizes = _values(mine, "change", "size")
+        cells = [run, str(len(raw)), *(_mean(values, ".2f", 255) for values in (raw, enhanced, photo))]
+        cells.append(f"{sum(enhanced.values()) / sum(raw.values()):.3f}" if any(raw.values()) else "-")
+        cells += [_mean(_values(mine, variant, "warped_psnr"), ".2f") for variant in ("raw", "enhanced")]
+        cells.append(_mean(change, ".2f", 255))
+        cells.append(f"{sum(change.values()) / sum(sizes.values()):.2f}" if any(sizes.values()) else "-")
+        there = {view: value for view, value in excess.items() if view in new}
+        elsewhere = {view: value for view, value in excess.items() if view not in new}
+        cells += [str(len(new)), _mean(there, "+.3f", 255), _mean(elsewhere, "+.3f", 255)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", *_steady_lines(found)])
+
+
+def _steady_lines(found: Sequence[Record]) -> Iterator[str]:
+    """Flicker over that of the raw frames, and the gain in PSNR where exact photos are known, by share carried over."""
+    yield "| run | frames | error / raw | gain, dB |"
+    yield "|---|---|---|---|"
+    for run in dict.fromkeys(record.run for record in found):
+        mine = [record for record in found if record.run == run]
+        raw, exact = _values(mine, "raw"), _values(mine, "raw", "psnr")
+        for name in dict.fromkeys(r.variant for r in mine if r.variant == "enhanced" or r.variant.startswith(STEADY)):
+            ratio = sum(_values(mine, name).values()) / sum(raw.values()) if any(raw.values()) else math.nan
+            gains = {view: value - exact[view] for view, value in _values(mine, name, "psnr").items()}
+            yield f"| {run} | {name} | {ratio:.3f} | {_mean(gains, '+.2f')} |"
+
+
+def _metrics(error: WarpedError) -> dict[str, float | None]:
+    if error.visible == 0:
+        return {"warped_error": None, "warped_rms": None, "warped_psnr": None, "visible": 0.0}
+    return {
+        "warped_error": error.mean,
+        "warped_rms": error.rms,
+        "warped_psnr": error.decibel,
+        "visible": error.visible,
+    }
+
+
+def _reasons(error: WarpedError) -> dict[str, str]:
+    names = ("warped_error", "warped_rms", "warped_psnr") if error.visible == 0 else ()
+    return dict.fromkeys(names, "not measured: the frames show no common surface")
+
+
+def _values(found: Sequence[Record], variant: str, metric: str = "warped_error") -> dict[str, float]:
+    """A metric of a variant by frame, of the pairs that could be measured."""
+    mine = [record for record in found if record.variant == variant]
+    return {r.view: value for r in mine if r.metrics["visible"] and (value := r.metrics.get(metric)) is not None}
+
+
+def _mean(values: Mapping[str, float], form: str, unit: float = 1.0) -> str:
+    return format(unit * statistics.fmean(values.values()), form) if values else "-"
+
+
+def _no_photo() -> Tensor:
+    raise InputError("path", "has no photo", "ask for renders only")
+
+
+def _kept(view: RenderedView) -> RenderedView:
+    """The view with its pixels in memory, since each is read more than once."""
+    kept = {name: partial(_same, getattr(view, name)()) for name in ("read", "read_depth", "read_alpha")}
+    return dataclasses.replace(view, **kept, read_photo=None)
+
+
+def _same(value: Tensor) -> Tensor:
+    return value
+
+
+def main() -> None:
+    """Read the command line, render, enhance, compare, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
+    parser.add_argument("--weights", default="lr_tiny")
+    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--cameras", type=int, default=6, help="how many of the capture's cameras the path passes")
+    parser.add_argument("--strength", type=float, help="share of the change to apply; the card's where absent")
+    parser.add_argument("--steady", type=float, nargs="*", default=[], help="shares carried over, each a variant")
+    parser.add_argument("--json", type=Path, help="write every record there")
+    options = parser.parse_args()
+    torch.set_flush_denormal(True)
+    pretrained = load_weights(options.weights)
+    strength = pretrained.strength if options.strength is None else options.strength
+    enhancer = Enhancer(pretrained.network, pretrained.preparation, strength=strength)
+    found: list[Record] = []
+    for run in finished_runs(options.runs)[0]:
+        cameras = path_cameras(run, options.cameras, options.frames)
+        sequence = rendered_sequence(path_renders(run, cameras), enhancer, exact_photos(run, cameras), options.steady)
+        found += records(run, sequence, f"{Path(options.weights).name}, strength {strength:g}")
+        if options.json:
+            write_records(options.json, found)
+    print(table(found))
+
+
+if __name__ == "__main__":
+    main()

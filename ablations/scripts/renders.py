@@ -1,0 +1,153 @@
+"""Which training renders make the better enhancer: gains of the rows of conf/ablation/renders on the same views.
+
+    python ablations/renders.py --rows real naive ... --runs RUN [RUN ...] [--lpips FOLDER] [--json FILE]
+
+Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the
+held-out views of the runs' last steps with each row's weights, at full strength, and measures the gain over the raw
+render. The default is decided on validation runs; test runs are reported (docs/data.md).
+"""
+
+import argparse
+import json
+import random
+import statistics
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import torch
+
+from ablations.realism.realism import finished_runs, scene_of
+from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.weights import load_weights, preparation_of
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.pair import measure_pair
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.types import Views, quantised
+
+METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
+
+
+def trained(row: str, runs: Path) -> Path:
+    """The weights of a row; the one finished training with its label.
+
+    Raises:
+        InputError: there is none, or more than one.
+    """
+    found = sorted(folder for folder in (runs / "train").glob(f"renders_{row}-*") if (folder / "done").is_file())
+    if len(found) != 1:
+        remedy = f"run: gaussian-enhancer train +recipe=renders +ablation/renders={row}"
+        raise InputError(f"row {row}", f"has {len(found)} finished trainings", remedy)
+    return found[0] / "weights.safetensors"
+
+
+def enhancers(rows: Sequence[str], runs: Path) -> dict[str, Enhancer]:
+    """The rows' networks, at full strength.
+
+    Raises:
+        InputError: rows were trained with different preparations, so that their views could not be shared.
+    """
+    loaded = {row: load_weights(trained(row, runs)) for row in rows}
+    if len({preparation_key(one.preparation) for one in loaded.values()}) > 1:
+        raise InputError("rows", "prepare their references differently", "train them with the same recipe")
+    return {row: Enhancer(one.network, one.preparation) for row, one in loaded.items()}
+
+
+def preparation_key(preparation: Preparation) -> str:
+    """A preparation as text, equal for equal ones."""
+    return json.dumps(preparation_of(preparation), sort_keys=True)
+
+
+def gains(
+    made: Mapping[str, Enhancer], run: Path, distances: list[PerceptualDistance], every: int = 1
+) -> list[dict[str, object]]:
+    """Gain of every metric over the raw render, by every n-th view of the run's last step and row.
+
+    A view is prepared once for all rows that prepare it alike.
+    """
+    rendered, found = read_run(run, run_steps(run)[-1]), []
+    pool = Pool(rendered.references)
+    for view in rendered.targets[::every]:
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
+        target, photo = read_target(view), view.read_photo()
+        prepared: dict[str, Views] = {}
+        before = measure_pair(target.image, photo, distances).metrics
+        for row, enhancer in made.items():
+            key = preparation_key(enhancer.preparation)
+            if key not in prepared:
+                prepared[key] = join(target, enhancer.preparation.align(target, view, pool))
+            after = measure_pair(quantised(enhancer.enhance(prepared[key])[0]), photo, distances).metrics
+            gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
+            where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
+            found.append({**where, **gain, "raw_psnr": before["psnr"]})
+    return found
+
+
+def measured(
+    made: Mapping[str, Enhancer], runs: Sequence[str], lpips: Path | None, json_file: Path | None, every: int = 1
+) -> list[dict]:
+    """`gains` of every finished run with where and when they were measured; the file is written again after each run.
+
+    Args:
+        made: the rows.
+        runs: folders of finished fits, or patterns.
+        lpips: folder of LPIPS backbones; None measures no LPIPS.
+        json_file: gets every row; None keeps none.
+        every: take every n-th held-out view.
+    """
+    distances = [perceptual_distance("lpips_alex", lpips, torch.device("cpu"))] if lpips else []
+    provenance = {"commit": this_commit(), "machine": this_machine()}
+    rows: list[dict] = []
+    for run in finished_runs(runs)[0]:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances, every)]
+        if json_file:
+            json_file.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
+    return rows
+
+
+def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
+    """95% bootstrap interval of a mean over views."""
+    generator = random.Random(0)
+    means = sorted(statistics.fmean(generator.choices(values, k=len(values))) for _ in range(draws))
+    return means[round(0.025 * draws)], means[round(0.975 * draws) - 1]
+
+
+def table(rows: list[dict], head: str = "training renders") -> str:
+    """Mean gains by row over all views, the colour-aligned one with its interval and worst view, then that by scene."""
+    names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
+    metrics = [name for name in METRICS if name in rows[0]]
+    heads = [head, *metrics, "95% of psnr_aligned", "worst view", "views worse", *scenes]
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for name in names:
+        mine = [r for r in rows if r["row"] == name]
+        aligned = [r["psnr_aligned"] for r in mine]
+        low, high = interval(aligned)
+        worse = sum(value < 0 for value in aligned)
+        means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
+        by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]
+        spread = [f"{low:+.3f} to {high:+.3f}", f"{min(aligned):+.3f}", f"{worse} of {len(mine)}"]
+        lines.append("| " + " | ".join([name, *means, *spread, *by_scene]) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Read the command line, enhance, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", nargs="+", required=True)
+    parser.add_argument("--runs", nargs="+", required=True, help="folders of finished fits, or patterns")
+    parser.add_argument("--folder", type=Path, default=Path("runs"), help="where trainings lie")
+    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
+    parser.add_argument("--json", type=Path, help="write every row there")
+    options = parser.parse_args()
+    torch.set_flush_denormal(True)
+    made = enhancers(options.rows, options.folder)
+    print(table(measured(made, options.runs, options.lpips, options.json)))
+
+
+if __name__ == "__main__":
+    main()

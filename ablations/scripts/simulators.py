@@ -1,0 +1,90 @@
+"""The rows of the simulator's studies: what makes simulated renders, by name."""
+
+from collections.abc import Mapping
+
+import torch
+
+from ablations.realism.realism import Row
+from gaussian_enhancer.degrade.gates.adaptive import calibrated_on
+from gaussian_enhancer.degrade.gates.gate import TYPES, AllGate, Gate, NoGate, RandomGate
+from gaussian_enhancer.degrade.generative.diffusion import Sampler
+from gaussian_enhancer.degrade.generative.weights import diffused
+from gaussian_enhancer.degrade.simulator import Simulator
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.rendered import RenderedSet
+
+GENERIC = ("blur", "noise", "jpeg")
+"""What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
+
+
+class Adapted:
+    """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out.
+
+    Args:
+        photos: training photos on which the types' responses are measured.
+    """
+
+    def __init__(self, photos: int = 4) -> None:
+        self.photos = photos
+        self.known: list[tuple[RenderedSet, Gate]] = []
+
+    def __call__(self, splat: RenderedSet) -> Gate:
+        """The gate of a splat."""
+        for other, gate in self.known:
+            if other is splat:
+                return gate
+        self.known.append((splat, calibrated_on(splat, torch.Generator().manual_seed(0), photos=self.photos)))
+        return self.known[-1][1]
+
+
+def rows(names: list[str], generator: str | None = None, steps: int = 8) -> Mapping[str, Row]:
+    """Simulators by name.
+
+    Args:
+        names: of rows.
+        generator: weights of stage 2, for the rows ``tsds`` and ``random_tsds``.
+        steps: of the diffusion's sampler.
+
+    Raises:
+        InputError: there is no such row, or a second stage comes without weights.
+    """
+    adapted = Adapted()
+    makers: dict[str, Row] = {
+        "none": none,
+        "naive": naive,
+        "all": every,
+        "random": random,
+        "adaptive": lambda splat: Simulator(adapted(splat)),
+    }
+    learnt = ("tsds", "random_tsds", "none_tsds")
+    unknown = [name for name in names if name not in (*makers, *learnt)]
+    if unknown:
+        raise InputError("--rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, *learnt))}")
+    if set(names) & set(learnt):
+        if generator is None:
+            raise InputError("--rows", "names a second stage without weights", "name them with --generator")
+        second = diffused(generator, Sampler(steps))
+        makers["tsds"] = lambda splat: Simulator(adapted(splat), second)
+        makers["random_tsds"] = lambda splat: Simulator(RandomGate(), second)
+        makers["none_tsds"] = lambda splat: Simulator(NoGate(), second)
+    return {name: makers[name] for name in names}
+
+
+def none(splat: RenderedSet) -> Simulator:
+    """The photo itself: how far real renders are from photos."""
+    return Simulator(NoGate())
+
+
+def naive(splat: RenderedSet) -> Simulator:
+    """Blur, noise and JPEG, all at once."""
+    return Simulator(AllGate({name: name in GENERIC for name in TYPES}))
+
+
+def every(splat: RenderedSet) -> Simulator:
+    """Every type of artefact at once."""
+    return Simulator(AllGate())
+
+
+def random(splat: RenderedSet) -> Simulator:
+    """The paper's gate: random types in random order, some in regions only."""
+    return Simulator(RandomGate())

@@ -1,0 +1,173 @@
+"""One cell of the matrix: a case in one precision, one pass, against float64."""
+
+import copy
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor, nn
+
+from ablations.stability.case import Case, Precision, Problem, UnstableError
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import Record
+
+WITHIN, REFUSED, FAILED = "within tolerance", "refused", "FAILED"
+"""How a cell ends."""
+
+ROUNDING = 1e-12
+"""Share of the largest gradient below which a gradient is zero but for float64's roundings."""
+
+KIND = "stability"
+"""Kind of the matrix's records."""
+
+PROTOCOL = (
+    "float64 on the same rounded numbers; forward: largest difference over the unit; backward: norm of the difference "
+    "over the norm, worst input"
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What became of a case in one precision and pass.
+
+    Args:
+        outcome: one of `WITHIN`, `REFUSED`, `FAILED`.
+        reason: why it was refused or has failed.
+        error: against float64; None where there is no result.
+        tolerance: the largest error that is allowed.
+        computed: the precision that the code computed in where that is not the one asked for.
+        seconds: that it took.
+    """
+
+    outcome: str
+    reason: str = ""
+    error: float | None = None
+    tolerance: float = math.nan
+    computed: str = ""
+    seconds: float = 0.0
+
+
+def judged(case: Case, precision: Precision, direction: str) -> Cell:
+    """Compute a case and compare it with float64.
+
+    Args:
+        case: the case.
+        precision: what to compute in.
+        direction: "forward" or "backward".
+    """
+    allowed = case.tolerance[precision.name][direction == "backward"]
+    problem = case.build()
+    started = time.perf_counter()
+    try:
+        found, dtype = _result(problem, precision, direction)
+    except InputError as error:
+        return Cell(REFUSED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
+    except UnstableError as error:
+        return Cell(FAILED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
+    except Exception as error:  # whatever a case throws is its cell, not the end of the matrix
+        words = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        return Cell(FAILED, words, tolerance=allowed, seconds=time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    expected = _expected(case, precision.dtype, direction)
+    computed = "" if precision.autocast or dtype == precision.dtype else str(dtype).removeprefix("torch.")
+    off = difference(found, expected, problem, direction)
+    outcome, reason = WITHIN, ""
+    if not all(bool(torch.isfinite(value).all()) for value in expected.values()):
+        outcome, reason = FAILED, "float64 itself is not finite"
+    elif not all(bool(torch.isfinite(value).all()) for value in found.values()):
+        bad = next(name for name, value in found.items() if not bool(torch.isfinite(value).all()))
+        outcome, reason = FAILED, f"{bad} is not finite"
+    elif not off <= allowed:
+        outcome, reason = FAILED, f"is off by {off:.2g}, more than {allowed:g}"
+    return Cell(outcome, reason, off, allowed, computed, seconds)
+
+
+def difference(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], problem: Problem, direction: str) -> float:
+    """How far results are from the reference: see `PROTOCOL`.
+
+    Args:
+        found: by name.
+        expected: by name.
+        problem: whose results they are.
+        direction: "forward" or "backward".
+    """
+    worst = 0.0
+    largest = max((float(value.norm()) for value in expected.values()), default=0.0)
+    for name, value in found.items():
+        gap, size = (value.double() - expected[name]), expected[name]
+        if direction == "backward":
+            error, scale = float(gap.norm()), float(size.norm())
+            if (
+                scale < ROUNDING * largest
+            ):  # nothing but float64's own roundings: it is to be as small beside the others
+                scale = largest
+        else:
+            last = max(0, math.ceil(problem.share * gap.numel()) - 1)
+            error = float(gap.abs().flatten().sort().values[last]) if gap.numel() else 0.0
+            scale = problem.unit if problem.unit is not None else float(size.abs().max())
+        # Nothing where nothing is expected is right, anything else there is wrong beyond measure.
+        ratio = 0.0 if error == 0 else error / scale if scale > 0 else math.inf
+        worst = max(worst, ratio) if math.isfinite(ratio) else math.inf
+    return worst
+
+
+def record_of(case: Case, precision: Precision, direction: str, cell: Cell) -> Record:
+    """A cell as a line on disk: the family as its run, case, precision, pass and outcome."""
+    metrics: dict[str, float | None] = {"error": cell.error, "tolerance": cell.tolerance, "seconds": cell.seconds}
+    reasons = {"outcome": cell.reason} if cell.reason else {}
+    if cell.error is None:
+        reasons["error"] = cell.reason
+    if cell.computed:
+        reasons["computed"] = cell.computed
+    return Record(
+        KIND, case.family, case.name, precision.name, direction, cell.outcome, metrics, reasons, protocol=PROTOCOL
+    )
+
+
+@lru_cache(maxsize=4)
+def _expected(case: Case, dtype: torch.dtype, direction: str) -> dict[str, Tensor]:
+    """What float64 makes of a case whose numbers were rounded; the same with and without autocast."""
+    return _result(case.build(), Precision("float64", dtype), direction, reference=True)[0]
+
+
+def _result(
+    problem: Problem, precision: Precision, direction: str, reference: bool = False
+) -> tuple[dict[str, Tensor], torch.dtype]:
+    """The result, or the gradients by name, and the type that the code answered in."""
+    inputs = {name: value.to(precision.dtype).clone() for name, value in problem.inputs.items()}
+    module = None if problem.module is None else copy.deepcopy(problem.module).to(precision.dtype)
+    if reference:
+        inputs = {name: value.double() for name, value in inputs.items()}
+        module = None if module is None else module.double()
+    learnt = {name: value for name, value in inputs.items() if name not in problem.fixed}
+    for value in learnt.values():
+        value.requires_grad_(direction == "backward")
+    low = precision.autocast if not reference else None
+    with torch.set_grad_enabled(direction == "backward"), torch.autocast("cpu", low, enabled=low is not None):
+        result = problem.call(module, inputs)
+    if direction == "forward":
+        return {"result": result.double()}, result.dtype
+    return _gradients(result, learnt, module), result.dtype
+
+
+def _gradients(result: Tensor, learnt: Mapping[str, Tensor], module: nn.Module | None) -> dict[str, Tensor]:
+    """Gradients of the result's sum under fixed random weights: of each input, and of all weights as one.
+
+    A sum is a mean scaled up, as training in float16 scales its loss; the gradients of a mean would vanish there.
+    """
+    weights = torch.rand(result.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    loss = (result.double() * weights).sum()
+    parameters = [] if module is None else [value for value in module.parameters() if value.requires_grad]
+    if loss.requires_grad:
+        loss.backward()
+    gathered = {name: _gradient(value) for name, value in learnt.items()}
+    if parameters:
+        gathered["weights"] = torch.cat([_gradient(value).flatten() for value in parameters])
+    return {f"gradient of {name}": value for name, value in gathered.items()}
+
+
+def _gradient(value: Tensor) -> Tensor:
+    return torch.zeros_like(value, dtype=torch.float64) if value.grad is None else value.grad.double()

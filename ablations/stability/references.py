@@ -1,0 +1,115 @@
+"""References that cannot help, or seem to help too well."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from ablations.stability.case import Case, Problem
+from ablations.stability.depth import WARPED
+from ablations.stability.geometry import as_target, plane, shifted
+from ablations.stability.images import run_network, shipped, views_of
+from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, Warp
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.types import Views
+
+ABOUT = {
+    "identical": "the target's own render from the target's place",
+    "black": "black photos",
+    "missing": "no reference",
+    "half_size": "photos of half the size",
+    "odd_size": "a photo one pixel wide beside one four times as fine",
+    "behind": "photos taken from behind the plane",
+    "same_place": "three photos of one camera",
+}
+WHY = "geometry and colours are computed in single precision or better"
+NAMES = ("a.png", "b.png", "c.png")
+
+
+def cases() -> list[Case]:
+    """The family: references as each alignment brings them, and through the network."""
+    found = []
+    for name, about in ABOUT.items():
+        for way in WARPS:
+            found.append(
+                Case("references", f"{name}_{way}", about, partial(aligned, name, way), WARPED, WHY, ("forward",))
+            )
+    unseen = "references of visibility 0 that hold huge numbers"
+    found.append(Case("references", "unseen_network", unseen, unseen_problem))
+    for part in ("render", "references", "alpha"):
+        about = f"NaN in one pixel of the {part}"
+        found.append(Case("references", f"nan_in_{part}", about, partial(spoilt, part), passes=("forward",)))
+    return found
+
+
+WARPS: dict[str, Warp] = {"reprojected": Reprojected(), "unwarped": Unwarped()}
+
+
+def aligned(name: str, way: str) -> Problem:
+    """References on the target's grid."""
+    return Problem(partial(_aligned, name, way), {"render": as_target(plane()).image}, share=0.99)
+
+
+def _aligned(name: str, way: str, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+    kind = inputs["render"].dtype
+    target = replace(_in(as_target(plane()), kind), image=inputs["render"])
+    views = [_in(view, kind) for view in references(name, target)]
+    found = WARPS[way](target, views, 3)
+    shown = torch.cat([found.references, found.visibility], 1)
+    # Equal references may come in either order.
+    return shown.sum(0) if len(shown) else torch.cat([inputs["render"], inputs["render"][:1]]) * 0
+
+
+def references(name: str, target: Pixels) -> Sequence[Pixels]:
+    """The references of a case."""
+    usual = [plane(shift, name=own) for shift, own in zip((0.2, -0.2, 0.4), NAMES, strict=True)]
+    if name == "identical":
+        return [replace(target, name=NAMES[0], render=target.image)]
+    if name == "black":
+        return [replace(view, image=torch.zeros_like(view.image)) for view in usual]
+    if name == "missing":
+        return []
+    if name == "half_size":
+        return [replace(view, image=view.image[:, ::2, ::2], alpha=None) for view in usual]
+    if name == "odd_size":
+        fine = usual[1].image.repeat_interleave(4, -1).repeat_interleave(4, -2)
+        return [
+            replace(usual[0], image=usual[0].image[:, :, :1], render=None, alpha=None),
+            replace(usual[1], image=fine, alpha=None),
+        ]
+    if name == "behind":
+        return [replace(view, camera=shifted(0.1, behind=True)) for view in usual]
+    return [replace(usual[0], name=own) for own in NAMES]
+
+
+def _in(view: Pixels, kind: torch.dtype) -> Pixels:
+    """A view with its images in a precision; cameras stay as they are."""
+    images = {name: getattr(view, name) for name in ("image", "depth", "alpha", "render")}
+    changed = {name: None if image is None else image.to(kind) for name, image in images.items()}
+    return replace(view, **changed)  # type: ignore[arg-type]
+
+
+def unseen_problem() -> Problem:
+    """The network on references that are nowhere visible."""
+    views = views_of("noise", 1)
+    views["visibility"] = torch.zeros_like(views["visibility"])
+    views["references"] = views["references"] * 0 + 1e3
+    return Problem(run_network, views, shipped("lr_tiny"))
+
+
+def spoilt(part: str) -> Problem:
+    """A view with one pixel that is not finite, enhanced as the job does it."""
+    views = views_of("noise", 1)
+    views[part].view(-1)[17] = math.nan
+    return Problem(_enhanced, views, shipped("lr_tiny"))
+
+
+def _enhanced(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+    if not isinstance(module, Network):
+        raise TypeError(f"{type(module).__name__} is no network")
+    return Enhancer(module, Preparation(), precision="float32").enhance(Views(**inputs))  # type: ignore[arg-type]

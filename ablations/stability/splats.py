@@ -1,0 +1,152 @@
+"""Splats that strain a rasteriser: needles, singular covariances, edges, the near plane, opacity, focal lengths.
+
+Axes: n Gaussians. Every one is drawn by `splat.render.render` on 24x32 pixels.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from ablations.stability.case import PRECISIONS, Case, Problem, Tolerance
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Camera, Gaussians, identity_camera
+
+TOLERANCE: Tolerance = {precision.name: (0.01, 0.02) for precision in PRECISIONS}
+WHY = "a share that lies at the threshold 1/255 may be drawn in one precision and left out in another"
+
+HEIGHT, WIDTH, COUNT = 24, 32, 12
+METHODS: dict[str, Method] = {"3dgs": ThreeDGS(), "2dgs": TwoDGS(), "mip_splatting": MipSplatting()}
+
+
+def cases() -> list[Case]:
+    """The family, every method where it has a meaning."""
+    found = []
+    for method, how in METHODS.items():
+        disks = isinstance(how, TwoDGS)
+        kinds = {
+            "ordinary": "nothing; what the others are to be compared with",
+            "needles": "one axis 10^6 times as long as the others",
+            "near_singular": "covariances on the image with condition numbers over 10^12",
+            "near_plane": "centres at the near plane, a hair before and behind it, at and behind the camera",
+            "behind": "all centres behind the camera",
+            "opaque": "60 layers of opacity 1",
+            "one_place": "all Gaussians in one place, equal depths",
+            "not_finite": "one centre NaN, one scale infinite: as if they were not there",
+            **({"edge_on": "disks seen exactly from the side, and nearly"} if disks else {}),
+        }
+        found += [_case(f"{kind}_{method}", about, kind, method, float(WIDTH)) for kind, about in kinds.items()]
+        for name, focal in (("focal_1", 1.0), ("focal_1e5", 1e5)):
+            about = f"a focal length of {focal:g} px"
+            found.append(_case(f"{name}_{method}", about, "ordinary", method, focal))
+    return found
+
+
+def _case(name: str, about: str, kind: str, method: str, focal: float) -> Case:
+    return Case("splats", name, about, partial(problem, kind, method, focal), TOLERANCE, WHY)
+
+
+def problem(kind: str, method: str, focal: float) -> Problem:
+    """A splat to draw.
+
+    Args:
+        kind: what is extreme about it.
+        method: by which method.
+        focal: of the camera, pixels.
+    """
+    how = METHODS[method]
+    splat = _gaussians(2 if isinstance(how, TwoDGS) else 3, 60 if kind == "opaque" else COUNT, focal)
+    splat = _CHANGES[kind](splat)
+    if isinstance(how, MipSplatting):
+        splat["smoothing"] = torch.full((len(splat["means"]),), 0.01, dtype=torch.float64)
+    camera = identity_camera(HEIGHT, WIDTH, focal, torch.float64)
+    return Problem(partial(_drawn, how, camera), splat, fixed=("smoothing",))
+
+
+def _drawn(method: Method, camera: Camera, module: nn.Module | None, splat: dict[str, Tensor]) -> Tensor:
+    image = render(Gaussians(**splat), camera, method, (0.2, 0.4, 0.6))
+    return torch.cat([image.colour, image.alpha])
+
+
+def _gaussians(axes: int, count: int, focal: float) -> dict[str, Tensor]:
+    """Gaussians in front of the camera that cover a few pixels each, at whatever focal length."""
+    draw = torch.Generator().manual_seed(5)
+    uniform = torch.rand(count, 3, generator=draw, dtype=torch.float64)
+    z = 2 + uniform[:, 2:]
+    across = (uniform[:, :2] - 0.5) * torch.tensor([WIDTH, HEIGHT]) / focal * z
+    size = 3 * z / focal * (0.5 + torch.rand(count, axes, generator=draw, dtype=torch.float64))
+    return {
+        "means": torch.cat([across, z], 1),
+        "log_scales": size.log(),
+        "quaternions": torch.nn.functional.normalize(torch.randn(count, 4, generator=draw, dtype=torch.float64), dim=1),
+        "opacity_logits": torch.randn(count, generator=draw, dtype=torch.float64),
+        "sh": 0.5 * torch.randn(count, 4, 3, generator=draw, dtype=torch.float64),
+    }
+
+
+def _needles(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    logs = splat["log_scales"].clone()
+    logs[:, 1:] = logs[:, :1] - math.log(1e6)
+    return {**splat, "log_scales": logs}
+
+
+def _near_singular(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    logs = splat["log_scales"].clone()
+    logs[:, 0] = math.log(1e5)  # over 10^6 px long and less than one wide
+    logs[:, 1:] = math.log(1e-4)
+    return {**splat, "log_scales": logs}
+
+
+def _near_plane(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    means = splat["means"].clone()
+    means[:6, 2] = torch.tensor([0.01, 0.0101, 0.0099, 0.0, -0.01, -2.0], dtype=torch.float64)
+    means[:6, :2] *= 1e-3
+    logs = splat["log_scales"].clone()
+    logs[:6] -= 5
+    return {**splat, "means": means, "log_scales": logs}
+
+
+def _behind(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {**splat, "means": splat["means"] * torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64)}
+
+
+def _opaque(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {**splat, "opacity_logits": torch.full_like(splat["opacity_logits"], 15.0)}  # 1 to seven digits
+
+
+def _one_place(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {**splat, "means": splat["means"][:1].expand_as(splat["means"]).clone()}
+
+
+def _not_finite(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    means, logs = splat["means"].clone(), splat["log_scales"].clone()
+    means[0, 1], logs[1, 0] = math.nan, math.inf
+    return {**splat, "means": means, "log_scales": logs}
+
+
+def _edge_on(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Disks whose normal is at right angles to the ray through their centre, every other one turned by 10^-4."""
+    half = math.sqrt(0.5)
+    turn = torch.tensor([half, half, 0.0, 0.0], dtype=torch.float64).repeat(
+        COUNT, 1
+    )  # about x: the normal points along y
+    turn[::2, 1] += 1e-4
+    means = splat["means"].clone()
+    means[:, 1] = 0
+    return {**splat, "quaternions": turn, "means": means}
+
+
+_CHANGES: dict[str, Callable[[dict[str, Tensor]], dict[str, Tensor]]] = {
+    "ordinary": dict,
+    "needles": _needles,
+    "near_singular": _near_singular,
+    "near_plane": _near_plane,
+    "behind": _behind,
+    "opaque": _opaque,
+    "one_place": _one_place,
+    "not_finite": _not_finite,
+    "edge_on": _edge_on,
+}

@@ -1,0 +1,121 @@
+"""Steps of training that go wrong: a hundred times the learning rate, black batches, a sample that is not finite."""
+
+import math
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from ablations.stability.case import NETWORK, PRECISIONS, Case, Problem, Tolerance, UnstableError
+from ablations.stability.images import picture, views_of
+from gaussian_enhancer.loss.terms import Charbonnier, Dissimilarity, Relative
+from gaussian_enhancer.loss.weighted_sum import Objective, Weighted
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.train.module import EnhancerModule, Optimiser
+from gaussian_enhancer.types import Batch, Views
+
+ANY: Tolerance = {precision.name: (math.inf, math.inf) for precision in PRECISIONS}
+FORWARD = ("forward",)
+
+
+def cases() -> list[Case]:
+    """The family; steps under autocast and in float32, as training takes them, halves included."""
+    diverges = "trainings part after the first rounding: what counts is that this one recovers"
+    return [
+        Case(
+            "training",
+            "first_step_100x",
+            "a first step at 100 times the learning rate",
+            hurried,
+            ANY,
+            diverges,
+            FORWARD,
+        ),
+        Case("training", "batch_black", "a batch of black images", partial(one_step, "black"), NETWORK),
+        Case("training", "batch_constant", "a batch of one grey", partial(one_step, "constant"), NETWORK),
+        Case("training", "batch_of_one", "a batch of one sample", partial(one_step, "noise", 1), NETWORK),
+        Case("training", "nan_in_a_sample", "NaN in one sample of four", spoilt, NETWORK),
+    ]
+
+
+def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
+    """A training of a network as the job train sets it up.
+
+    Args:
+        network: to train.
+        share: of samples that may be dropped.
+    """
+    objective = Objective({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(Dissimilarity(), 0.1)})
+    return EnhancerModule(network, objective, {}, Optimiser(warmup=0), 100, bad_share=share)
+
+
+def small_network() -> SIF:
+    """A small network that does something: its last layer is not zero."""
+    torch.manual_seed(11)
+    network = SIF((8, 12), (1, 1))
+    nn.init.normal_(network.decode.head.weight, std=0.05)
+    return network
+
+
+def inputs_of(name: str, batch: int) -> dict[str, Tensor]:
+    """Views and photos of a batch."""
+    views = {key: value.repeat_interleave(batch, 0) for key, value in views_of(name, 1).items()}
+    return {**views, "photo": (picture("noise", batch) + views["render"]) / 2 if name == "noise" else views["render"]}
+
+
+def one_step(name: str, batch: int = 4) -> Problem:
+    """The loss of a batch, to be derived by the weights."""
+    return Problem(_loss, inputs_of(name, batch), small_network().double(), tuple(inputs_of(name, 1)))
+
+
+def spoilt() -> Problem:
+    """The same with one sample that is not finite."""
+    inputs = inputs_of("noise", 4)
+    inputs["photo"][2, 1, 3, 4] = math.nan
+    return Problem(_loss, inputs, small_network().double(), tuple(inputs))
+
+
+def _loss(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+    return _training(module).loss(_batch(inputs))[0]
+
+
+def hurried() -> Problem:
+    """Twenty steps, the first at 100 times the learning rate."""
+    return Problem(_hurried, inputs_of("noise", 2), small_network().double())
+
+
+def _hurried(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+    training = _training(module)
+    optimiser = training.configure_optimizers()["optimizer"]
+    rates = [8e-4 * 100] + [8e-4] * 30
+    losses = []
+    with torch.enable_grad():
+        for rate in rates:
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+            optimiser.zero_grad()
+            loss, _ = training.loss(_batch(inputs))
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(training.network.parameters(), 1.0)
+            optimiser.step()
+            losses.append(float(loss.detach()))
+    if not all(bool(torch.isfinite(value).all()) for value in training.network.parameters()):
+        raise UnstableError("weights are not finite")
+    if not losses[-1] < max(1.5 * losses[0], 0.3 * losses[1]):
+        raise UnstableError(
+            f"loss {losses[0]:.3g}, then {losses[1]:.3g}, still {losses[-1]:.3g} after {len(rates)} steps"
+        )
+    return torch.tensor(losses[-1])
+
+
+def _training(module: nn.Module | None) -> EnhancerModule:
+    if not isinstance(module, Network):
+        raise TypeError(f"{type(module).__name__} is no network")
+    return module_of(module)
+
+
+def _batch(inputs: dict[str, Tensor]) -> Batch:
+    views = {name: value for name, value in inputs.items() if name != "photo"}
+    names = tuple(f"sample {place}" for place in range(len(inputs["photo"])))
+    return Batch(Views(**views), inputs["photo"], names)  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""Studies of our own: descriptions as YAML, measures as Python."""

@@ -1,0 +1,1 @@
+"""Tables and studies from nothing to their records."""

@@ -1,0 +1,169 @@
+"""Time and memory of one enhanced view by the resolution of the output, on whatever device there is.
+
+What is measured is an `Enhancer` on a view and its references in memory: choosing and aligning references, and the
+network. The scene is a textured plane at a slant with exact depth, so that no dataset is needed.
+
+Axes: h height, w width.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from torch import Tensor
+
+from ablations.suite.descriptions import Experiment
+from ablations.suite.method_runs import Runs
+from gaussian_enhancer.checkpoint import find_checkpoint
+from gaussian_enhancer.errors import reason_of
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.cost import peak_memory, timed
+from gaussian_enhancer.metrics.provenance import this_machine
+from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs.run import find_run, open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Camera, identity_camera
+
+MEGABYTE = 1e6
+REFERENCES = 5
+
+
+def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
+    """The costs of every row at every size, in the seed that comes first.
+
+    Rows are timed against each other, one repeat of each in turn; a row that cannot be measured leaves a record with
+    the reason.
+    """
+    seed = one.table.seeds[0]
+    weights: dict[str, str] = {}
+    learnt: dict[str, str] = {}
+    reasons: dict[str, str] = {}
+    for row in one.table.rows:
+        try:
+            weights[row], learnt[row] = runs.weights(one, row, seed), runs.train_digest(one, row, seed)
+        except Exception as error:  # the other rows are worth measuring
+            reasons[row] = reason_of(error)
+            console.print(f"{row} is missing: {reasons[row]}", highlight=False, soft_wrap=True)
+    for size, (height, width) in runs.cfg.scale.outputs.items():
+        for row, reason in reasons.items():
+            yield Record(MISSING, "", str(size), "", str(size), row, {}, {"row": reason}, seed=seed)
+        if weights:
+            console.print(f"{size}: {width}x{height}", highlight=False)
+            job = cost_job(runs, learnt, str(size), (int(height), int(width)))
+            for record in _measured(runs, weights, job):
+                trained = find_checkpoint(weights[record.variant]).parent.name
+                yield replace(record, seed=seed, sources={"train": trained})
+
+
+def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int, int]) -> DictConfig:
+    """What determines the costs at a size: the rows' trainings, and the machine.
+
+    Args:
+        runs: the suite's.
+        learnt: digest of the training by row.
+        size: its name.
+        shape: height and width of the output, in pixels.
+    """
+    how = {"shape": list(shape), "repeats": runs.cfg.scale.repeats, "machine": this_machine()}
+    return OmegaConf.create({"runs": runs.cfg.runs, "size": size, "train": dict(learnt), **how})
+
+
+def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[Record, ...]:
+    """The records of a size, measured or found measured on this machine by these very weights."""
+    found = find_run(job, "cost")
+    if found is None or not found.done:
+        with marks.attempt():
+            found = open_run(job, "cost", job.size)
+            records = tuple(_timed(runs, weights, job.size, tuple(job.shape), found.folder.name))
+            write_records(found.folder / "records.jsonl", records)
+            found.finish()
+    return read_records(found.folder / "records.jsonl")
+
+
+def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, int], name: str) -> Iterator[Record]:
+    device = start(runs.cfg.runtime)
+    seen = cache(plane)
+    calls = {row: _call(path, shape, device, seen) for row, path in weights.items()}
+    times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
+    calls.clear()
+    seen.cache_clear()  # memory is that of a row's own inputs
+    where = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
+    memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
+    protocol = f"{where}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
+    for row, timing in times.items():
+        peak = peak_memory(_call(weights[row], shape, device, plane), device) / MEGABYTE
+        metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}
+        yield Record("cost", name, size, "", size, row, metrics, size=(shape[1], shape[0]), protocol=protocol)
+
+
+def _call(
+    path: str, shape: tuple[int, int], device: torch.device, seen: Callable[[int, int, int], RenderedSet]
+) -> Callable[[], object]:
+    """One view enhanced by a file's weights; what is seen is made now."""
+    pretrained = load_weights(path)
+    enhancer = Enhancer(pretrained.network, pretrained.preparation, device)
+    height, width = (side // pretrained.network.scale for side in shape)
+    views = seen(height, width, pretrained.network.scale)
+    return lambda: [one.image for one in enhancer(views)]
+
+
+def plane(height: int, width: int, scale: int = 1) -> RenderedSet:
+    """A view of a textured plane, and references beside it.
+
+    Args:
+        height: of the renders, in pixels.
+        width: of the renders, in pixels.
+        scale: how much finer their photos are known.
+    """
+    texture = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
+
+    def view(index: int) -> RenderedView:
+        camera = _camera(index, height, width)
+        photo, depth = _seen(camera, texture)
+        alpha = torch.ones_like(depth)
+        fine = cache(lambda: _seen(camera.resized(scale * height, scale * width), texture)[0])
+        return RenderedView(
+            f"{index}.png",
+            lambda: photo,
+            camera,
+            lambda: depth,
+            lambda: alpha,
+            lambda: photo,
+            fine if scale > 1 else None,
+        )
+
+    views = [view(index) for index in range(1 + REFERENCES)]
+    for one in views:
+        if one.read_fine_photo is not None:
+            one.read_fine_photo()  # now: reading is no part of what is measured
+    return RenderedSet("plane", (views[0],), tuple(views[1:]))
+
+
+def _camera(index: int, height: int, width: int) -> Camera:
+    """Cameras on a small circle around the first."""
+    camera, pose = identity_camera(height, width, float(width)), torch.eye(4)
+    if index:
+        angle = 2 * math.pi * index / REFERENCES
+        pose[:2, 3] = 0.1 * torch.tensor([math.cos(angle), math.sin(angle)])
+    return Camera(camera.K, pose, height, width)
+
+
+def _seen(camera: Camera, texture: Float[Tensor, "1 3 a a"]) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
+    """Photo and z depth of the plane z = 3 + x / 4."""
+    rows, columns = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
+    rays = torch.linalg.inv(camera.K) @ torch.stack([columns, rows, torch.ones_like(rows)]).flatten(1)
+    centre = camera.centre
+    depth = (3 + centre[0] / 4 - centre[2]) / (1 - rays[0] / 4)
+    points = centre[:, None] + rays * depth
+    grid = (points[:2].T / 3).view(1, camera.height, camera.width, 2)
+    photo = F.grid_sample(texture, grid, align_corners=False, padding_mode="reflection")[0].clamp(0, 1)
+    return photo, depth.view(1, camera.height, camera.width)

@@ -1,0 +1,205 @@
+"""The suite's files: what a table, figure or study of ``ablations/`` is at a scale.
+
+A study says what is compared: rows, metrics, splats, the paper's datasets. A scale (``conf/scale``) says on what:
+what stands in for each dataset, which fits trainings learn from, how long they last, with which seeds.
+"""
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from ablations.records.description import Dataset, Row, Table
+from ablations.suite.evaluation import StudyCell
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import plain
+
+USUAL, FINER = "usual", "finer"
+"""Trainings that a scale describes: at the render's own resolution, and for super-resolution."""
+
+SHORT = {"lpips": "lpips_vgg_raw", "ms": "milliseconds", "gb": "peak_memory_mb"}
+"""Metrics that the paper's tables call otherwise: its LPIPS is 3DGS's."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A table with what it takes to make it.
+
+    Args:
+        table: its description.
+        cells: scenes and splats that it is measured in.
+        learns: by row, which of the scale's trainings it learns by.
+    """
+
+    table: Table
+    cells: tuple[StudyCell, ...]
+    learns: Mapping[str, str]
+
+    def seeds(self, row: str) -> tuple[int | None, ...]:
+        """The seeds that a row is made with; one unnamed where it learns nothing."""
+        return self.table.seeds if self.table.rows[row].train else (None,)
+
+
+def ablations() -> Path:
+    """The folder of tables and studies.
+
+    Raises:
+        InputError: it is missing.
+    """
+    folder = Path(__file__).resolve().parents[1]
+    if not (folder / "paper.yaml").is_file():
+        raise InputError(folder / "paper.yaml", "is missing from the installation", "install the package again")
+    return folder
+
+
+def known_names() -> dict[str, tuple[str, ...]]:
+    """The names of all tables and figures, and of all studies."""
+
+    def order(path: Path) -> tuple[str, int]:
+        kind, _, number = path.stem.rpartition("_")
+        return ("" if kind == "table" else kind, int(number))
+
+    tables = sorted((ablations() / "tables").glob("*.yaml"), key=order)
+    studies = sorted((ablations() / "studies").glob("*.yaml"))
+    return {"all": tuple(path.stem for path in tables), "studies": tuple(path.stem for path in studies)}
+
+
+def asked_names(asked: Any) -> tuple[str, ...]:
+    """The names that a user's choice stands for, in its order, each once.
+
+    Args:
+        asked: a number, a name, "all" (tables and figures), "studies", or a list of these.
+
+    Raises:
+        InputError: a name is unknown, or there is none.
+    """
+    groups = known_names()
+    names: dict[str, None] = {}
+    for one in asked if isinstance(asked, Sequence) and not isinstance(asked, str) else [asked]:
+        name = f"table_{one}" if str(one).isdigit() else str(one)
+        chosen = groups.get(name, (name,) if name in (*groups["all"], *groups["studies"]) else ())
+        if not chosen:
+            known = ", ".join((*groups, *groups["all"], *groups["studies"]))
+            raise InputError(f"table {one!r}", "is unknown", f"choose a number, or of: {known}")
+        names |= dict.fromkeys(chosen)
+    if not names:
+        raise InputError("table", "names nothing", "choose a number, a name, a list of them, or all")
+    return tuple(names)
+
+
+def experiment(name: str, scale: DictConfig) -> Experiment:
+    """A table or study at a scale.
+
+    Args:
+        name: of the file.
+        scale: one of ``conf/scale``.
+
+    Raises:
+        InputError: the file or the scale does not say what it must.
+    """
+    path = next(iter(ablations().glob(f"*/{name}.yaml")))
+    try:
+        study = plain(OmegaConf.load(path))  # type: ignore[arg-type]
+        learns = {str(row): str(values.pop("learns", USUAL)) for row, values in study["rows"].items()}
+        common = tuple(study.get("train", ()))
+        rows = {row: _row(values, scale.trainings[learns[row]].train, common) for row, values in study["rows"].items()}
+        cost = study["kind"] == "cost"
+        table = Table(
+            name,
+            str(study["title"]),
+            study["kind"],
+            str(study["about"]).strip(),
+            rows,
+            str(study["baseline"]),
+            tuple(study["metrics"]),
+            tuple(study["splats"]),
+            _outputs(scale) if cost else _datasets(study, scale),
+            tuple(scale.seeds) if study.get("repeated") else tuple(scale.seeds[:1]),
+            paper_values(study),
+            bool(study.get("finer")),
+            str(scale.name),
+        )
+        cells = () if cost else tuple(_cells(table, scale))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            path, f"is no study at scale {scale.name} ({error})", "compare it with its neighbours"
+        ) from error
+    return Experiment(table, cells, learns)
+
+
+def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...] | None]]:
+    """The paper's values of a study as `measure.tables.Table` wants them: block, then row, then metric.
+
+    Gigabytes become the megabytes that records hold.
+
+    Raises:
+        InputError: the paper has no such table, or its columns are not the study's metrics.
+    """
+    name = study.get("paper")
+    if name is None:
+        return {}
+    tables = _papers_tables(ablations() / "paper.yaml")
+    if name not in tables:
+        raise InputError(f"paper: {name}", "is none of the paper's tables", f"choose {', '.join(tables)}")
+    values = dict(tables[name])
+    columns = [SHORT.get(column, column) for column in values.pop("columns")]
+    if columns != list(study["metrics"])[: len(columns)]:
+        raise InputError(f"paper: {name}", f"has the columns {', '.join(columns)}", "begin the metrics with these")
+    factors = [1000.0 if column == "peak_memory_mb" else 1.0 for column in columns]
+
+    def scaled(cells: Sequence[float | int] | None) -> tuple[float, ...] | None:
+        return None if cells is None else tuple(round(v * f, 6) for v, f in zip(cells, factors, strict=True))
+
+    if study["kind"] == "cost":  # printed row by row
+        sizes = dict.fromkeys(size for cells in values.values() for size in cells)
+        return {size: {row: scaled(cells[size]) for row, cells in values.items()} for size in sizes}
+    if not isinstance(next(iter(values.values())), Mapping):  # printed for one splat alone
+        values = {study["splats"][0]: values}
+    return {block: {row: scaled(cells) for row, cells in rows.items()} for block, rows in values.items()}
+
+
+@functools.cache
+def _papers_tables(path: Path) -> dict[str, Any]:
+    return plain(OmegaConf.load(path))  # type: ignore[arg-type]
+
+
+def _row(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Row:
+    """A row; what it learns is the scale's recipe, what all rows of the study share, and its own."""
+    own = tuple(values.get("train", ()))
+    train = (*recipe, *common, *own) if own else ()
+    return Row(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
+
+
+def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, Dataset]:
+    """The study's datasets as the scale has them; of a dataset that is itself there, the scenes that are asked for."""
+    found = {}
+    for key in study["datasets"]:
+        given = scale.datasets[key]
+        stand_in, scenes = str(given.get("stand_in") or ""), tuple(map(str, given.scenes))
+        asked = tuple(name for name in study.get("scenes", ()) if name in scenes)
+        found[str(key)] = Dataset(str(given.title), asked if asked and not stand_in else scenes, stand_in)
+    return found
+
+
+def _outputs(scale: DictConfig) -> dict[str, Dataset]:
+    """The sizes of the enhanced image, each in a dataset's place."""
+    return {
+        str(key): Dataset(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
+        for key, (height, width) in scale.outputs.items()
+    }
+
+
+def _cells(table: Table, scale: DictConfig) -> Iterator[StudyCell]:
+    """Every scene of every dataset by every splat."""
+    density, every = (scale.finer.fit, scale.finer.every) if table.finer else (scale.sparse, scale.every)
+    for splat in table.splats:
+        for key, dataset in table.datasets.items():
+            for scene in dataset.scenes:
+                own = scale.datasets[key].scenes[scene]
+                fit = (*own, f"splat={splat}", *scale.fit, *density)
+                yield StudyCell(scene, splat, tuple(map(str, fit)), int(every), table.finer)

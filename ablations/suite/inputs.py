@@ -1,0 +1,104 @@
+"""What a scene's configuration needs on disk, how to get what is missing, and how long its fit is known to take.
+
+For dry runs: nothing is loaded, fitted or fetched.
+"""
+
+import os
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.scene.datasets import Dataset, dataset_of
+from gaussian_enhancer.scene.published import DATASETS, download_command, missing_parts
+
+PUBLISHED = "gaussian_enhancer.scene.published.load_published"
+VARIABLE = re.compile(r"\$\{oc\.env:(\w+)\}")
+FIT_STEPS = 30_000
+"""Steps of the fits whose times were published."""
+
+
+def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
+    """What a scene needs on disk and is not there, each with how to get it.
+
+    Args:
+        scene: a scene's configuration, as the job fit has it under ``scene``.
+
+    Returns:
+        Path and remedy of each; empty where everything is there, or nothing is needed (procedural scenes).
+
+    Raises:
+        InputError: the configuration names an unknown dataset.
+    """
+    path, unset = _path(scene)
+    if path is None:
+        return []
+    first = f"set {unset} to a folder, then " if unset else ""
+    if scene.get("_target_") == PUBLISHED:
+        absent = missing_parts(path, scene.dataset, scene.get("downscale", 1))
+        remedy = download_command(path, scene.dataset, scene.name, scene.get("downscale", 1))
+        return [(part, first + remedy) for part in absent]
+    return [] if path.exists() else [(path, f"{first}put the capture there, or give its folder as scene.path")]
+
+
+def published_fit_minutes(scene: DictConfig) -> float | None:
+    """GPU minutes of one fit of `FIT_STEPS` steps, as they were published (docs/datasets.md); None where none were.
+
+    Args:
+        scene: a scene's configuration, as the job fit has it under ``scene``.
+    """
+    if scene.get("_target_") != PUBLISHED or scene.dataset not in DATASETS:
+        return None
+    facts = registered(scene.dataset).scenes.get(scene.name)
+    if facts is None:
+        return None
+    official = _values(_file("scene/datasets", scene.name))
+    factor = official.get("downscale", 1) / scene.get("downscale", 1)
+    return facts.fit_seconds * max(1.0, factor**2) / 60
+
+
+@cache
+def registered(name: str) -> Dataset:
+    """A dataset of ``conf/dataset``.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    return dataset_of(_values(_file("dataset", name)))
+
+
+def _file(folder: str, name: str) -> Path:
+    file = configurations() / folder / f"{name}.yaml"
+    if not file.is_file():
+        known = ", ".join(sorted(path.stem for path in file.parent.glob("*.yaml")))
+        raise InputError(folder, f"has no {name!r}", f"choose from {known}")
+    return file
+
+
+def _values(file: Path) -> Mapping[str, Any]:
+    content = OmegaConf.load(file)
+    if not isinstance(content, DictConfig):
+        raise InputError(file, "is no mapping", "restore it")
+    return plain(content)
+
+
+def _path(scene: DictConfig) -> tuple[Path | None, str]:
+    """The scene's folder, and the environment variable that it hangs on where that is not set (then ``$NAME/...``)."""
+    values = OmegaConf.to_container(scene, resolve=False)
+    if not isinstance(values, dict):
+        raise InputError("scene", "is no mapping", "compose it from conf/scene")
+    raw = values.get("path")
+    if raw is None or raw == "???":
+        return None if raw is None else Path("scene.path"), ""
+    unset = [name for name in VARIABLE.findall(raw) if name not in os.environ]
+    if not unset:
+        return Path(scene.path), ""
+    known = VARIABLE.sub(lambda found: f"${found[1]}" if found[1] in unset else found[0], raw)
+    others = {key: value for key, value in values.items() if key != "path"}
+    return Path(OmegaConf.create({**others, "path": known}).path), unset[0]

@@ -1,0 +1,110 @@
+"""How long runs are likely to take: as finished ones of their kind did, else as published, else as the scale says."""
+
+import json
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
+
+VIEWS = 9
+"""Views of a cell, where its fit is not there to be counted."""
+
+
+class Estimates:
+    """Estimates from the runs of a folder.
+
+    Args:
+        runs: the folder.
+        scale: one of ``conf/scale``, with ``minutes``.
+    """
+
+    def __init__(self, runs: Path, scale: DictConfig) -> None:
+        self.folder, self.scale = runs, scale
+        self.fits = _medians(_finished_fits(runs))
+        self.trainings = _medians(_finished_trainings(runs))
+
+    def minutes(self, job: str, cfg: DictConfig, finer: bool = False) -> float:
+        """Minutes that a run is likely to take.
+
+        Args:
+            job: "fit", "train", "row" or "cost".
+            cfg: its configuration.
+            finer: whether a row is measured against photos 4 times as fine.
+        """
+        if job == "fit":
+            published = published_fit_minutes(cfg.scene)
+            usual = float(self.scale.minutes.fit) / 1000 if published is None else published / FIT_STEPS
+            return self.fits.get(_fit_kind(cfg), usual) * float(cfg.settings.steps)
+        if job == "train":
+            usual = float(self.scale.minutes.train) / 1000
+            return self.trainings.get(_training_kind(cfg), usual) * float(cfg.trainer.max_steps)
+        if job == "cost":
+            pixels = int(cfg.shape[0]) * int(cfg.shape[1]) * len(cfg.train) * (int(cfg.repeats) + 2)
+            return pixels / 1e6 * float(self.scale.minutes.megapixel)
+        views = next((len(list(found.iterdir())) for found in self._photos(str(cfg.fit))), VIEWS * int(cfg.every))
+        return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+
+    def blind(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
+        """Minutes that a run is likely to take whose configuration cannot be had yet, for instance without its dataset.
+
+        Args:
+            job: "fit", "train" or "row".
+            overrides: of its job.
+            finer: whether a row is measured against photos 4 times as fine.
+        """
+        if job == "row":
+            return VIEWS * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
+        key = "settings.steps=" if job == "fit" else "trainer.max_steps="
+        steps = [float(word.split("=")[1]) for word in map(str, overrides) if word.startswith(key)]
+        return steps[-1] / 1000 * float(self.scale.minutes[job]) if steps else 0.0
+
+    def _photos(self, fit: str) -> Iterator[Path]:
+        yield from sorted((self.folder / "fit").glob(f"*-{fit}/test/ours_*/gt"))
+
+
+def _medians(entries: Iterator[tuple[str, float]]) -> dict[str, float]:
+    """Median minutes of a step by kind."""
+    found: dict[str, list[float]] = {}
+    for kind, minutes in entries:
+        found.setdefault(kind, []).append(minutes)
+    return {kind: statistics.median(values) for kind, values in found.items()}
+
+
+def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
+    for marker in sorted((runs / "fit").glob("*/done")):
+        cfg, file = _config(marker.parent), marker.parent / "records.jsonl"
+        if cfg and file.is_file():
+            last = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
+            yield _fit_kind(cfg), last["metrics"]["milliseconds"] / 60e3 / cfg["settings"]["steps"]
+
+
+def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
+    for marker in sorted((runs / "train").glob("*/done")):
+        cfg, file = _config(marker.parent), marker.parent / "card.json"
+        if cfg and file.is_file():
+            card = json.loads(file.read_text(encoding="utf-8"))
+            yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
+
+
+def _config(folder: Path) -> dict[str, Any] | None:
+    file = folder / "config.yaml"
+    loaded = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else None
+    return {str(key): value for key, value in loaded.items()} if isinstance(loaded, dict) else None
+
+
+def _fit_kind(cfg: Mapping[str, Any]) -> str:
+    """Fits of one kind take about as long: same method, images of the same size, as many steps."""
+    scene, settings = cfg["scene"], cfg["settings"]
+    size = [scene.get(key) for key in ("_target_", "family", "height", "width", "downscale")]
+    return json.dumps([cfg["splat"]["_target_"], *size, settings["steps"], settings["max_gaussians"]])
+
+
+def _training_kind(cfg: Mapping[str, Any]) -> str:
+    """Trainings of one kind take about as long: same network, width and crops."""
+    fusion, data = cfg["fusion"], cfg["data"]
+    crop = data["augmentation"]["crop"]
+    return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["batch_size"], crop])

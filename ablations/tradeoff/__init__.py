@@ -1,0 +1,1 @@
+"""Error against run time: methods at several settings, trainings, kernels."""

@@ -1,0 +1,211 @@
+"""The kernels of the numerics study: each computation in float64, and in every way that it is done or could be.
+
+Each function gives cases as (name, the float64 reference, ways by name). Inputs are drawn once, in float64, and handed
+to every way in its own dtype: errors are those of input, arithmetic and method together.
+
+Axes: c channels, h height, w width.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ablations.suite.costs import plane
+from gaussian_enhancer.align.depth_search import Source, refine_depth
+from gaussian_enhancer.align.depth_smoothing import smooth_depth
+from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.align.reproject import reproject
+from gaussian_enhancer.degrade.artefacts.blur import oriented_kernels
+from gaussian_enhancer.degrade.artefacts.resampling import KINDS, resampling_matrix
+from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, LinearSchedule, Sampler, Schedule
+from gaussian_enhancer.degrade.generative.factors import Factors, cells
+from gaussian_enhancer.degrade.generative.weights import load_model
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.network.deform import deformable_sample
+from gaussian_enhancer.types import Camera
+
+Cases = Iterator[tuple[str, Callable[[], Tensor], Mapping[str, Callable[[], Tensor]]]]
+
+DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
+SIZE = (96, 128)
+"""Height and width of images."""
+
+FINEST, SIDE = 512, 64
+"""Steps that the latent sampler is held against, and side of its crop."""
+
+
+def deformable(device: torch.device) -> Cases:
+    """Modulated deformable sampling: ours by grid_sample, and torchvision's operator."""
+    from torchvision.ops import deform_conv2d
+
+    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
+    shapes = (1, 32, height, width), (1, 72, height, width), (1, 36, height, width), (32, 32, 3, 3)
+    x, offset, mask, weight = (torch.randn(shape, generator=draw, dtype=torch.float64).to(device) for shape in shapes)
+    offset, mask, weight = 3 * offset, mask.sigmoid(), weight / 17
+
+    def ours(dtype: torch.dtype) -> Tensor:
+        return deformable_sample(*(part.to(dtype) for part in (x, offset, mask, weight)))
+
+    def theirs(dtype: torch.dtype) -> Tensor:
+        x_, offset_, mask_, weight_ = (part.to(dtype) for part in (x, offset, mask, weight))
+        return deform_conv2d(x_, offset_, weight_, padding=1, mask=mask_)
+
+    ways = {f"grid_sample/{name}": partial(ours, dtype) for name, dtype in DTYPES.items()}
+    ways |= {f"torchvision/{name}": partial(theirs, dtype) for name, dtype in DTYPES.items()}
+    yield "deformable sampling", partial(theirs, torch.float64), ways
+
+
+def reprojection(device: torch.device) -> Cases:
+    """A photo warped through depth, depth smoothed, and depth searched, each compiled and by tensors.
+
+    Half precision is computed on in single precision.
+    """
+    views = plane(*SIZE)
+    target, source = views.targets[0], views.references[0]
+    photo, depth = source.read_photo, target.read_depth
+    if photo is None or depth is None or target.camera is None or source.camera is None or target.read is None:
+        raise RuntimeError("a plane has photos, depth and cameras")
+    cameras = [camera.to(device) for camera in (target.camera, source.camera)]
+    inputs = [read().double().to(device) for read in (depth, photo)]
+
+    def warped(dtype: torch.dtype, precise: torch.dtype, tensors: bool = False) -> Tensor:
+        here, there = (Camera(c.K.to(precise), c.world_to_camera.to(precise), c.height, c.width) for c in cameras)
+        z, image = (part.to(dtype) for part in inputs)
+        # The compiled kernels give no gradient: where one may be asked for, tensors compute.
+        return reproject(here, z.requires_grad_(tensors), there, image).colour.detach()
+
+    ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32, True) for name, dtype in DTYPES.items()}
+    if device.type == "cpu":
+        ways |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
+    yield "reprojection", partial(warped, torch.float64, torch.float64), ways
+    draw = torch.Generator().manual_seed(0)
+    rough = inputs[0] * (1 + 0.01 * torch.randn(inputs[0].shape, generator=draw, dtype=torch.float64).to(device))
+
+    def smoothed(dtype: torch.dtype, tensors: bool = False) -> Tensor:
+        return smooth_depth(rough.to(dtype).requires_grad_(tensors), inputs[1].to(dtype)).detach()
+
+    ways = {"tensors/float32": partial(smoothed, torch.float32, True)}
+    if device.type == "cpu":
+        ways["compiled/float32"] = partial(smoothed, torch.float32)
+    yield "smoothing of depth", partial(smoothed, torch.float64), ways
+    image, others = target.read().double().to(device), [view for view in views.references if view.camera is not None]
+    photos = [photo().double().to(device) for view in others if (photo := view.read_photo) is not None]
+    around = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
+
+    def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
+        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in around)
+        z, render, *seen = (part.to(dtype) for part in (rough, image, *photos))
+        sources = [Source(*source) for source in zip(there, seen, strict=True)]
+        return refine_depth(here, z.requires_grad_(tensors), render, sources, smooth=False).detach()
+
+    ways = {"tensors/float32": partial(searched, torch.float32, True)}
+    if device.type == "cpu":
+        ways["compiled/float32"] = partial(searched, torch.float32)
+    yield "search of depth", partial(searched, torch.float64), ways
+
+
+def resampling(device: torch.device) -> Cases:
+    """Resizing by matrices and by interpolation, and blur: convolved, and by Fourier transform."""
+    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
+    image = torch.rand(1, 3, height, width, generator=draw, dtype=torch.float64).to(device)
+    factor, phase = (torch.full((1,), value, dtype=torch.float64, device=device) for value in (2.3, 0.2))
+    down, up = (torch.tensor([KINDS.index(kind)], device=device) for kind in ("bilinear", "bicubic"))
+
+    def by_matrix(dtype: torch.dtype, positions: torch.dtype) -> Tensor:
+        of = factor.to(positions), phase.to(positions), down, up
+        rows, columns = (resampling_matrix(side, *of).to(dtype) for side in (height, width))
+        return rows @ image.to(dtype) @ columns.mT
+
+    ways = {f"positions in float64/{name}": partial(by_matrix, dtype, torch.float64) for name, dtype in DTYPES.items()}
+    ways["positions in float32/float32"] = partial(by_matrix, torch.float32, torch.float32)
+    yield "resize, down and up", partial(by_matrix, torch.float64, torch.float64), ways
+
+    def larger(dtype: torch.dtype) -> Tensor:
+        return F.interpolate(image.to(dtype), scale_factor=4, mode="bicubic", align_corners=False)
+
+    ways = {f"interpolate/{name}": partial(larger, dtype) for name, dtype in DTYPES.items()}
+    yield "enlarge 4 times", partial(larger, torch.float64), ways
+    shape = (torch.full((1, 1), value, dtype=torch.float64, device=device) for value in (2.0, 0.8, 0.5))
+    kernel = oriented_kernels(*shape)[0]
+    side = kernel.shape[-1]
+    padded = F.pad(image, [side // 2] * 4, mode="replicate")
+
+    def convolved(dtype: torch.dtype) -> Tensor:
+        return F.conv2d(padded.to(dtype), kernel.to(dtype).expand(3, 1, side, side), groups=3)
+
+    def transformed(dtype: torch.dtype) -> Tensor:
+        size = tuple(padded.shape[-2:])
+        spectra = (torch.fft.rfft2(part.to(dtype), s=size) for part in (padded, kernel.flip(-1, -2)))
+        product = math.prod(spectra, start=torch.ones((), device=device))
+        return torch.fft.irfft2(product, s=size)[..., side - 1 :, side - 1 :]
+
+    ways = {f"convolution/{name}": partial(convolved, dtype) for name, dtype in DTYPES.items()}
+    ways["Fourier/float32"] = partial(transformed, torch.float32)
+    yield "blur", partial(convolved, torch.float64), ways
+
+
+def latent(device: torch.device) -> Cases:
+    """The latent sampler by steps and by how they are spaced, against the same equation solved in 512 steps."""
+    model = load_model("simulator").model.eval().requires_grad_(False).to(device)
+    draw = torch.Generator().manual_seed(0)
+    image = F.interpolate(
+        torch.rand(1, 3, 16, 16, generator=draw, dtype=torch.float64), size=(SIDE, SIDE), mode="bicubic"
+    )
+    rows, columns = cells(SIDE, SIDE)
+    sizes = (1, model.design.vector), (1, model.design.grid, rows, columns)
+    start = Factors(*(torch.randn(size, generator=draw, dtype=torch.float64).to(device) for size in sizes))
+    own, manual = CosineSchedule(), image.clamp(0, 1).to(device)
+    models = {
+        dtype: copy.deepcopy(model.denoiser).to(dtype) for dtype in (torch.float64, torch.float32, torch.bfloat16)
+    }
+
+    def sampled(dtype: torch.dtype, schedule: Schedule, steps: int) -> Tensor:
+        features = models[dtype].features(manual.to(dtype))
+
+        def predict(noisy: Factors, time: Tensor) -> Factors:
+            # The network knows times by its own schedule: it is told the one at which that has as much signal.
+            signal = schedule.signal(time.double()).clamp(-1, 1)
+            known: Tensor = (
+                time if isinstance(schedule, CosineSchedule) else torch.acos(signal) * 2 / (math.pi * own.end)
+            )
+            return models[dtype](noisy, known.to(dtype), features)
+
+        found = Sampler(steps)(predict, Factors(start.vector.to(dtype), start.grid.to(dtype)), schedule, ())
+        return torch.cat([found.vector.flatten(), found.grid.flatten()])
+
+    ways = {f"cosine/{n} steps": partial(sampled, torch.float32, own, n) for n in (1, 2, 4, 8, 16, 32)}
+    ways |= {f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32)}
+    ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, own, n) for n in (4, 8, 16)}
+    ways["cosine in float64/256 steps"] = partial(sampled, torch.float64, own, FINEST // 2)
+    yield "latent sampler", partial(sampled, torch.float64, own, FINEST), ways
+
+
+def networks(device: torch.device) -> Cases:
+    """Shipped networks as a whole, on aligned references: autocast to each dtype."""
+    for name in ("lr_tiny", "lr_base"):
+        pretrained = load_weights(name)
+        network = pretrained.network.requires_grad_(False).to(device)
+        views = plane(*SIZE)
+        target = read_target(views.targets[0])
+        aligned = pretrained.preparation.align(target, views.targets[0], Pool(views.references))
+        inputs = join(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
+        precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
+
+        def enhanced(dtype: torch.dtype, network: torch.nn.Module = network, inputs: object = inputs) -> Tensor:
+            with torch.inference_mode(), torch.autocast(device.type, dtype, enabled=dtype != torch.float32):
+                found: Tensor = network(inputs)
+            return found
+
+        ways = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
+        yield f"network {name}", partial(_twice, precise, exact), ways
+
+
+def _twice(network: torch.nn.Module, inputs: object) -> Tensor:
+    found: Tensor = network(inputs)
+    return found

@@ -1,0 +1,109 @@
+"""Error against run time of each kernel: dtypes and implementations against float64, timed in turn."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from rich.console import Console
+from torch import Tensor
+
+from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
+from ablations.tradeoff.rasterisers import rasterisers
+from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.metrics.cost import timed
+from gaussian_enhancer.metrics.records import MISSING, Record
+
+KIND = "numerics"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One computation done in several ways.
+
+    Args:
+        name: what is computed, on what.
+        reference: the same in float64.
+        ways: by "implementation/dtype" (or whatever else is chosen), each called anew for every repeat.
+    """
+
+    name: str
+    reference: Callable[[], Tensor]
+    ways: Mapping[str, Callable[[], Tensor]]
+
+
+def all_cases(device: torch.device) -> Iterator[Case]:
+    """Every case, made when it is asked for."""
+    made = (rasterisers, deformable, reprojection, resampling, latent, networks)
+    for name, reference, ways in (case for kernel in made for case in kernel(device)):
+        yield Case(name, reference, ways)
+
+
+def numeric_records(
+    repeats: int, names: Sequence[str] | None, device: torch.device, console: Console, seconds: float = math.inf
+) -> Iterator[Record]:
+    """One record a way: relative error, largest error, time with its quartiles; why, where there is none.
+
+    Args:
+        repeats: of each time, at most.
+        names: of the cases; None for all.
+        device: where to compute.
+        console: is told what is measured.
+        seconds: that the repeats of a case may take; of the last round, more.
+
+    Raises:
+        InputError: there is no case of a name.
+    """
+    known = []
+    for case in all_cases(device):
+        known.append(case.name)
+        if names is None or case.name in names:
+            console.print(case.name, highlight=False)
+            yield from case_records(case, repeats, device, seconds)
+    for name in names or ():
+        if name not in known:
+            raise InputError("numerics.cases", f"names {name!r}", f"choose from {', '.join(known)}")
+
+
+def case_records(case: Case, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
+    """The records of one case; arguments as for `numeric_records`."""
+    true, spent = case.reference().double(), 0.0
+    errors: dict[str, tuple[float, float]] = {}
+    for way, call in case.ways.items():
+        try:
+            begun = time.perf_counter()
+            found = call().double()
+            spent += time.perf_counter() - begun
+            errors[way] = errors_of(found, true)
+        except (RuntimeError, NotImplementedError, InputError) as error:
+            reason = reason_of(error).splitlines()[0]
+            yield Record(MISSING, "", case.name, "", "", way, {}, {"row": reason})
+    calls = {way: partial(_called, case.ways[way]) for way in errors}
+    repeats = repeats if spent * repeats <= seconds else max(1, int(seconds / spent))
+    times = timed(calls, repeats, 0, device)  # each was called once already
+    where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    protocol = f"{where}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
+    protocol += "the difference from float64 over that of float64's result"
+    for way, (relative, largest) in errors.items():
+        low, high = times[way].quartiles
+        metrics: dict[str, float | None] = {"relative_error": relative, "largest_error": largest}
+        metrics |= {"milliseconds": times[way].milliseconds, "lower_quartile": low, "upper_quartile": high}
+        yield Record(KIND, "", case.name, "", "", way, metrics, protocol=protocol)
+
+
+def errors_of(found: Tensor, true: Tensor) -> tuple[float, float]:
+    """Relative root mean square error and largest absolute error; infinite where a value is not finite.
+
+    Args:
+        found: what was computed.
+        true: what it should be, of the same shape, not all zero.
+    """
+    difference = (found - true).nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=torch.inf).abs()
+    relative = (difference.square().mean() / true.square().mean()).sqrt()
+    return float(relative), float(difference.max())
+
+
+def _called(call: Callable[[], Tensor]) -> None:
+    call()

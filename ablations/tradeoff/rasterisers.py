@@ -1,0 +1,71 @@
+"""The rasterisers of the numerics study: forward and backward in float64, by kernels, and by their plain twin.
+
+Axes: n Gaussians, h height, w width.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from ablations.tradeoff.kernels import DTYPES, Cases
+from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
+from gaussian_enhancer.splat.oracle import render_oracle
+from gaussian_enhancer.splat.render import render
+from gaussian_enhancer.types import Camera, Gaussians, Render, identity_camera
+
+Draw = Callable[[Gaussians, Camera, Method], Render]
+
+COUNT, FEW = 200, (48, 64)
+"""Gaussians, and height and width of what is drawn of them: the plain twin takes every one to every pixel."""
+
+
+def rasterisers(device: torch.device) -> Cases:
+    """Forward and backward of 3DGS, Mip-Splatting and 2DGS: compiled kernels (gsplat on CUDA), and their plain twin."""
+    methods: tuple[Method, ...] = (ThreeDGS(), MipSplatting(), TwoDGS())
+    for method in methods:
+        splat = _cloud(2 if isinstance(method, TwoDGS) else 3, isinstance(method, MipSplatting)).to(device)
+        camera = identity_camera(*FEW, float(FEW[1])).to(device)
+        for name, way in (("forward", _drawn), ("backward", _pulled)):
+            kernel = "kernels" if device.type == "cpu" else "gsplat"
+            ways = {f"{kernel}/float32": partial(way, render, splat.to(torch.float32), camera, method)}
+            for dtype in DTYPES:
+                ways[f"plain twin/{dtype}"] = partial(way, render_oracle, splat.to(DTYPES[dtype]), camera, method)
+            reference = partial(way, render_oracle, splat.to(torch.float64), camera, method)
+            yield f"{method.name}, {name}", reference, ways
+
+
+def _cloud(axes: int, smoothed: bool) -> Gaussians:
+    """Gaussians in front of a camera at the origin: anisotropic, of mixed opacity, SH degree 1."""
+    draw = torch.Generator().manual_seed(0)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=draw, dtype=torch.float64)
+
+    means = normal(COUNT, 3) * torch.tensor([0.8, 0.6, 0.6]) + torch.tensor([0.0, 0.0, 4.0])
+    scales, turns, opacities = 0.5 * normal(COUNT, axes) + math.log(0.08), normal(COUNT, 4), normal(COUNT)
+    smoothing = torch.full((COUNT,), 0.01, dtype=torch.float64) if smoothed else None
+    return Gaussians(means, scales, turns, opacities, 0.3 * normal(COUNT, 4, 3), smoothing)
+
+
+def _drawn(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
+    """Colour and opacity of one view."""
+    with torch.no_grad():
+        seen = draw(splat, _as(camera, splat.means.dtype), method)
+    return torch.cat([seen.colour, seen.alpha])
+
+
+def _pulled(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
+    """The gradient of the summed square of the view's colours in all of the splat's parameters."""
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+    leaves = {name: getattr(splat, name).detach().requires_grad_() for name in names}
+    seen = draw(replace(splat, **leaves), _as(camera, splat.means.dtype), method)
+    seen.colour.square().sum().backward()
+    return torch.cat([leaf.grad.double().flatten() for leaf in leaves.values() if leaf.grad is not None])
+
+
+def _as(camera: Camera, dtype: torch.dtype) -> Camera:
+    return Camera(camera.K.to(dtype), camera.world_to_camera.to(dtype), camera.height, camera.width)

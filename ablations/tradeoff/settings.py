@@ -1,0 +1,131 @@
+"""The settings that the job tradeoff compares, as ``conf/curves`` states them."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from omegaconf import DictConfig
+
+from ablations.suite.descriptions import FINER, USUAL
+from ablations.suite.evaluation import StudyCell
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.baselines.bicubic import Bicubic
+from gaussian_enhancer.network.baselines.identity import Identity
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.runs.instantiate import plain
+
+NULL_NETWORKS: dict[str, Callable[[], Network]] = {"identity": Identity, "bicubic": Bicubic}
+KEYS = ("network", "weights", "train", "learns", "enhance", "warp", "upscale", "compiled", "only")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One point of a curve.
+
+    Args:
+        name: "curve/setting".
+        weights: shipped name or file; empty where a network without weights or a training is named.
+        network: one of `NULL_NETWORKS`, or empty.
+        train: overrides of the job train whose weights are used.
+        learns: which of the scale's trainings that is.
+        enhance: overrides of the job enhance.
+        warp: "none" leaves references where they are, whatever the weights were trained with.
+        upscale: enlarge bicubically at the end.
+        compiled: compile the network by torch.compile.
+        only: the one device that this can be measured on; empty for any.
+    """
+
+    name: str
+    weights: str = ""
+    network: str = ""
+    train: tuple[str, ...] = ()
+    learns: str = USUAL
+    enhance: tuple[str, ...] = ()
+    warp: str = ""
+    upscale: bool = False
+    compiled: bool = False
+    only: str = ""
+
+    def __post_init__(self) -> None:
+        sources = [name for name in ("weights", "network", "train") if getattr(self, name)]
+        if len(sources) != 1:
+            raise InputError(
+                self.name, f"names {' and '.join(sources) or 'no network'}", "name one of network, weights, train"
+            )
+        if self.network and self.network not in NULL_NETWORKS:
+            raise InputError(self.name, f"has network {self.network!r}", f"choose {', '.join(NULL_NETWORKS)}")
+        if self.warp not in ("", "none"):
+            raise InputError(self.name, f"has warp {self.warp!r}", "choose none, or leave it out")
+        if self.learns not in (USUAL, FINER):
+            raise InputError(self.name, f"learns {self.learns!r}", f"choose {USUAL} or {FINER}")
+
+    @property
+    def can_be_asked_for(self) -> bool:
+        """Whether the job enhance can do just this from what the package ships."""
+        return bool(self.weights) and not (self.warp or self.upscale or self.compiled)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Settings that are measured in turn, and the scenes that they are measured on.
+
+    Args:
+        name: its key.
+        title: its heading.
+        cells: scenes, called "side/difficulty/scene".
+        settings: every curve's.
+        views: of each scene.
+        repeats: of each time, at most.
+        seconds: that all repeats on one view may take; of the last round, more.
+        finer: whether images are 4 times as fine as the renders.
+    """
+
+    name: str
+    title: str
+    cells: tuple[StudyCell, ...]
+    settings: tuple[Setting, ...]
+    views: int
+    repeats: int
+    seconds: float = math.inf
+    finer: bool = False
+
+
+def read_studies(cfg: DictConfig) -> tuple[Study, ...]:
+    """The studies of a configuration, as far as the user asks for them.
+
+    Raises:
+        InputError: one is unknown, or does not say what it must.
+    """
+    curves = plain(cfg.curves)
+    density = tuple(curves.pop("density"))
+    asked = tuple(curves) if cfg.studies is None else tuple(cfg.studies)
+    for name in asked:
+        if name not in curves:
+            raise InputError("studies", f"names {name!r}", f"choose from {', '.join(curves)}")
+    studies = [_study(name, curves[name], density) for name in asked]
+    views = sum(study.views * len(study.cells) for study in studies)
+    return tuple(replace(study, seconds=60 * float(cfg.minutes) / max(1, views)) for study in studies)
+
+
+def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> Study:
+    settings = tuple(_settings(values["curves"]))
+    finer = bool(values.get("finer"))
+    cells = tuple(
+        StudyCell(f"{side}/{level}/{scene}", "3dgs", (*own, *density, *values.get("fit", ())), finer=finer)
+        for side, levels in values["scenes"].items()
+        for level, scenes in levels.items()
+        for scene, own in scenes.items()
+    )
+    return Study(name, values["title"], cells, settings, int(values["views"]), int(values["repeats"]), finer=finer)
+
+
+def _settings(curves: Mapping[str, Any]) -> Iterator[Setting]:
+    for curve, common in curves.items():
+        shared = {key: value for key, value in common.items() if key != "settings"}
+        for name, own in common["settings"].items():
+            values = {**shared, **own}
+            if odd := set(values) - set(KEYS):
+                raise InputError(f"{curve}/{name}", f"has a key {sorted(odd)[0]!r}", f"use {', '.join(KEYS)}")
+            lists = {key: tuple(values[key]) for key in ("train", "enhance") if key in values}
+            yield Setting(f"{curve}/{name}", **{**values, **lists})

@@ -1,0 +1,93 @@
+"""Validation error of trainings over wall-clock and over samples, from what they logged."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+
+from ablations.report.dashboard.runs import Curve, read_curves
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import MISSING, Record
+from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.run import digest_of
+
+KIND = "training"
+CLOCK = "time/seconds"
+"""Column of the log: seconds that the steps so far took and waited for data, validations left out."""
+
+SPREAD = "seconds: the card's minutes, spread evenly over the steps, since this training logged none"
+
+
+def training_records(runs: Path, pattern: str, least_steps: int) -> Iterator[Record]:
+    """One record a validation of every finished training; trainings that say nothing leave one that says why.
+
+    Args:
+        runs: folder of the runs.
+        pattern: of the trainings' folder names.
+        least_steps: shorter trainings are trial runs and left out.
+
+    Raises:
+        InputError: a log or a card that is there cannot be read.
+    """
+    folders = [path for path in sorted((runs / "train").glob(pattern)) if (path / "config.yaml").is_file()]
+    configs = {path: DictConfig(OmegaConf.load(path / "config.yaml")) for path in folders}
+    long = {path: cfg for path, cfg in configs.items() if _steps(cfg) >= least_steps}
+    groups: dict[str, set[str]] = {}
+    for cfg in long.values():
+        groups.setdefault(str(cfg.label), set()).add(_kind(cfg))
+    for path, cfg in long.items():
+        shared = len(groups[str(cfg.label)]) > 1
+        yield from _records(path, cfg, f"{cfg.label}, {_kind(cfg)}" if shared else str(cfg.label))
+
+
+def _steps(cfg: DictConfig) -> int:
+    return int(cfg.trainer.max_steps) if "trainer" in cfg and "label" in cfg else 0
+
+
+def _kind(cfg: DictConfig) -> str:
+    """The digest of what trainings that differ in their seed alone share."""
+    values = plain(cfg)
+    values["data"] = {key: value for key, value in values["data"].items() if key != "seed"}
+    return digest_of({key: value for key, value in values.items() if key != "seed"})
+
+
+def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
+    seed, sources = int(cfg.seed), {"train": folder.name}
+    log, card = folder / "log" / "metrics.csv", folder / "card.json"
+    curves = {curve.name: curve for curve in read_curves(log)} if log.is_file() else {}
+    reason = "" if card.is_file() else "is not finished"
+    if not reason and "gain/psnr" not in curves:
+        reason = "logged no validation"
+    if reason:
+        yield Record(MISSING, folder.name, "", "", "", variant, {}, {"row": reason}, seed=seed, sources=sources)
+        return
+    minutes = _minutes(card)
+    batch, steps = int(cfg.data.batch_size), int(cfg.trainer.max_steps)
+    gains, similar, clock = (_points(curves.get(name)) for name in ("gain/psnr", "gain/ssim", CLOCK))
+    # A validation between steps is filed under the step before it, the one at the end is not: the later one counts.
+    for done, step in {min(steps, step + 1): step for step in sorted(gains)}.items():
+        logged = max((at for at in clock if at <= step), default=None)
+        seconds = 60 * minutes * done / steps if logged is None else clock[logged]
+        metrics: dict[str, float | None] = {
+            "gain_psnr": gains[step],
+            "samples": float(batch * done),
+            "seconds": seconds,
+        }
+        if step in similar:
+            metrics["gain_ssim"] = similar[step]
+        protocol = f"gains over the raw render of validation runs; {SPREAD if logged is None else 'seconds as logged'}"
+        place = (KIND, folder.name, "validation", "", str(int(done)), variant)
+        yield Record(*place, metrics, protocol=protocol, seed=seed, sources=sources)
+
+
+def _points(curve: Curve | None) -> dict[float, float]:
+    """Value by step; of several at one step the last."""
+    return {} if curve is None else dict(zip(curve.steps, curve.values, strict=True))
+
+
+def _minutes(card: Path) -> float:
+    try:
+        return float(json.loads(card.read_text(encoding="utf-8"))["minutes"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(card, f"is no card of a training ({error})", "train again") from error

@@ -1,0 +1,243 @@
+"""How references reach the target's pixel grid, before any network sees them.
+
+Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
+from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.photo_consistency import agreeing, rank
+from gaussian_enhancer.align.reproject import Warped, fill_depth, reproject
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.types import Camera, precise
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """A view in memory: a target's render, or a reference's photo.
+
+    Args:
+        name: the view's file name.
+        image: colours in [0, 1].
+        camera: where it was taken from, of the image's size; None where unknown.
+        depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
+        alpha: rendered opacity; None where unknown.
+        render: the splat's own render of a reference's view, of any size; None where unknown.
+        fine: a reference's photo on a finer grid, of any size; None where not asked for.
+    """
+
+    name: str
+    image: Float[Tensor, "3 h w"]
+    camera: Camera | None = None
+    depth: Float[Tensor, "1 _ _"] | None = None
+    alpha: Float[Tensor, "1 h w"] | None = None
+    render: Float[Tensor, "3 _ _"] | None = None
+    fine: Float[Tensor, "3 _ _"] | None = None
+
+    @cached_property
+    def exposure(self) -> Float[Tensor, "3 2"] | None:
+        """What brings the photo to the exposure of the splat's render of the same view; None where there is none."""
+        if self.render is None:
+            return None
+        small = resize(self.image, *self.render.shape[-2:])
+        return fit_colour(small, self.render, torch.ones_like(small[:1]))
+
+    def on(self, device: torch.device) -> "Pixels":
+        """The view with its images on a device; its camera, of which a few numbers are read, stays."""
+        return self._mapped(lambda image: image.to(device))
+
+    def precise(self) -> "Pixels":
+        """The view with its images in single precision where they were in half."""
+        return self._mapped(precise)
+
+    def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
+        """The view with changed images; itself, with what it has computed, where nothing changes."""
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "camera")}
+        changed = {name: change(image) for name, image in images.items() if image is not None}
+        if all(image is images[name] for name, image in changed.items()):
+            return self
+        return replace(self, **changed)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """References on the target's grid, the most useful first.
+
+    Args:
+        references: colours, 0 where nothing is visible.
+        visibility: how surely each shows the target's surface, in [0, 1].
+        names: of the references.
+        renders: the splat's own renders of the references' views on the target's grid; None unless all are known.
+        fine: the references on a grid 4 times as fine; None unless all are known.
+    """
+
+    references: Float[Tensor, "r 3 h w"]
+    visibility: Float[Tensor, "r 1 h w"]
+    names: tuple[str, ...]
+    renders: Float[Tensor, "r 3 h w"] | None = None
+    fine: Float[Tensor, "r 3 H W"] | None = None
+
+
+@runtime_checkable
+class Warp(Protocol):
+    """One way of bringing references to the target's grid."""
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Bring at most ``keep`` of the references, given nearest first, to the target's grid."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unwarped:
+    """References as they are, resized where they differ in size, visible everywhere: the paper's way.
+
+    Half precision is resized in single.
+    """
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Take the first ``keep`` references."""
+        height, width = target.image.shape[-2:]
+        chosen = [reference.precise() for reference in references[:keep]]
+        warped = []
+        for reference in chosen:
+            image = resize(reference.image, height, width)
+            render = None if reference.render is None else resize(reference.render, height, width)
+            warped.append(Warped(image, torch.ones_like(image[:1]), render))
+        fine = [resize(r.fine, 4 * height, 4 * width) for r in chosen if r.fine is not None]
+        return _aligned(target, warped, [reference.name for reference in chosen], fine)
+
+
+@dataclass(frozen=True)
+class Reprojected:
+    """References warped through the target's depth, coloured like the render and ranked by what they then show.
+
+    Where the splat's own render of a reference's view is known, depth is refined and colours are matched by it: what
+    one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
+    Half precision cannot address pixels: views in it are warped in single precision, and autocast stays outside.
+
+    Args:
+        depth: what the target's depth is; says how far it is bettered photometrically before the warp (`refine_depth`).
+        match_colour: bring each reference's exposure to the splat's (`fit_colour`).
+        tolerance: relative depth difference that the occlusion check forgives (`reproject`).
+        softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
+        agreement: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference does not
+            count as showing the same: glass that mirrors the sky from one place and not from another, or what the depth
+            check missed. None leaves that unchecked.
+        smooth: fit planes to depth that is the splat's surface before it is searched (`smooth_depth`).
+        consistent: where that is searched, ask photos to agree with each other, not only renders with the target's.
+    """
+
+    depth: DepthKind = "surface"
+    match_colour: bool = True
+    tolerance: float = 0.05
+    softness: float = 0.08
+    agreement: float | None = 0.2
+    smooth: bool = True
+    consistent: bool = True
+
+    def __post_init__(self) -> None:
+        if self.depth not in SEARCHES:
+            raise ValueError(f"depth is {self.depth!r}, none of {', '.join(SEARCHES)}")
+
+    def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        """Warp all references and keep those that together show most; no gradient passes through the search of depth.
+
+        Raises:
+            InputError: a view has no camera, or the target no depth.
+        """
+        with torch.autocast(target.image.device.type, enabled=False):
+            return self._warped(target.precise(), [reference.precise() for reference in references], keep)
+
+    def _warped(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+        if not references or keep == 0:
+            return _aligned(target, [], [])
+        if target.depth is None:
+            raise InputError(
+                target.name, "has no depth to reproject references through", "give depth, or alignment=none"
+            )
+        camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
+        exposures = [reference.exposure if self.match_colour else None for reference in references]
+        pairs = zip(references, exposures, strict=True)
+        photos = [one.image if exposure is None else apply_colour(one.image, exposure) for one, exposure in pairs]
+        renders = [reference.render for reference in references]
+        sources = [Source(*source) for source in zip(cameras, photos, renders, strict=True)]
+        with torch.no_grad():
+            how = self.depth, self.smooth, self.consistent
+            depth = refine_depth(camera, target.depth, target.image, sources, *how)
+        rendered = target.depth
+        if target.alpha is not None:  # says where holes are; they are filled once for all references
+            depth, rendered = fill_depth(depth), fill_depth(rendered)
+        warped = []
+        for i, (other, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
+            there = reference.depth, target.alpha, self.tolerance, rendered, reference.render
+            one = reproject(camera, depth, other, photo, *there)
+            if self.match_colour and exposures[i] is None:
+                exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
+                one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
+            warped.append(one if self.agreement is None else agreeing(one, target.image, self.agreement))
+        order = rank(target.image, warped, keep, self.softness)
+        finer = [(i, references[i].fine) for i in order]
+        fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
+        return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
+
+
+def _finely(
+    camera: Camera,
+    depth: Float[Tensor, "1 h w"],
+    other: Camera,
+    photo: Float[Tensor, "3 _ _"],
+    exposure: Float[Tensor, "3 2"] | None,
+    warped: Warped,
+) -> Float[Tensor, "3 H W"]:
+    """A reference's fine photo on the grid 4 times as fine as the target's, visible where the warped one is.
+
+    Args:
+        camera: the target's.
+        depth: the target's, refined, at its own size; enlarged as inverse depth, in which planes are linear.
+        other: the reference's camera.
+        photo: the reference's fine photo.
+        exposure: gain and offset that were applied to the warped reference.
+        warped: the reference on the target's own grid.
+    """
+    height, width = (4 * side for side in depth.shape[-2:])
+    inverse = F.interpolate(1 / fill_depth(depth)[None], size=(height, width), mode="bilinear", align_corners=False)[0]
+    shown = F.interpolate(warped.visibility[None], size=(height, width))[0]
+    if exposure is not None:
+        photo = apply_colour(photo, exposure)
+    finely = reproject(camera.resized(height, width), 1 / inverse, other, photo, alpha=shown)
+    # At the photo's border the coarse grid may see what the fine one does not.
+    coarse = F.interpolate(warped.colour[None], size=(height, width))[0]
+    return torch.where(finely.visibility > 0, finely.colour, coarse)
+
+
+def _camera_of(view: Pixels) -> Camera:
+    if view.camera is None:
+        raise InputError(view.name, "has no camera to reproject with", "give cameras, or alignment=none")
+    return view.camera
+
+
+def _aligned(
+    target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Sequence[Float[Tensor, "3 H W"]] = ()
+) -> Aligned:
+    height, width = target.image.shape[-2:]
+    if not warped:
+        empty = target.image.new_zeros(0, 4, height, width)
+        return Aligned(empty[:, :3], empty[:, 3:], ())
+    renders = [one.render for one in warped if one.render is not None]
+    return Aligned(
+        torch.stack([one.colour for one in warped]),
+        torch.stack([one.visibility for one in warped]),
+        tuple(names),
+        torch.stack(renders) if len(renders) == len(warped) else None,
+        torch.stack(list(fine)) if len(fine) == len(warped) else None,
+    )

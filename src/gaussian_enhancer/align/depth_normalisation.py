@@ -1,0 +1,28 @@
+"""Depth as networks see it: inverse, in units of the image's own median, so that a scene's scale does not matter.
+
+Axes: b batch, h height, w width.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.types import precise, usable
+
+
+def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
+    """The median usable depth of each image, 1 where there is none: the length that counts as 1."""
+    known = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
+    return torch.nan_to_num(precise(known).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
+
+
+def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]) -> Float[Tensor, "b 1 h w"]:
+    """Inverse depth, unit / depth, limited to [0, 4]: the same at every scale of the scene; 0 where nothing was hit.
+
+    Args:
+        depth: z in scene units.
+        unit: the length that counts as 1, > 0.
+    """
+    known = usable(depth)
+    ratio = unit[:, None, None, None] / precise(torch.where(known, depth, torch.ones_like(depth)))
+    return torch.where(known, ratio.clamp(0, 4), torch.zeros_like(ratio))

@@ -1,0 +1,85 @@
+"""How far warped references agree with the render: which show most of it, and where one shows something else.
+
+Axes: h height, w width of the target.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.reproject import Warped
+
+WINDOW = 7
+"""Side of the squares over which references are compared with the render, in pixels."""
+
+
+def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
+    """Indices of the references that together show most of the target, best first.
+
+    A reference's worth at a pixel is visibility x exp(-|reference - render| / softness), differences averaged over
+    7x7 pixels. The next one is always that which adds most to the best worth so far, counting a tenth of its own
+    worth so that agreement decides among those that show the same.
+
+    Args:
+        image: the render.
+        warped: references on its grid.
+        keep: how many to return at most.
+        softness: colour difference at which worth falls to 1/e.
+    """
+    if not warped:
+        return []
+    worth = torch.stack([o.visibility * torch.exp(-disagreement(o, image) / softness) for o in warped]).flatten(1)
+    order: list[int] = []
+    best = torch.zeros_like(worth[0])
+    while len(order) < min(keep, len(warped)):
+        gain = (worth - best).clamp_min(0).mean(1) + 0.1 * worth.mean(1)
+        gain[order] = -1
+        order.append(int(gain.argmax()))
+        best = torch.maximum(best, worth[order[-1]])
+    return order
+
+
+def disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+    """Mean absolute colour difference of a reference to the render where it is visible, over 7x7 pixels.
+
+    Args:
+        warped: the reference on the render's grid.
+        image: the render.
+    """
+    seen = warped.visibility
+    if compiled(warped.colour, image, seen):
+        return _compiled(warped, image)
+    difference = (warped.colour - image).abs().mean(0, keepdim=True)
+    weighted, total = F.avg_pool2d(
+        torch.cat([difference * seen, seen]), WINDOW, 1, WINDOW // 2, count_include_pad=False
+    ).split(1)
+    return weighted / total.clamp_min(1e-6)
+
+
+def _compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+    """The same by a compiled kernel."""
+    from gaussian_enhancer.align.reproject_kernels import disagree
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
+    with kernel_lock:
+        disagree(array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy())
+    return result
+
+
+def agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
+    """The reference without what differs from the render by more than a limit.
+
+    Args:
+        warped: the reference on the render's grid.
+        image: the render.
+        limit: of the mean colour difference over 7x7 pixels, in [0, 1].
+    """
+    kept = disagreement(warped, image) <= limit
+    render = None if warped.render is None else warped.render * kept
+    return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)

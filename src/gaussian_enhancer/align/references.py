@@ -1,0 +1,137 @@
+"""From views on disk to what the network sees: choosing, reading and aligning references.
+
+Axes: r references, h height, w width.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected, Warp
+from gaussian_enhancer.align.depth_normalisation import depth_unit
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.types import Views
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How targets are prepared: the same in training and in use, and therefore kept with the weights.
+
+    Args:
+        warp: how references reach the target's grid.
+        references: how many the network gets at most, 0 to 8.
+        candidates: how many near views are considered for them, at least as many.
+        fine: bring the references' photos to a grid 4 times as fine as well, for super-resolution.
+    """
+
+    warp: Warp = field(default_factory=Reprojected)
+    references: int = 3
+    candidates: int = 5
+    fine: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.references <= 8:
+            raise InputError("references", f"is {self.references}", "ask for 0 to 8 references")
+        if self.candidates < self.references:
+            raise InputError(
+                "candidates", f"is {self.candidates} for {self.references} references", "consider at least as many"
+            )
+
+    def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
+        """The references of a pool that come into question for a target, nearest first, as indices into it."""
+        if not self.references:
+            return ()
+        return rank_references(view, pool.views, self.candidates, depth=target.depth)
+
+    def align(
+        self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
+    ) -> Aligned:
+        """The best references of a pool on the target's grid, computed on the target's device.
+
+        Args:
+            target: the target's pixels.
+            view: the target, which is never its own reference.
+            pool: where references come from.
+            candidates: those of the pool that come into question, nearest first; None looks for them.
+        """
+        chosen = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
+        device = target.image.device
+        return self.warp(target, [pool.read(index, self.fine).on(device) for index in chosen], self.references)
+
+
+class Pool:
+    """The references of a set; the pixels of those read last stay in memory, since a photo serves many targets.
+
+    Args:
+        views: training views with photos.
+        capacity: how many stay in memory.
+    """
+
+    def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
+        self.views = tuple(views)
+        self._kept: Callable[[int, bool], Pixels] = lru_cache(maxsize=capacity)(self._read)
+
+    def read(self, index: int, fine: bool = False) -> Pixels:
+        """The pixels of a reference; with ``fine`` those of its finer photo, too.
+
+        Raises:
+            InputError: there is no photo, or no finer one, or a file is damaged.
+        """
+        return self._kept(index, fine)
+
+    def _read(self, index: int, fine: bool) -> Pixels:
+        view = self.views[index]
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")
+        depth = view.read_depth() if view.read_depth is not None else None
+        render = view.read() if view.read is not None else None
+        known = Pixels(view.name, view.read_photo(), view.camera, depth, render=render)
+        if not fine:
+            return known
+        if view.read_fine_photo is None:
+            raise InputError(view.name, "has no photo finer than its render", "give photos 4 times as fine")
+        return replace(known, fine=view.read_fine_photo())
+
+
+def read_target(view: RenderedView) -> Pixels:
+    """The pixels of a target.
+
+    Raises:
+        InputError: the view has no render, or its depth or opacity is of another size.
+    """
+    if view.read is None:
+        raise InputError(view.name, "has no render to enhance", "render it first")
+    image = view.read()
+    depth = view.read_depth() if view.read_depth is not None else None
+    alpha = view.read_alpha() if view.read_alpha is not None else None
+    for what, plane in (("depth", depth), ("alpha", alpha)):
+        if plane is not None and plane.shape[-2:] != image.shape[-2:]:
+            sizes = [f"{p.shape[-1]}x{p.shape[-2]}" for p in (plane, image)]
+            raise InputError(view.name, f"has {what} of {sizes[0]} for a render of {sizes[1]}", "render it again")
+    return Pixels(view.name, image, view.camera, depth, alpha)
+
+
+def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> Views:
+    """A batch of one for the network.
+
+    Args:
+        target: pixels of the target, or of a part of it.
+        aligned: references on its grid.
+        unit: the length that counts as 1 in depth; None takes that of the target's own depth.
+    """
+    depth = None if target.depth is None else target.depth[None]
+    return Views(
+        target.image[None],
+        aligned.references[None],
+        aligned.visibility[None],
+        depth,
+        None if target.alpha is None else target.alpha[None],
+        None if depth is None else depth_unit(depth) if unit is None else unit,
+        None if aligned.renders is None else aligned.renders[None],
+        None if aligned.fine is None else aligned.fine[None],
+    )

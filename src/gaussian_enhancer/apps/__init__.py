@@ -1,1 +1,0 @@
-"""One short Hydra entry point a job."""

@@ -1,0 +1,178 @@
+"""The command line: ``gaussian-enhancer JOB key=value ...``, every job a Hydra application.
+
+A job is a configuration ``conf/JOB.yaml`` and a module with ``run(cfg)``: ``cli/JOB.py``, or ``ablations/jobs/JOB.py``
+for jobs of the experiment suite. Everything after the job's name is Hydra's: overrides, ``--cfg job``, ``--help``,
+``-m`` for multirun.
+"""
+
+import errno
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import unwritable
+
+JOBS = {
+    "demo": "one procedural scene, start to finish: fit, enhance, measure, report",
+    "fit": "fit a splat to a scene; write the splat and its renders",
+    "simulate": "make a photo look like splat renders; samples and a page of every artefact",
+    "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
+    "train": "train an enhancement network on fitted runs",
+    "train_generator": "train the second stage of the degradation simulator on fitted runs",
+    "measure": "compare images with photos; write records",
+    "quality": "every method on every held-out scene: the table of docs/quality.md, and whether its aims are met",
+    "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
+    "stability": "stiff and extreme cases in every precision against float64: docs/stability.md",
+    "leaving_out": "what the plan leaves out of each scene, what that saves and what it costs",
+    "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
+    "status": "what became of every run, or of those that tables need",
+    "report": "make a page to look at from a measured run",
+    "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
+    "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
+}
+
+LAB = ("quality", "tradeoff", "stability", "leaving_out", "tables", "status", "dashboard")
+"""Jobs of the experiment suite."""
+
+DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""System errors that only writing causes: a full disk, a quota, a file-size limit, a read-only file system."""
+
+USAGE = """\
+usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
+
+{jobs}
+
+  completion   print a script for tab completion: eval "$(gaussian-enhancer completion)"
+
+Every job takes Hydra's overrides, --help shows its configuration and -m sweeps over comma-separated values.
+"""
+
+COMPLETION = """\
+_gaussian_enhancer() {
+    mapfile -t COMPREPLY < <(COMP_WORDBREAKS= gaussian-enhancer --complete "${COMP_LINE:0:COMP_POINT}")
+    [[ ${#COMPREPLY[@]} -eq 1 && ${COMPREPLY[0]} == *[=/.] ]] && compopt -o nospace
+}
+COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
+complete -o nospace -F _gaussian_enhancer gaussian-enhancer
+"""
+
+
+def configurations() -> Path:
+    """The folder of configurations: inside the installed package, or beside ``src`` in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "conf", package.parents[1] / "conf"):
+        if (folder / "base.yaml").is_file():
+            return folder
+    raise InputError(package / "conf", "is missing from the installation", "install the package again")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the job that the command line names.
+
+    Exit codes: 0 done, 1 an internal error (with its traceback) or a configuration that Hydra refuses, 2 input
+    that cannot be used (one line on standard error).
+    """
+    let_idle_threads_sleep()
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(USAGE.format(jobs="\n".join(f"  {name:<12} {text}" for name, text in JOBS.items())), end="")
+    elif words[0] == "--version":
+        print(version("gaussian-enhancer"))
+    elif words[0] == "completion":
+        print(COMPLETION, end="")
+    elif words[0] == "--complete":
+        print("\n".join(complete(" ".join(words[1:]))))
+    elif words[0] not in JOBS:
+        _refuse(InputError(f"job {words[0]!r}", "is unknown", f"choose one of {', '.join(JOBS)}"))
+    else:
+        launch(words[0], words[1:])
+
+
+def let_idle_threads_sleep() -> None:
+    """Set OpenMP's waiting policy, unless the user has set it; it is read once, when torch loads its OpenMP library.
+
+    Idle OpenMP threads spin by default: on a machine that others use too, a fit then takes 20 times as long (28 against
+    450-740 ms a step, measured). If they slept at once, waking them would take longer than most loops of an enhancement
+    (250 against 140 ms a view, measured), so they spin for a moment first.
+    """
+    if "OMP_WAIT_POLICY" not in os.environ:
+        os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
+        os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+
+
+def launch(job: str, arguments: Sequence[str]) -> None:
+    """Hand a job to Hydra, with the remaining words of the command line as its own."""
+    import hydra
+
+    sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
+    try:
+        hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
+    except InputError as error:
+        _refuse(error)
+
+
+def task(job: str) -> Callable[[Any], Any]:
+    """The function that Hydra calls with the composed configuration.
+
+    A user's mistake ends a single run with one line and exit code 2; in a multirun it fails that run alone.
+    """
+
+    def run(cfg: Any) -> Any:
+        from hydra.core.hydra_config import HydraConfig
+        from hydra.types import RunMode
+
+        from gaussian_enhancer.runs.status import attempt
+
+        module = importlib.import_module(f"ablations.jobs.{job}" if job in LAB else f"gaussian_enhancer.cli.{job}")
+        try:
+            with attempt():
+                return module.run(cfg)
+        except InputError as error:
+            if HydraConfig.get().mode == RunMode.MULTIRUN:
+                raise
+            _refuse(error)
+        except OSError as error:
+            if error.errno not in DISK_REFUSES or HydraConfig.get().mode == RunMode.MULTIRUN:
+                raise
+            _refuse(unwritable(error.filename or "output", error))
+
+    return run
+
+
+def complete(line: str) -> list[str]:
+    """Words that may stand at the end of a command line: job names first, then what Hydra offers.
+
+    Args:
+        line: the command line up to the cursor, the program's name included.
+    """
+    words = line.split(" ")
+    if len(words) <= 2:
+        return [job for job in (*JOBS, "completion") if job.startswith(words[-1])]
+    job = words[1]
+    if job not in JOBS:
+        return []
+    return _complete_overrides(job, " ".join(words[2:]))
+
+
+def _complete_overrides(job: str, line: str) -> list[str]:
+    from hydra._internal.config_loader_impl import ConfigLoaderImpl
+    from hydra._internal.utils import create_automatic_config_search_path
+    from hydra.core.plugins import Plugins
+    from hydra.core.utils import setup_globals
+    from hydra.plugins.completion_plugin import DefaultCompletionPlugin
+
+    setup_globals()
+    search_path = create_automatic_config_search_path(None, None, str(configurations()))
+    Plugins.instance()
+    plugin = DefaultCompletionPlugin(ConfigLoaderImpl(config_search_path=search_path))
+    return sorted(plugin._query(config_name=job, line=line))
+
+
+def _refuse(error: InputError) -> None:
+    print(f"gaussian-enhancer: {error}", file=sys.stderr)
+    raise SystemExit(2)

@@ -1,0 +1,133 @@
+"""``gaussian-enhancer measure``: compare images on disk with their photos; write records and tables."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig, ListConfig
+from rich.console import Console
+from rich.progress import track
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.comparison import (
+    Comparison,
+    Pair,
+    Table,
+    compare,
+    gain_table,
+    mean_table,
+    paired,
+    record_table,
+    view_table,
+)
+from gaussian_enhancer.metrics.image_folders import ImageFiles, Label, measure_files, pair_folders, pair_run
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.runs.run import open_run
+from gaussian_enhancer.runs.runtime import start
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Measure a folder of images, two folders against each other, or a run.
+
+    Nothing is written before everything is measured.
+
+    Args:
+        cfg: see ``conf/measure.yaml``.
+
+    Returns:
+        Mean gain in colour-aligned PSNR where two variants were measured, else its mean, in dB; None where it is
+        infinite.
+
+    Raises:
+        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+    """
+    records, folder = write_measurement(cfg)
+    pairs = _pairs(records)
+    _tell(records, _tables(records, pairs)["summary"], folder)
+    return _score(records, pairs)
+
+
+def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
+    """Measure what the configuration names and write records and tables.
+
+    Args:
+        cfg: see ``conf/measure.yaml``.
+
+    Returns:
+        The records and the folder that holds them.
+
+    Raises:
+        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+    """
+    files = _files(cfg)
+    device = start(cfg.runtime)
+    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    records = _measured(files, distances, cfg)
+    tables = _tables(records, _pairs(records))
+    folder = open_run(cfg, "measure", files[0].label.run)
+    write_records(folder.folder / "records.jsonl", records)
+    for name, table in tables.items():
+        for ending, text in ((".md", table.markdown()), (".csv", table.csv())):
+            write_text(folder.folder / f"{name}{ending}", text)
+    folder.finish()
+    return records, folder.folder
+
+
+def _pairs(records: Sequence[Record]) -> tuple[Pair, ...]:
+    return paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
+
+
+def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
+    """The images that the configuration names, paired with their photos."""
+    if cfg.run is not None and (cfg.images is not None or cfg.photos is not None or cfg.raw is not None):
+        raise InputError("run", "was given together with images, photos or raw", "give either")
+    if cfg.run is not None:
+        return pair_run(cfg.run, cfg.step, scene=cfg.scene_name or "", splat=cfg.splat_name or "")
+    if cfg.images is None or cfg.photos is None:
+        raise InputError("measure", "was given no images to measure", "add images=FOLDER photos=FOLDER, or run=FOLDER")
+    name = Path(cfg.images).resolve().name
+    found: list[ImageFiles] = []
+    for folder, variant in ((cfg.raw, "raw"), (cfg.images, cfg.variant)):
+        if folder is not None:
+            label = Label(name, cfg.scene_name or name, cfg.splat_name or "", variant)
+            found += pair_folders(folder, cfg.photos, label, masks=cfg.masks, unmatched=cfg.unmatched)
+    return tuple(found)
+
+
+def _measured(
+    files: Sequence[ImageFiles], distances: Sequence[PerceptualDistance], cfg: DictConfig
+) -> tuple[Record, ...]:
+    steps = measure_files(files, distances, _colour(cfg.background))
+    console = Console(stderr=True)
+    hidden = not (cfg.runtime.progress and console.is_terminal)
+    return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
+
+
+def _colour(values: ListConfig) -> tuple[float, float, float]:
+    """Three numbers from 0 to 1."""
+    if len(values) != 3 or not all(isinstance(value, int | float) and 0 <= value <= 1 for value in values):
+        raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
+
+
+def _tables(records: Sequence[Record], pairs: Sequence[Pair]) -> dict[str, Table]:
+    if pairs:
+        return {"summary": gain_table(pairs), "views": view_table(pairs)}
+    return {"summary": mean_table(records), "views": record_table(records)}
+
+
+def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
+    """What a reader wants to see at once: the means with what is missing and why, and where the rest lies."""
+    print(table.markdown(), end="")
+    print(f"{len(records)} records in {folder / 'records.jsonl'}")
+
+
+def _score(records: Sequence[Record], pairs: Sequence[Pair]) -> float | None:
+    if pairs:
+        found: Comparison = compare(pairs, "psnr_aligned")
+        return found.gain if found.count else None
+    values = [record.metrics["psnr_aligned"] for record in records]
+    finite = [value for value in values if value is not None and value != float("inf")]
+    return sum(finite) / len(finite) if finite else None

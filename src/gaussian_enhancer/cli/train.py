@@ -1,0 +1,207 @@
+"""The train job: fitted runs to weights."""
+
+import copy
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omegaconf import DictConfig, open_dict
+
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.weights import count_parameters, design_of, load_weights, preparation_of, save_weights
+from gaussian_enhancer.runs.high_resolution import FinePhotos
+from gaussian_enhancer.runs.instantiate import build, plain, require
+from gaussian_enhancer.runs.run import Run, open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.train.processes import Place, together
+from gaussian_enhancer.train.trainer import alike, alone, make_trainer, processes, quieten
+
+if TYPE_CHECKING:
+    from gaussian_enhancer.network.network import Network
+    from gaussian_enhancer.train.data import RunsData
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
+
+    With ``trainer.devices=2`` two processes train together and do what one would: each takes half of every batch.
+
+    Returns:
+        The mean gain in PSNR over the raw renders of the validation runs, in dB.
+    """
+    cfg = _without_idle(cfg)
+    require(cfg)
+    start(cfg.runtime)
+    count = processes(cfg)
+    job = open_run(_named(cfg), "train", cfg.label)
+    with alone(job.folder):
+        if job.done:
+            print(f"trained already: {job.folder / 'weights.safetensors'}")
+            return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+        quieten()
+        if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
+            _data(cfg).prepare_data()
+        gain: float | None = together(partial(_train, job), cfg, count)
+        return gain
+
+
+def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
+    """One process's part; the first writes what comes of it."""
+    # Heavy, and of no use to those who only ask for help.
+    from lightning import seed_everything
+
+    from gaussian_enhancer.train.loggers import watching
+    from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
+    from gaussian_enhancer.train.waiting import Waiting
+
+    start(cfg.runtime)
+    quieten()
+    seed_everything(cfg.seed, workers=True, verbose=False)
+    data = _data(cfg)
+    metrics = {"psnr": psnr, "ssim": ssim}
+    module = EnhancerModule(
+        _network(cfg),
+        build(cfg.objective),
+        metrics,
+        build(cfg.optimiser),
+        cfg.trainer.max_steps,
+        cfg.coarse,
+        _bad_share(cfg),
+    )
+    waiting = Waiting()
+    trainer = make_trainer(cfg, job, "last", [waiting], place=place)
+    last = job.folder / "last.ckpt"
+    started = time.time()
+    with watching(trainer.loggers):
+        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
+            print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
+            return None
+        gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    dropped = module.dropped.of_all()
+    if not trainer.is_global_zero:
+        return None
+    preparation = build(cfg.preparation)
+    card = {
+        **plain(cfg.card),
+        "design": design_of(module.average),  # type: ignore[arg-type]
+        "preparation": preparation_of(preparation),
+        "parameters": count_parameters(module.average),
+        "steps": trainer.global_step,
+        "minutes": round((time.time() - started) / 60, 1),
+        "waiting": round(waiting.share, 4),
+        "first_batches_seconds": round(waiting.first, 1),
+        "simulated": float(cfg.data.get("simulated", 0)),
+        "train": list(cfg.data.train),
+        "samples": sum(len(source) for source in data.sources),
+        "validation": gains,
+        "seed": int(cfg.seed),
+        "run": job.digest,
+        **_told(cfg),
+        **({"dropped": dropped} if dropped else {}),
+    }
+    save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
+    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    job.finish()
+    print(f"steps waited for data {waiting.share:.1%} of the time, and {waiting.first:.1f} s for epochs' first batches")
+    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in gains.items()))
+    return gains["gain/psnr"]
+
+
+def _network(cfg: DictConfig) -> "Network":
+    """The network to train: untrained, or with the values of the weights ``initial``.
+
+    Raises:
+        InputError: those weights cannot be read, or are of another design than the configuration's network.
+    """
+    network: Network = build(cfg.fusion)
+    for name, weights in _begun_with(cfg).items():
+        part = getattr(network, name, None) if name else network
+        if part is None:
+            raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
+        begun = load_weights(weights).network
+        asked, found = design_of(part), design_of(begun)
+        if asked != found:
+            odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
+            received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
+            raise InputError(f"weights {weights}", received, "choose fusion and size as they have")
+        part.load_state_dict(begun.state_dict())
+    return network
+
+
+def _begun_with(cfg: DictConfig) -> dict[str, str]:
+    """The weights to begin with by the part of the network that they are for, which is empty where it is the whole."""
+    initial = cfg.get("initial")
+    if initial is None:
+        return {}
+    parts = initial if isinstance(initial, DictConfig) else {"": initial}
+    return {str(name): str(one) for name, one in parts.items()}
+
+
+def _told(cfg: DictConfig) -> dict[str, Any]:
+    """What a card says of the weights that a training began with: the cards of those, one after another."""
+    known = ("run", "seed", "steps", "train", "minutes", "initial")
+    cards = {name: load_weights(one).card for name, one in _begun_with(cfg).items()}
+    told = {name: {key: card[key] for key in known if key in card} for name, card in cards.items()}
+    return {"initial": told.get("", told)} if told else {}
+
+
+def _data(cfg: DictConfig) -> "RunsData":
+    finer = FinePhotos(Path(cfg.runs) / "photos")
+    data: RunsData = build(
+        cfg.data,
+        cache=str(Path(cfg.runs) / "samples"),
+        progress=cfg.runtime.progress,
+        finer=finer,
+        bad_share=_bad_share(cfg),
+    )
+    return data
+
+
+def _bad_share(cfg: DictConfig) -> float:
+    """What a training forgives; no part of its address, and so missing where a configuration was cut down to that."""
+    from gaussian_enhancer.train.non_finite import BAD_SHARE
+
+    return float(cfg.get("bad_share", BAD_SHARE))
+
+
+def with_effect(cfg: DictConfig) -> DictConfig:
+    """The configuration as it determines what is trained, which names the run.
+
+    Args:
+        cfg: the job's whole configuration.
+
+    Raises:
+        InputError: the weights to begin with cannot be read.
+    """
+    return _named(_without_idle(cfg))
+
+
+def _named(cfg: DictConfig) -> DictConfig:
+    """The configuration that names the run of one without what has no effect."""
+    same = alike(cfg)
+    digests = {name: checkpoint_digest(find_checkpoint(one)) for name, one in _begun_with(same).items()}
+    if digests:  # what they hold, wherever they are
+        same.initial = digests.get("", digests)
+    return same
+
+
+def _without_idle(cfg: DictConfig) -> DictConfig:
+    """The configuration without what has no effect, which is not built and does not make another run of the same.
+
+    That is the simulator with its gate and generator where nothing is simulated, and ``initial`` where none is given.
+    """
+    without = copy.deepcopy(cfg)
+    with open_dict(without):
+        if without.get("initial") is None:
+            without.pop("initial", None)
+        if without.data.simulated == 0:
+            for key in ("gate", "generator"):
+                without.pop(key)
+            for key in ("simulator", "simulated", "training_views"):
+                without.data.pop(key)
+    return without

@@ -1,0 +1,99 @@
+"""The job train_generator: fitted runs to the weights of the simulator's second stage, in two steps."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+from rich.console import Console
+
+from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
+from gaussian_enhancer.degrade.generative.weights import load_model, save_model
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.weights import count_parameters
+from gaussian_enhancer.runs.instantiate import build, plain, require
+from gaussian_enhancer.runs.run import Run, open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.train.trainer import alike, make_trainer, processes, quieten
+
+STEPS = ("paired", "diffused")
+
+
+def run(cfg: DictConfig) -> float | None:
+    """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
+
+    Returns:
+        How much nearer to real renders sampled views of the validation runs are than stage 1's, dB.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    if processes(cfg) > 1:
+        received = f"is {cfg.trainer.devices}, but the simulator's noise is drawn for whole batches"
+        raise InputError("trainer.devices", received, "train it with trainer.devices=1")
+    job = open_run(alike(cfg), "train_generator", cfg.label)
+    console = Console(stderr=True)
+    weights = job.folder / "weights.safetensors"
+    if job.done:
+        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/diffused"])
+    # Heavy, and of no use to those who only ask for help.
+    from lightning import seed_everything
+
+    quieten()
+    seed_everything(cfg.seed, workers=True, verbose=False)
+    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
+    design: FactorDesign = build(cfg.design)
+    found: dict[str, float] = {}
+    started = time.time()
+    for step in STEPS:
+        if not (job.folder / f"{step}.safetensors").is_file():
+            trained = _train(cfg, job, step, design, data)
+            if trained is None:
+                console.print("stopped; the same command goes on from there")
+                return None
+            write_text(job.folder / f"{step}.json", json.dumps(trained))
+        found |= json.loads((job.folder / f"{step}.json").read_text())
+    model = load_model(job.folder / f"{STEPS[-1]}.safetensors").model
+    card: dict[str, Any] = {
+        **plain(cfg.card),
+        "parameters": count_parameters(model),
+        "steps": {step: int(cfg[step].steps) for step in STEPS},
+        "minutes": round((time.time() - started) / 60, 1),
+        "train": list(cfg.data.train),
+        "samples": sum(len(source) for source in data.sources),
+        "gate": plain(cfg.gate),
+        "validation": found,
+        "run": job.digest,
+    }
+    save_model(weights, model, card)
+    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    job.finish()
+    told = ", ".join(f"{k} {v:+.4f}" for k, v in found.items())
+    console.print(f"{weights}: {told}", highlight=False, soft_wrap=True)
+    return found["gain/diffused"]
+
+
+def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
+    """Train one step and keep its running mean; None where it was stopped before its end."""
+    from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
+    from gaussian_enhancer.train.loggers import watching
+
+    steps = int(cfg[step].steps)
+    rest = (build(cfg.loss), build(cfg[step].optimiser), steps)
+    module: PairedModule | DiffusedModule
+    if step == "paired":
+        module = PairedModule(FactorModel(design), *rest, seed=cfg.seed)
+    else:
+        before = load_model(job.folder / "paired.safetensors").model
+        module = DiffusedModule(before, *rest, sampler=build(cfg.sampler), seed=cfg.seed + 1)
+    trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
+    last = job.folder / f"{step}.ckpt"
+    with watching(trainer.loggers):
+        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        if trainer.interrupted or trainer.global_step < steps:
+            return None
+        found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+    save_model(job.folder / f"{step}.safetensors", module.average, {})
+    return found

@@ -1,0 +1,88 @@
+"""Displacement: pixels read from beside where they belong, as splats at a wrong depth show them.
+
+Axes: b batch, c channels, h height, w width, 2 (x, y) in pixels.
+"""
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gaussian_enhancer.degrade.artefacts.fields import smooth_field
+from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
+from gaussian_enhancer.degrade.artefacts.view import View, each
+
+DRIFT = 1.2
+"""Standard deviation of the smooth displacement at strength 1, pixels: it seldom passes 3."""
+
+CELL = 24
+JUMPS = 0.03
+"""Share of the pixels that jump at strength 1."""
+
+LEAP = 1.5
+
+
+def displaced(
+    planes: Float[Tensor, "b c h w"], offset: Float[Tensor, "b 2 h w"], mode: str = "bilinear"
+) -> Float[Tensor, "b c h w"]:
+    """Planes read at p + offset(p); the border goes on outside.
+
+    Args:
+        planes: what is read.
+        offset: x and y, pixels.
+        mode: "bilinear" or "nearest".
+    """
+    height, width = planes.shape[-2:]
+    y = torch.arange(height, device=offset.device, dtype=offset.dtype)[:, None]
+    x = torch.arange(width, device=offset.device, dtype=offset.dtype)
+    grid = torch.stack([(2 * (x + offset[:, 0]) + 1) / width - 1, (2 * (y + offset[:, 1]) + 1) / height - 1], dim=-1)
+    return F.grid_sample(planes, grid, mode=mode, padding_mode="border", align_corners=False)
+
+
+def random_offset(
+    strength: Float[Tensor, " b"], generators: Sequence[torch.Generator], like: Float[Tensor, "b c h w"]
+) -> Float[Tensor, "b 2 h w"]:
+    """A smooth displacement of 1.2 pixels (one standard deviation), and jumps of whole pixels at 3% of them.
+
+    The displacement and the share of the jumps are proportional to the strength; what jumps at a small strength jumps
+    alike at a larger one.
+
+    Args:
+        strength: of each sample, [0, 1].
+        generators: one for each sample.
+        like: a tensor whose size, type and device the result has.
+    """
+    height, width = like.shape[-2:]
+    smooth = DRIFT * each(strength) * smooth_field(2, CELL, height, width, generators, like)
+    chosen = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * each(strength)
+    return smooth + chosen * (LEAP * normal((2, height, width), generators, like)).round()
+
+
+def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
+    """Move pixels by a smooth field and let single ones jump, image, depth and opacity together.
+
+    The jumps are the re-positioning of NeRFLiX (Zhou et al., CVPR 2023); the smooth field is what a wrong depth does
+    to a splat. Depth is read without interpolation: between two surfaces there is none.
+
+    Args:
+        view: what is degraded.
+        strength: of each sample, [0, 1].
+        generators: one for each sample.
+    """
+    offset = random_offset(strength, generators, view.image)
+    moved = (offset != 0).any(dim=1, keepdim=True)
+
+    def read(plane: Tensor | None, mode: str = "bilinear") -> Tensor | None:
+        return None if plane is None else _where_moved(moved, displaced(plane, offset, mode), plane)
+
+    image = _where_moved(moved, displaced(view.image, offset), view.image)
+    return View(image, read(view.depth, "nearest"), read(view.alpha))
+
+
+def _where_moved(
+    moved: Bool[Tensor, "b 1 h w"], after: Float[Tensor, "b c h w"], before: Float[Tensor, "b c h w"]
+) -> Float[Tensor, "b c h w"]:
+    # Reading at a pixel's own place rounds in the last digit; what does not move shall not change.
+    return torch.where(moved, after, before)

@@ -1,0 +1,35 @@
+"""JPEG: what a lossy file costs.
+
+Axes: b batch.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from kornia.enhance import jpeg_codec_differentiable
+from torch import Tensor
+
+from gaussian_enhancer.degrade.artefacts.view import View, each
+
+BEST, WORST = 95.0, 20.0
+"""Quality near strength 0 and at strength 1."""
+
+ONSET = 0.1
+
+
+def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
+    """Write and read JPEG files of quality 95 - 75 strength, with halved chroma; fades in up to strength 0.1.
+
+    Rounding has the polynomial gradient of kornia's codec (after Shin & Song, 2017), which therefore rounds a little
+    less than a real one. Nothing is random.
+
+    Args:
+        view: what is degraded; depth and opacity stay.
+        strength: of each sample, [0, 1].
+        generators: one for each sample, not used.
+    """
+    coded = jpeg_codec_differentiable(view.image, BEST + (WORST - BEST) * strength).clamp(0, 1)
+    fade = each((strength / ONSET).clamp(max=1))
+    return replace(view, image=view.image + fade * (coded - view.image))

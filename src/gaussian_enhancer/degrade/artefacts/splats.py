@@ -1,0 +1,218 @@
+"""Splats drawn over views: oriented 2D Gaussians or flat disks, each with a depth of its own.
+
+Axes: b batch, k splats, h height, w width, r rows of a strip, i and j rows and columns of a coarse grid.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.types import Movable, usable
+
+Profile = Literal["gaussian", "disk"]
+"""How opacity falls with the distance d from the centre, in sigmas: exp(-d^2 / 2), or the flat exp(-d^8 / 2)."""
+
+POWERS: dict[Profile, int] = {"gaussian": 2, "disk": 8}
+EXTENT = math.sqrt(2 * math.log(255))
+"""Where a Gaussian falls below 1/255, under which rasterisers draw nothing."""
+
+SOFTNESS = 0.02
+"""A splat is drawn in full from this share of a surface's depth in front of it."""
+
+HIT = 1e-3
+"""Accumulated weight from which a pixel that was empty has a depth."""
+
+STRIP = 2**18
+"""Numbers in one plane of work: rows are taken in strips, so that memory does not grow with the image."""
+
+
+@dataclass(frozen=True)
+class Splats(Movable):
+    """The same number of splats for each sample; those of opacity 0 are not there.
+
+    Args:
+        centre: x and y in pixels, of which the first pixel spans 0 to 1.
+        log_sigma: natural logarithms of the standard deviations along the two axes, in pixels.
+        angle: from the x axis (right) to the first axis, towards y (down), in radians.
+        opacity: at the centre, in [0, 1].
+        colour: sRGB in [0, 1].
+        depth: z in scene units, > 0.
+    """
+
+    centre: Float[Tensor, "b k 2"]
+    log_sigma: Float[Tensor, "b k 2"]
+    angle: Float[Tensor, "b k"]
+    opacity: Float[Tensor, "b k"]
+    colour: Float[Tensor, "b k 3"]
+    depth: Float[Tensor, "b k"]
+
+    def taken(self, index: Int64[Tensor, "b n"]) -> "Splats":
+        """The splats of each sample that an index names, in its order."""
+        pairs = index[..., None].expand(-1, -1, 2)
+        return Splats(
+            self.centre.gather(1, pairs),
+            self.log_sigma.gather(1, pairs),
+            self.angle.gather(1, index),
+            self.opacity.gather(1, index),
+            self.colour.gather(1, index[..., None].expand(-1, -1, 3)),
+            self.depth.gather(1, index),
+        )
+
+
+def falloff(
+    splats: Splats, y: Float[Tensor, " r"], x: Float[Tensor, " w"], profile: Profile
+) -> Float[Tensor, "b k r w"]:
+    """What remains of each splat's opacity at rows y and columns x, in pixels: 1 at its centre."""
+    right = (x - splats.centre[..., :1])[..., None, :]
+    down = (y - splats.centre[..., 1:])[..., :, None]
+    cosine, sine = (wave[..., None, None] for wave in (splats.angle.cos(), splats.angle.sin()))
+    along, across = (-splats.log_sigma).exp()[..., None, None].unbind(2)
+    first = cosine * along * right + sine * along * down
+    second = cosine * across * down - sine * across * right
+    # The limit leaves exp(-20), which is never drawn: powers would overflow, and exp is slow where it underflows.
+    square = torch.addcmul(first * first, second, second).clamp(max=40 ** (2 / POWERS[profile]))
+    if profile == "disk":
+        square = square.square().square()
+    return torch.exp(-0.5 * square)
+
+
+def composite(view: View, splats: Splats, profile: Profile = "gaussian", extent: float = EXTENT) -> View:
+    """Draw splats over a view, front to back.
+
+    alpha_k = opacity_k g_k s_k, with g_k the `falloff` and s_k = clamp((1 - depth_k / depth) / SOFTNESS, 0, 1) the
+    share of the splat that lies in front of the view's own surface; s_k = 1 where the view has no depth. With weights
+    w_k = alpha_k prod_{l nearer} (1 - alpha_l), their sum W, and T = prod (1 - alpha_k):
+    image' = sum w_k colour_k + T image; alpha' = alpha + (1 - alpha) W; depth' is the expected depth, in which a splat
+    weighs w_k and the surface T alpha. A pixel without depth takes the splats' where W > HIT. Splats of opacity 0 leave
+    every number as it is.
+
+    Args:
+        view: what lies below.
+        splats: in any order.
+        profile: of every splat.
+        extent: distance in sigmas at which a Gaussian ends; a disk ends at the same share of its opacity.
+    """
+    height, width = view.image.shape[-2:]
+    splats = splats.taken(splats.depth.argsort(dim=1, stable=True))
+    rows = max(1, STRIP // (len(view) * max(1, splats.depth.shape[1]) * width))
+    strips = [_rows(view, splats, top, min(top + rows, height), profile, extent) for top in range(0, height, rows)]
+
+    def joined(name: Literal["image", "depth", "alpha"]) -> Tensor:
+        return torch.cat([getattr(strip, name) for strip in strips], dim=2)
+
+    return View(
+        joined("image"),
+        None if view.depth is None else joined("depth"),
+        None if view.alpha is None else joined("alpha"),
+    )
+
+
+def _rows(view: View, splats: Splats, top: int, bottom: int, profile: Profile, extent: float) -> View:
+    """The rows of a view from ``top`` to below ``bottom``, with sorted splats over them."""
+    depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
+    strip = View(view.image[:, :, top:bottom], depth, alpha)
+    splats = splats.taken(_touching(splats, top, bottom, extent ** (2 / POWERS[profile])))
+    if splats.depth.shape[1] == 0:
+        return strip
+    image = view.image
+    y = torch.arange(top, bottom, device=image.device, dtype=image.dtype) + 0.5
+    x = torch.arange(image.shape[3], device=image.device, dtype=image.dtype) + 0.5
+    falling = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
+    alphas = splats.opacity[..., None, None] * falling
+    if depth is not None:
+        inverse = 1 / torch.where(usable(depth), depth, torch.inf)
+        alphas = alphas * ((1 - splats.depth[..., None, None] * inverse) / SOFTNESS).clamp(0, 1)
+    return _over(strip, splats, alphas)
+
+
+def _touching(splats: Splats, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
+    """Indices of the splats that reach into rows, in their order; filled up with others to equal numbers."""
+    along, across = splats.log_sigma.exp().unbind(2)
+    tall = reach * torch.hypot(along * splats.angle.sin(), across * splats.angle.cos())
+    y = splats.centre[..., 1]
+    # Opacity that is learnt has a gradient at 0 too.
+    present = (splats.opacity > 0) | splats.opacity.requires_grad
+    touches = (y + tall >= top) & (y - tall <= bottom) & present
+    most = int(touches.sum(dim=1).max()) if touches.shape[1] else 0
+    chosen = touches.logical_not().to(torch.uint8).argsort(dim=1, stable=True)[:, :most]
+    return chosen.sort(dim=1).values
+
+
+def _over(view: View, splats: Splats, alphas: Float[Tensor, "b k h w"]) -> View:
+    """Composite sorted splats of known opacity at every pixel."""
+    through = torch.ones_like(alphas[:, 0])
+    weights = []
+    for layer in alphas.unbind(1):
+        weights.append(layer * through)
+        through = through - weights[-1]
+    carried = torch.cat([splats.colour, splats.depth[..., None], torch.ones_like(splats.colour[..., :1])], dim=2)
+    with torch.autocast(alphas.device.type, enabled=False):
+        sums = carried.transpose(1, 2) @ torch.stack(weights, dim=1).flatten(2)
+    colour, far, weight = sums.unflatten(2, alphas.shape[2:]).split((3, 1, 1), dim=1)
+    through = through[:, None]
+    image = through * view.image + colour
+    alpha = None if view.alpha is None else view.alpha + (1 - view.alpha) * weight
+    return View(image, _expected(view, far, weight, through), alpha)
+
+
+def _expected(
+    view: View, far: Float[Tensor, "b 1 h w"], weight: Float[Tensor, "b 1 h w"], through: Float[Tensor, "b 1 h w"]
+) -> Float[Tensor, "b 1 h w"] | None:
+    """Expected depth, written as a change of the view's own, so that no weight means no change."""
+    if view.depth is None:
+        return None
+    known = usable(view.depth)
+    own = torch.where(known, view.depth, 0)
+    surface = known.to(own.dtype) if view.alpha is None else view.alpha * known
+    total = (weight + through * surface).clamp_min(1e-12)
+    moved = own + (far - own * weight) / total
+    return torch.where(known | (weight > HIT), moved, view.depth)
+
+
+def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
+    """The depth below which a share of each view's known depths lies, from at most 64 x 64 of them; 1 without any."""
+    if view.depth is None:
+        return view.image.new_ones(len(view), 1)
+    height, width = view.depth.shape[-2:]
+    few = view.depth.detach()[..., :: math.ceil(height / 64), :: math.ceil(width / 64)].flatten(1)
+    level = torch.where(usable(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
+    return torch.nan_to_num(level, nan=1.0)
+
+
+def colour_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k 3"]:
+    """Colours of the pixels that hold, or lie nearest to, points in pixels."""
+    index = _pixel(view, centre)[:, None].expand(-1, 3, -1)
+    return view.image.flatten(2).gather(2, index).transpose(1, 2)
+
+
+def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]:
+    """Depths of the pixels that hold points in pixels; the median where there is none."""
+    middle = depth_level(view)
+    if view.depth is None:
+        return middle.expand(centre.shape[:2])
+    found = view.depth.flatten(1).gather(1, _pixel(view, centre))
+    return torch.where(usable(found), found, middle)
+
+
+def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
+    height, width = view.image.shape[-2:]
+    x, y = centre.detach().floor().long().unbind(2)
+    return y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
+
+
+def colour_covered(view: View, splats: Splats, profile: Profile) -> Float[Tensor, "b k 3"]:
+    """Mean colours of what splats cover, on at most 16 x 16 cells; the image's where they cover next to nothing."""
+    height, width = view.image.shape[-2:]
+    coarse = F.adaptive_avg_pool2d(view.image, (min(height, 16), min(width, 16)))
+    rows, columns = coarse.shape[-2:]
+    y = (torch.arange(rows, device=coarse.device, dtype=coarse.dtype) + 0.5) * (height / rows)
+    x = (torch.arange(columns, device=coarse.device, dtype=coarse.dtype) + 0.5) * (width / columns)
+    weights = falloff(splats, y, x, profile).flatten(2) + 1e-4
+    means = coarse.flatten(2) @ (weights / weights.sum(dim=2, keepdim=True)).transpose(1, 2)
+    return means.transpose(1, 2)

@@ -1,0 +1,1 @@
+"""Gates: which artefacts a sample gets, and how strongly."""

@@ -1,0 +1,234 @@
+"""The adaptive gate: chances and strengths such that the simulator makes the errors that a scene's renders show."""
+
+import glob
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.degrade.gates.calibration import responses, solved
+from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
+from gaussian_enhancer.degrade.gates.gate import TYPES, Gate, Step, drawn, known_types, probability, switched_on
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.scene.rendered import RenderedSet
+
+
+class Growth(NamedTuple):
+    """How an energy of held-out views follows from that of training views: factor * energy ^ power.
+
+    Args:
+        factor: > 0.
+        power: below 1 where the two differ least on bad renders, whose fit has not learnt its photos by heart.
+    """
+
+    factor: float
+    power: float = 1.0
+
+
+HELD_OUT: Mapping[str, Growth] = {
+    "blur": Growth(0.52, 0.88),
+    "noise": Growth(0.88, 0.97),
+    "anisotropy": Growth(0.39, 0.87),
+    "banding": Growth(0.10, 0.63),
+    "low_frequency": Growth(0.57, 0.73),
+    "floater": Growth(0.81, 0.83),
+}
+"""From the training views that a fingerprint is taken from to held-out ones, which the simulator imitates.
+
+Least squares in the logarithms over 72 snapshots of 24 training runs (docs/results/fingerprints.jsonl, made by
+ablations/fingerprints.py). Single scenes lie far from it, the low frequencies by a factor of three either way: a
+capture with photos to spare should be calibrated on held-out photos, with no growth at all.
+"""
+
+
+@dataclass(frozen=True)
+class AdaptiveGate:
+    """Each type passes at its own chance, with a strength up to its own limit.
+
+    Args:
+        chances: probability by type; a type that is not named does not pass.
+        limits: largest strength by type, in (0, 1]; 1 for a type that is not named.
+        regional: probability that a type that passed acts within a soft region alone.
+        types: switches by type; a type that is not named is on.
+
+    Raises:
+        InputError: a name is no type, or a number is out of range.
+    """
+
+    chances: Mapping[str, float]
+    limits: Mapping[str, float] = field(default_factory=dict)
+    regional: float = 0.5
+    types: Mapping[str, bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        switched_on(self.types)
+        known_types("gate.chances", self.chances)
+        known_types("gate.limits", self.limits)
+        probability("gate.regional", self.regional)
+        for name, value in (*self.chances.items(), *self.limits.items()):
+            probability(f"gate's chance or limit of {name}", value)
+        for name, value in self.limits.items():
+            if value == 0:
+                raise InputError(f"gate.limits.{name}", "is 0", "give a number above 0, or a chance of 0")
+
+    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+        """The steps whose lot fell below their chance, in random order."""
+        on = switched_on(self.types)
+        return tuple(
+            Step(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
+            for entry in drawn(generator)
+            if entry.type in on and entry.lot < self.chances.get(entry.type, 0.0)
+        )
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Types that are never drawn: the scene does not show them, or they are switched off."""
+        on = switched_on(self.types)
+        return tuple(name for name in TYPES if name not in on or self.chances.get(name, 0.0) == 0)
+
+    def table(self) -> str:
+        """Chances and limits, one type a line, and the types that are left out, for the terminal."""
+        shown = [name for name in self.chances if name not in self.left_out]
+        lines = [f"{name:<14}{self.chances[name]:8.3f}{self.limits.get(name, 1.0):8.3f}" for name in shown]
+        left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines, *left))
+
+    def to_file(self, path: str | Path) -> None:
+        """Write chances, limits and the regional share as JSON, whole or not at all; switches are not kept.
+
+        Raises:
+            InputError: if the system refuses to write.
+        """
+        record = {"chances": dict(self.chances), "limits": dict(self.limits), "regional": self.regional}
+        write_text(path, json.dumps(record, indent=1) + "\n")
+
+    @classmethod
+    def from_file(cls, path: str | Path, types: Mapping[str, bool] | None = None) -> "AdaptiveGate":
+        """Read what `to_file` wrote.
+
+        Args:
+            path: the file.
+            types: switches by type; a type that is not named is on.
+
+        Raises:
+            InputError: the file is missing or malformed, lacks an entry, or holds one that is out of range.
+        """
+        record = read_json(Path(path))
+        chances, limits = (_numbers(record, key, path) for key in ("chances", "limits"))
+        return cls(chances, limits, number(record, "regional", path), types or {})
+
+
+def _numbers(record: object, key: str, path: str | Path) -> dict[str, float]:
+    entries = member(record, key, path)
+    if not isinstance(entries, dict):
+        raise InputError(path, f"has {key} = {entries!r}", "give a number for each type")
+    return {name: number(entries, name, f"{path}, {key}") for name in entries}
+
+
+@dataclass(frozen=True)
+class MixedGate:
+    """Each sample is drawn by one of several gates, all equally likely.
+
+    Args:
+        gates: of different scenes.
+
+    Raises:
+        InputError: there are none.
+    """
+
+    gates: Sequence[Gate]
+
+    def __post_init__(self) -> None:
+        if not self.gates:
+            raise InputError("gate.file", "names no file", "give at least one")
+
+    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+        """The steps of one of the gates."""
+        return self.gates[int(torch.randint(len(self.gates), (), generator=generator))].draw(generator)
+
+
+def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = None) -> Gate:
+    """The calibrated gate of a file, or a draw among those of several.
+
+    Args:
+        file: what `AdaptiveGate.to_file` wrote: files, or patterns such as ``runs/gates/*.json``.
+        types: switches by type; a type that is not named is on.
+
+    Raises:
+        InputError: a file is missing or malformed, a pattern names none, or a switch names no type.
+    """
+    named = [file] if isinstance(file, str) else list(file)
+    found = [path for one in named for path in (sorted(glob.glob(one)) if glob.has_magic(one) else [one])]
+    if not found and named:
+        raise InputError(named[0], "names no file of a gate", "calibrate gates first, or correct the pattern")
+    gates = tuple(AdaptiveGate.from_file(path, types) for path in found)
+    return gates[0] if len(gates) == 1 else MixedGate(gates)
+
+
+def calibrated_on(
+    rendered: RenderedSet, generator: torch.Generator, *, types: Mapping[str, bool] | None = None, photos: int = 8
+) -> AdaptiveGate:
+    """The gate of a fitted splat, from its training views.
+
+    Args:
+        rendered: a fitted run's renders, training views among them.
+        generator: source of randomness, on the CPU.
+        types: switches by type; a type that is not named is on.
+        photos: number of training photos, evenly spaced, on which the types' responses are measured.
+
+    Raises:
+        InputError: no training view has both a render and a photo.
+    """
+    found = fingerprint_of_training_views(rendered)
+    usable = [view.read_photo for view in rendered.references if view.read_photo is not None]
+    chosen = usable[:: max(1, len(usable) // photos)][:photos]
+    return calibrated(found, [read() for read in chosen], generator, types=types)
+
+
+def calibrated(
+    fingerprint: Fingerprint,
+    photos: Sequence[Float[Tensor, "3 _ _"]],
+    generator: torch.Generator,
+    *,
+    types: Mapping[str, bool] | None = None,
+    held_out: Mapping[str, Growth] = HELD_OUT,
+    regional: float = 0.5,
+    draws: int = 2,
+) -> AdaptiveGate:
+    """The gate under which the simulator's energies are those of a fingerprint.
+
+    With e the fingerprint and A_t the mean energies of type t at strengths uniform in (0, 1], non-negative least
+    squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|, for energies
+    below a tenth of the largest relative to that tenth. Type t then passes at
+    the chance p = min(1, sqrt(w)), and its limit is where its mean response is w / p of A_t. As a response changes
+    with the limit not only in size, weights and limits are found in turn.
+
+    Args:
+        fingerprint: of the scene's training views.
+        photos: of the scene, sRGB in [0, 1], of the size on which the gate will be used.
+        generator: source of randomness, on the CPU.
+        types: switches by type; a type that is not named is on.
+        held_out: how energies of held-out views follow from the fingerprint's; those not named are taken as they are.
+        regional: share of steps that act within a soft region alone.
+        draws: of each type on each photo, at each strength.
+
+    Raises:
+        InputError: there are no photos, or a name is no type or no energy.
+    """
+    unknown = [name for name in held_out if name not in ENERGIES]
+    if unknown:
+        raise InputError(f"held_out.{unknown[0]}", "is no energy", f"choose among {', '.join(ENERGIES)}")
+    on = switched_on(types or {})
+    factor, power = torch.tensor([held_out.get(name, Growth(1.0)) for name in ENERGIES], dtype=torch.float64).T
+    measured = responses(photos, on, generator, regional=regional, draws=draws)
+    chances, limits = solved(measured, factor * fingerprint.energies() ** power)
+    return AdaptiveGate(
+        dict(zip(on, chances.tolist(), strict=True)), dict(zip(on, limits.tolist(), strict=True)), regional, types or {}
+    )

@@ -1,0 +1,147 @@
+"""The degradation factor combiner: L = DC(M, z).
+
+Axes: b batch, c channels, h height, w width, m = ceil(h / 8), n = ceil(w / 8), i and j rows and columns of features.
+"""
+
+import itertools
+from collections.abc import Iterable, Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.degrade.artefacts.displacement import displaced
+from gaussian_enhancer.degrade.generative.factors import CELL, Factors, convolution, linear, whole_cells
+from gaussian_enhancer.degrade.generative.texture import OCTAVES, octaves
+
+REACH = 4.0
+"""Largest displacement in pixels."""
+
+RESIDUE = 0.25
+"""Largest tone and largest residue, of colours in [0, 1]."""
+
+LOCAL = 2 + OCTAVES + 3
+"""Smooth planes that say what is done: displacement along x and y, contrast by octave, tone by channel."""
+
+
+class Modulation(nn.Module):
+    """Scale and shift of features by z: from the vector everywhere alike, from the grid cell by cell.
+
+    Args:
+        vector: entries of z's vector.
+        grid: channels of z's grid.
+        channels: of the features.
+    """
+
+    def __init__(self, vector: int, grid: int, channels: int) -> None:
+        super().__init__()
+        self.everywhere = linear(vector, 2 * channels)
+        self.local = convolution(grid, 2 * channels, 1)
+
+    def forward(self, features: Float[Tensor, "b c i j"], factors: Factors) -> Float[Tensor, "b c i j"]:
+        """Modulate features of any resolution."""
+        both = self.everywhere(factors.vector)[:, :, None, None] + self.local(factors.grid)
+        both = F.interpolate(both, size=features.shape[-2:], mode="bilinear", align_corners=False)
+        scale, shift = both.to(features.dtype).chunk(2, dim=1)
+        return features * (1 + scale) + shift
+
+
+class ModulatedBlock(nn.Module):
+    """x + conv(relu(modulated(conv(x)))).
+
+    Args:
+        channels: of input and output.
+        vector: entries of z's vector.
+        grid: channels of z's grid.
+    """
+
+    def __init__(self, channels: int, vector: int, grid: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.modulation = Modulation(vector, grid, channels)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
+
+    def forward(self, x: Float[Tensor, "b c i j"], factors: Factors) -> Float[Tensor, "b c i j"]:
+        """Refine features as z says."""
+        return x + 0.2 * self.second(F.relu(self.modulation(self.first(x), factors)))
+
+
+class FactorCombiner(nn.Module):
+    """L = DC(M, z) (paper, equation 6): a small U-net, every block modulated by z, says how M is to be degraded.
+
+    DiffIR's transformer, which paints the image, is replaced by one that says what splatting does to it: it moves M by
+    up to `REACH` pixels, changes the contrast of each octave of its detail between none and double, and adds a tone and
+    a residue of at most `RESIDUE` each. So few numbers are learnt from few pairs: a network of this size that paints
+    learnt in thousands of steps neither to blur nor to leave out detail. What a cell's code says reaches its cell
+    directly as well. White noise enters beside M for what no code holds. The last convolutions are zero at birth, so
+    that training starts from L = M.
+
+    Args:
+        vector: entries of z's vector.
+        grid: channels of z's grid.
+        widths: channels at 1/2, 1/4 and 1/8 of the resolution.
+        blocks: modulated blocks at each resolution, on the way down and again on the way up.
+    """
+
+    def __init__(self, vector: int = 32, grid: int = 8, widths: Sequence[int] = (32, 48, 64), blocks: int = 1) -> None:
+        super().__init__()
+        self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
+
+        def stack(width: int) -> nn.ModuleList:
+            return nn.ModuleList([ModulatedBlock(width, vector, grid) for _ in range(blocks)])
+
+        self.down = nn.ModuleList([stack(width) for width in widths])
+        self.shrink = nn.ModuleList([nn.Conv2d(a, b, 2, stride=2) for a, b in itertools.pairwise(widths)])
+        self.grow = nn.ModuleList([nn.Conv2d(b, a, 1) for a, b in itertools.pairwise(widths)])
+        self.up = nn.ModuleList([stack(width) for width in widths[:-1]])
+        self.head = nn.Conv2d(widths[0], LOCAL + 12, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        self.direct = convolution(grid, LOCAL, 3)
+        for parameter in self.direct.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(
+        self, manual: Float[Tensor, "b 3 h w"], factors: Factors, noise: Float[Tensor, "b 1 h w"]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Make the final degraded view, not clamped.
+
+        Args:
+            manual: stage 1's output M.
+            factors: z.
+            noise: standard normal.
+        """
+        height, width = manual.shape[-2:]
+        whole = whole_cells(manual)
+        said = self._said(torch.cat([whole, whole_cells(noise)], dim=1), factors)
+        local, residue = said[:, :LOCAL], F.pixel_shuffle(said[:, LOCAL:], 2).to(manual.dtype).tanh()
+        local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
+        offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
+        moved = displaced(whole, REACH * offset)
+        changed = moved + sum(contrast[:, k : k + 1] * octave for k, octave in enumerate(octaves(moved)))
+        return (changed + RESIDUE * (tone + residue))[..., :height, :width]
+
+    @staticmethod
+    def _enlarged(image: Tensor, factor: int) -> Tensor:
+        return F.interpolate(image, scale_factor=factor, mode="bilinear", align_corners=False)
+
+    def _said(self, images: Float[Tensor, "b 4 h w"], factors: Factors) -> Float[Tensor, "b k i j"]:
+        """The U-net's output at half resolution."""
+        x = self.stem(F.pixel_unshuffle(images, 2))
+        skips = []
+        for level, blocks in enumerate(self.down):
+            x = _through(blocks.children(), x, factors)
+            if level < len(self.shrink):
+                skips.append(x)
+                x = self.shrink[level](x)
+        for level in reversed(range(len(self.grow))):
+            x = F.interpolate(self.grow[level](x), scale_factor=2, mode="bilinear", align_corners=False)
+            x = _through(self.up[level].children(), x + skips[level], factors)
+        return self.head(F.relu(x))
+
+
+def _through(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
+    for block in blocks:
+        x = block(x, factors)
+    return x

@@ -1,0 +1,97 @@
+"""Degradation factors z: what tells one render's degradation from another's, and where it lies.
+
+Axes: b batch, v vector entries, c grid channels, h height, w width of the image, i = ceil(h / 8), j = ceil(w / 8).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.degrade.artefacts.rng import normal
+from gaussian_enhancer.types import Movable
+
+CELL = 8
+"""Side in pixels of a cell of the grid."""
+
+
+@dataclass(frozen=True)
+class Factors(Movable):
+    """A latent code of two parts.
+
+    DiffIR's code (Xia et al., ICCV 2023) is one vector an image, which can say how much but not where; the grid says
+    where. Either may have no entries.
+
+    Args:
+        vector: of the image as a whole.
+        grid: of each cell of 8 x 8 pixels.
+    """
+
+    vector: Float[Tensor, "b v"]
+    grid: Float[Tensor, "b c i j"]
+
+    def combined(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
+        """The sum mine * self + others * other; factors may differ from sample to sample, shape (b,)."""
+
+        def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
+            return factor.view(-1, *[1] * (part.dim() - 1)) if isinstance(factor, Tensor) else factor
+
+        vector = scale(mine, self.vector) * self.vector + scale(others, other.vector) * other.vector
+        grid = scale(mine, self.grid) * self.grid + scale(others, other.grid) * other.grid
+        return Factors(vector, grid)
+
+    def detached(self) -> "Factors":
+        """The same numbers without their history."""
+        return Factors(self.vector.detach(), self.grid.detach())
+
+
+def cells(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of the grid over an image."""
+    return math.ceil(height / CELL), math.ceil(width / CELL)
+
+
+def whole_cells(image: Float[Tensor, "b _ h w"]) -> Float[Tensor, "b _ _ _"]:
+    """The image continued to whole cells by repeating its last row and column."""
+    height, width = image.shape[-2:]
+    return F.pad(image, (0, -width % CELL, 0, -height % CELL), mode="replicate")
+
+
+def white(like: Factors, generators: Sequence[torch.Generator]) -> Factors:
+    """Standard normal factors of the same shape, each sample's from its own generator.
+
+    Args:
+        like: factors whose shape, type and device the result has.
+        generators: one for each sample.
+    """
+    vector = normal(like.vector.shape[1:], generators, like.vector)
+    return Factors(vector, normal(like.grid.shape[1:], generators, like.grid))
+
+
+class Silent(nn.Module):
+    """Zeros, in place of a layer that reads from, or writes to, a part of z that has no entries.
+
+    Args:
+        channels: of the result.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.channels = channels
+
+    def forward(self, x: Float[Tensor, "b _ ..."]) -> Float[Tensor, "b c ..."]:
+        """Zeros with the size of x."""
+        return x.new_zeros(x.shape[0], self.channels, *x.shape[2:])
+
+
+def linear(inputs: int, outputs: int) -> nn.Module:
+    """A linear layer; silent where either side has no entries."""
+    return nn.Linear(inputs, outputs) if inputs and outputs else Silent(outputs)
+
+
+def convolution(inputs: int, outputs: int, side: int) -> nn.Module:
+    """A convolution that keeps the size; silent where either side has no channels."""
+    return nn.Conv2d(inputs, outputs, side, padding=side // 2) if inputs and outputs else Silent(outputs)

@@ -1,0 +1,171 @@
+"""Stage 2 of the simulator: learnt degradation factors, and the networks that find, sample and apply them.
+
+Axes: b batch, h height, w width.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.degrade.artefacts.rng import normal
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.generative.combiner import FactorCombiner
+from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, Denoiser, LinearSchedule, Sampler, Schedule
+from gaussian_enhancer.degrade.generative.extractor import FactorExtractor
+from gaussian_enhancer.degrade.generative.factors import Factors, cells, white
+from gaussian_enhancer.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class FactorDesign:
+    """The choices of stage 2's networks, as plain values.
+
+    Args:
+        vector: entries of z's vector, 0 for none.
+        grid: channels of z's grid, 0 for none.
+        widths: channels of the combiner at 1/2, 1/4 and 1/8 of the resolution.
+        blocks: modulated blocks of the combiner at each resolution.
+        code_width: channels of extractor and denoiser.
+        code_blocks: refinements of extractor and denoiser.
+        schedule: of the diffusion: "cosine" or "linear" (DiffIR's).
+
+    Raises:
+        InputError: z has no entry at all, or the schedule is unknown.
+    """
+
+    vector: int = 32
+    grid: int = 8
+    widths: Sequence[int] = (32, 48, 64)
+    blocks: int = 1
+    code_width: int = 64
+    code_blocks: int = 2
+    schedule: str = "cosine"
+
+    def __post_init__(self) -> None:
+        if self.vector < 0 or self.grid < 0 or self.vector + self.grid == 0:
+            raise InputError("factors", f"have {self.vector} + {self.grid} entries", "give a vector, a grid or both")
+        if self.schedule not in SCHEDULES:
+            raise InputError("schedule", f"is {self.schedule!r}", f"choose {' or '.join(SCHEDULES)}")
+
+
+SCHEDULES: dict[str, Schedule] = {"cosine": CosineSchedule(), "linear": LinearSchedule()}
+
+
+class FactorModel(nn.Module):
+    """Extractor, combiner and denoiser, and the scale on which the denoiser sees codes.
+
+    Args:
+        design: what to build.
+    """
+
+    def __init__(self, design: FactorDesign) -> None:
+        super().__init__()
+        self.design = design
+        code = design.vector, design.grid, design.code_width, design.code_blocks
+        self.extractor = FactorExtractor(*code)
+        self.combiner = FactorCombiner(design.vector, design.grid, design.widths, design.blocks)
+        self.denoiser = Denoiser(*code)
+        self.vector_scale: Tensor
+        self.grid_scale: Tensor
+        self.register_buffer("vector_scale", torch.ones(design.vector))
+        self.register_buffer("grid_scale", torch.ones(design.grid, 1, 1))
+
+    def standardised(self, factors: Factors) -> Factors:
+        """Codes on the denoiser's scale, each entry of about unit size."""
+        return Factors(factors.vector / self.vector_scale, factors.grid / self.grid_scale)
+
+    def restored(self, factors: Factors) -> Factors:
+        """Codes of the denoiser's scale on the combiner's."""
+        return Factors(factors.vector * self.vector_scale, factors.grid * self.grid_scale)
+
+    def sample(
+        self, manual: Float[Tensor, "b 3 h w"], sampler: Sampler, generators: Sequence[torch.Generator]
+    ) -> Factors:
+        """Codes for views that have no real render.
+
+        Args:
+            manual: stage 1's output M.
+            sampler: how.
+            generators: one for each sample.
+        """
+        features = self.denoiser.features(manual)
+        size = len(manual), *cells(*manual.shape[-2:])
+        empty = Factors(
+            manual.new_zeros(size[0], self.design.vector),
+            manual.new_zeros(size[0], self.design.grid, size[1], size[2]),
+        )
+
+        def predict(noisy: Factors, time: Tensor) -> Factors:
+            return self.denoiser(noisy, time, features)
+
+        start = white(empty, generators)
+        return self.restored(sampler(predict, start, SCHEDULES[self.design.schedule], generators))
+
+    def combine(
+        self, manual: Float[Tensor, "b 3 h w"], factors: Factors, generators: Sequence[torch.Generator]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """L = DC(M, z), with fresh texture noise; not clamped."""
+        noise = normal((1, *manual.shape[-2:]), generators, manual)
+        return self.combiner(manual, factors, noise)
+
+
+class PairedGenerator:
+    """Stage 2 with z from M and a real render R of the same view.
+
+    Args:
+        model: trained networks.
+        precision: of the convolutions.
+    """
+
+    def __init__(self, model: FactorModel, precision: torch.dtype = torch.float32) -> None:
+        self.model, self.precision = model.eval().requires_grad_(False), precision
+
+    def __call__(
+        self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
+    ) -> View:
+        """Bring manually degraded views to what their real renders look like; depth and opacity stay.
+
+        Raises:
+            InputError: there are no real renders.
+        """
+        if real is None:
+            raise InputError("generator=paired", "got no real renders", "give a fitted run, or use generator=diffused")
+        return _refined(self, manual, generators, lambda: self.model.extractor(manual.image, real))
+
+
+class DiffusedGenerator:
+    """Stage 2 with z sampled given M.
+
+    Args:
+        model: trained networks.
+        sampler: how noise becomes z.
+        precision: of the convolutions.
+    """
+
+    def __init__(
+        self, model: FactorModel, sampler: Sampler | None = None, precision: torch.dtype = torch.float32
+    ) -> None:
+        self.model, self.precision = model.eval().requires_grad_(False), precision
+        self.sampler = Sampler() if sampler is None else sampler
+
+    def __call__(
+        self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
+    ) -> View:
+        """Bring manually degraded views closer to real renders; depth and opacity stay."""
+        return _refined(self, manual, generators, lambda: self.model.sample(manual.image, self.sampler, generators))
+
+
+def _refined(
+    second: PairedGenerator | DiffusedGenerator,
+    manual: View,
+    generators: Sequence[torch.Generator],
+    factors: Callable[[], Factors],
+) -> View:
+    """Manually degraded views with codes, wherever these come from, applied in the second stage's precision."""
+    image = manual.image
+    with torch.autocast(image.device.type, second.precision, enabled=second.precision != torch.float32):
+        made = second.model.combine(image, factors(), generators)
+    return dataclasses.replace(manual, image=made.to(image.dtype).clamp(0, 1))

@@ -1,0 +1,95 @@
+"""Stage 2's weights on disk, and second stages built from them."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
+from gaussian_enhancer.degrade.generative.diffusion import Sampler
+from gaussian_enhancer.degrade.generative.second_stage import (
+    DiffusedGenerator,
+    FactorDesign,
+    FactorModel,
+    PairedGenerator,
+)
+from gaussian_enhancer.errors import InputError
+
+FORMAT = "gaussian-enhancer simulator 1"
+
+
+@dataclass(frozen=True)
+class PretrainedModel:
+    """What a file of stage 2's weights holds.
+
+    Args:
+        model: in evaluation mode, single precision, on the CPU.
+        card: where the weights come from.
+    """
+
+    model: FactorModel
+    card: dict[str, Any]
+
+
+def save_model(path: Path, model: FactorModel, card: Mapping[str, Any]) -> None:
+    """Write stage 2's weights with their design and card.
+
+    Args:
+        path: file to write, ending in .safetensors.
+        model: what was trained.
+        card: plain values that say where the weights come from.
+
+    Raises:
+        InputError: the disk is full or the folder cannot be written.
+    """
+    design = {**dataclasses.asdict(model.design), "widths": list(model.design.widths)}
+    write_checkpoint(path, model, {"format": FORMAT, "design": json.dumps(design), "card": json.dumps(dict(card))})
+
+
+def load_model(source: str | Path) -> PretrainedModel:
+    """Read stage 2's weights.
+
+    Args:
+        source: a .safetensors file, or the name of weights in the package.
+
+    Raises:
+        InputError: there is no such file or name, or it is truncated, of another format or of another design.
+    """
+    path = find_checkpoint(source)
+    tensors, metadata = read_checkpoint(path, FORMAT)
+    try:
+        model = FactorModel(_design(json.loads(metadata["design"])))
+        card = json.loads(metadata["card"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"describes no simulator that this version knows ({error})", MEND) from error
+    fill(model, tensors, path)
+    return PretrainedModel(model.eval(), card)
+
+
+def paired(weights: str | Path = "simulator") -> PairedGenerator:
+    """The second stage that learns z from real renders, with its networks from a file or a shipped name."""
+    return PairedGenerator(load_model(weights).model)
+
+
+def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> DiffusedGenerator:
+    """The second stage that samples z, with its networks from a file or a shipped name.
+
+    Args:
+        weights: a .safetensors file, or the name of weights in the package.
+        sampler: how; the default one where None.
+    """
+    fast = torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
+    return DiffusedGenerator(load_model(weights).model, sampler, fast)
+
+
+def _design(values: Mapping[str, Any]) -> FactorDesign:
+    counts = {name: whole_number(values[name], 0, 1024) for name in ("vector", "grid", "blocks")}
+    widths = [whole_number(width, 1, 1024) for width in values["widths"]]
+    code = {name: whole_number(values[name], 1, 1024) for name in ("code_width", "code_blocks")}
+    if not 1 <= len(widths) <= 3:
+        raise ValueError(f"{len(widths)} widths")
+    return FactorDesign(**counts, widths=widths, **code, schedule=str(values["schedule"]))

@@ -1,1 +1,0 @@
-"""The fusion network, knowing neither Lightning nor Hydra."""

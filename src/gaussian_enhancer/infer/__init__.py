@@ -1,0 +1,1 @@
+"""From renders and references to enhanced images: enhancer, tiles, plan, weights."""

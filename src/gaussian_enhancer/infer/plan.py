@@ -1,0 +1,183 @@
+"""What enhancing a scene needs and what it leaves out: plain data that is printed, saved and read back.
+
+`gaussian_enhancer.infer.planner` makes it.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.regions import Region
+from gaussian_enhancer.scene.json_file import member, read_json
+
+CHOICES = {"references": ("all", "auto"), "depth": ("all", "auto", "none"), "tiles": ("all", "auto")}
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What may be left out, and from where on. The defaults leave nothing out.
+
+    Args:
+        references: "auto" looks at the candidates on a coarse grid and warps those alone that would be taken and see
+            at least ``share``; "all" warps all candidates.
+        depth: "auto" uses depth where it is depth of the render; "all" as it is given; "none" not at all.
+        tiles: "auto" passes through what shows nothing but the background; "all" enhances every pixel.
+        share: of what there is to see of a target that a reference must see at least, in [0, 1].
+        tolerance: difference in colour up to which a pixel counts as background, in [0, 1].
+        margin: pixels around what is enhanced that the network sees as well.
+        small: pixels of a view up to which candidates are looked at only where background is left out: looking takes
+            as long as warping them all.
+
+    Raises:
+        InputError: a choice is unknown or a number out of range.
+    """
+
+    references: str = "all"
+    depth: str = "all"
+    tiles: str = "all"
+    share: float = 0.05
+    tolerance: float = 0.03
+    margin: int = 0
+    small: int = 0
+
+    def __post_init__(self) -> None:
+        for name, known in CHOICES.items():
+            if getattr(self, name) not in known:
+                raise InputError(f"plan.{name}", f"is {getattr(self, name)!r}", f"choose {', '.join(known)}")
+        for name in ("share", "tolerance"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"plan.{name}", f"is {getattr(self, name)}", "give a number in [0, 1]")
+        if self.margin < 0 or self.margin % 8:
+            raise InputError("plan.margin", f"is {self.margin}", "give 0 or a multiple of 8")
+        if self.small < 0:
+            raise InputError("plan.small", f"is {self.small}", "give a number of pixels, 0 to look always")
+
+    @property
+    def full(self) -> bool:
+        """Whether nothing is left out."""
+        return (self.references, self.depth, self.tiles) == ("all", "all", "all")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the enhancement.
+
+    Args:
+        name: what it is.
+        used: whether it is used.
+        why: what it is used for, or why it is left out.
+    """
+
+    name: str
+    used: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """What of one view is enhanced, and with what.
+
+    Args:
+        name: the render's file name.
+        size: height and width of the render, in pixels.
+        regions: what is enhanced; the rest of the render is passed through. None means all of it.
+        references: the references that are warped, by name; None leaves them to the preparation.
+        left_out: candidates that were looked at and left out, with the share of the view that each sees.
+    """
+
+    name: str
+    size: tuple[int, int]
+    regions: tuple[Region, ...] | None = None
+    references: tuple[str, ...] | None = None
+    left_out: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> float:
+        """Share of the pixels that are passed through."""
+        if self.regions is None:
+            return 0.0
+        return 1 - sum(region.area for region in self.regions) / (self.size[0] * self.size[1])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What enhancing a scene needs.
+
+    Args:
+        scene: its name.
+        rules: what might be left out.
+        parts: used or left out for the whole scene.
+        views: of each view that is decided.
+    """
+
+    scene: str
+    rules: Rules = field(default_factory=Rules)
+    parts: tuple[Part, ...] = ()
+    views: tuple[ViewPlan, ...] = ()
+
+    @property
+    def passed(self) -> float:
+        """Share of all pixels that are passed through."""
+        total = sum(view.size[0] * view.size[1] for view in self.views)
+        return sum(view.passed * view.size[0] * view.size[1] for view in self.views) / max(1, total)
+
+    def table(self) -> str:
+        """The plan for the terminal: one line a part with whether it is used and why, and what views leave out."""
+        lines = [(part.name, "yes" if part.used else "no", part.why) for part in self.parts]
+        if self.views:
+            if self.rules.references == "auto":
+                lines.append(("candidates", "", self._candidates()))
+            if self.rules.tiles == "auto":
+                share = f"{self.passed:.0%}" if self.passed else "none"
+                lines.append(("pixels", "", f"{share} show background alone and are passed through"))
+        return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
+
+    def _candidates(self) -> str:
+        looked = [view for view in self.views if view.references is not None]
+        if not looked:
+            return "all are warped: on views of this size that takes no longer than a look at them"
+        shares = [share for view in looked for share in view.left_out.values()]
+        taken = sum(len(view.references or ()) for view in looked)
+        text = f"{taken + len(shares)} looked at for {len(looked)} views, {len(shares)} left out"
+        few = sum(share < self.rules.share for share in shares)
+        return text + (f", {few} of them since they see less than {self.rules.share:.0%}" if few else "")
+
+    def to_file(self, path: Path) -> None:
+        """Write the plan as JSON, whole or not at all.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
+
+    @classmethod
+    def from_file(cls, path: Path) -> "Plan":
+        """Read what `to_file` wrote.
+
+        Raises:
+            InputError: the file is missing or malformed, lacks an entry, or holds one that is out of range.
+        """
+        record = read_json(path)
+        scene, rules, parts, views = (member(record, name, path) for name in ("scene", "rules", "parts", "views"))
+        try:
+            return cls(
+                str(scene), Rules(**rules), tuple(Part(**part) for part in parts), tuple(_view(one) for one in views)
+            )
+        except (TypeError, KeyError, ValueError, AttributeError) as error:
+            raise InputError(path, f"is no plan ({error})", "make it again with gaussian-enhancer enhance") from error
+
+
+def _view(values: dict[str, Any]) -> ViewPlan:
+    regions, references = values["regions"], values["references"]
+    return ViewPlan(
+        str(values["name"]),
+        (int(values["size"][0]), int(values["size"][1])),
+        None if regions is None else tuple(Region(**region) for region in regions),
+        None if references is None else tuple(map(str, references)),
+        {str(name): float(share) for name, share in values["left_out"].items()},
+    )

@@ -1,0 +1,109 @@
+"""Making the plan of a scene: what its input allows, what its views need.
+
+Axes: i, j blocks of a target.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import torch.nn.functional as F
+from jaxtyping import Bool
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
+from gaussian_enhancer.align.coarse_visibility import coarse, shares, surveyed
+from gaussian_enhancer.align.references import Pool, Preparation
+from gaussian_enhancer.infer.plan import Rules, ViewPlan
+from gaussian_enhancer.infer.regions import Region, background_blocks, regions_of
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+
+WHOLE = 0.9
+"""Share of the image from which on regions with their margins cost as much as the whole."""
+
+
+class Planner:
+    """Decides view by view what is enhanced, and with which references.
+
+    Args:
+        rules: what may be left out.
+        preparation: how references reach the target, as far as the input allows.
+        rendered: the set that is enhanced.
+        known: views that were decided before.
+        pool: the set's references, where some are in memory already.
+    """
+
+    def __init__(
+        self,
+        rules: Rules,
+        preparation: Preparation,
+        rendered: RenderedSet,
+        known: Iterable[ViewPlan] = (),
+        pool: Pool | None = None,
+    ) -> None:
+        self.rules, self.preparation, self.background = rules, preparation, rendered.background
+        self.pool = Pool(rendered.references) if pool is None else pool
+        self.index = {view.name: number for number, view in enumerate(rendered.references)}
+        self.known = {view.name: view for view in known}
+        self._small: dict[int, Pixels] = {}
+
+    def __call__(self, view: RenderedView, target: Pixels) -> ViewPlan:
+        """What of a view is enhanced; decided once.
+
+        Args:
+            view: the target.
+            target: its pixels.
+        """
+        if view.name not in self.known:
+            self.known[view.name] = self._decided(view, target)
+        return self.known[view.name]
+
+    def chosen(self, plan: ViewPlan) -> tuple[int, ...] | None:
+        """The references of a view's plan as indices into the pool; None leaves them to the preparation."""
+        return None if plan.references is None else tuple(self.index[name] for name in plan.references)
+
+    def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
+        height, width = target.image.shape[-2:]
+        plan, warp, seen, needed = ViewPlan(view.name, (height, width)), self.preparation.warp, None, None
+        if self.preparation.references and not isinstance(warp, Reprojected):
+            return plan  # references that are not warped belong to the whole image
+        if self.rules.tiles == "auto":
+            found = ~background_blocks(target.image, self.background, self.rules.tolerance)
+            needed = None if bool(found.all()) else found
+        looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
+        if isinstance(warp, Reprojected) and self.preparation.references and looking:
+            indices = self.preparation.nearest(target, view, self.pool)
+            small = coarse(target)
+            seen = surveyed(warp, small, [self._reference(index) for index in indices])
+            if self.rules.references == "auto":
+                plan = self._with_references(plan, shares(seen, small.alpha))
+        return plan if needed is None else replace(plan, regions=self._regions(needed, seen, height, width))
+
+    def _reference(self, index: int) -> Pixels:
+        """A reference on a coarse grid; it is small, and stays in memory."""
+        if index not in self._small:
+            self._small[index] = coarse(self.pool.read(index, self.preparation.fine))
+        return self._small[index]
+
+    def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:
+        """The plan with the best candidates that see enough."""
+        enough = [name for name, share in found.items() if share >= self.rules.share]
+        taken = tuple(enough[: self.preparation.references])
+        left = {name: round(share, 4) for name, share in found.items() if name not in taken}
+        return replace(plan, references=taken, left_out=left)
+
+    def _regions(
+        self, needed: Bool[Tensor, "i j"], seen: Aligned | None, height: int, width: int
+    ) -> tuple[Region, ...] | None:
+        """What is enhanced, or None where that is nearly all."""
+        if seen is not None:
+            needed = needed | self._contradicted(seen, *needed.shape)
+        found = regions_of(needed, height, width, self.rules.margin)
+        cost = sum(region.grown(self.rules.margin, height, width).area for region in found)
+        return None if cost > WHOLE * height * width else found
+
+    def _contradicted(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
+        """Blocks where a reference shows something else than the background."""
+        colour = seen.references.new_tensor(self.background)[:, None, None]
+        differs = ((seen.references - colour).abs().amax(1) > self.rules.tolerance) & (seen.visibility[:, 0] > 0.5)
+        anywhere = differs.any(0).to(seen.references.dtype)[None]
+        return F.adaptive_max_pool2d(anywhere, (rows, columns))[0] > 0

@@ -1,0 +1,188 @@
+"""What of a scene's input can be used: cameras, depth, references, fine photos; where one cannot, why."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from gaussian_enhancer.align.alignment import Pixels, Reprojected
+from gaussian_enhancer.align.coarse_visibility import coarse
+from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.plan import Part, Rules, ViewPlan
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.scene.depth_files import ReadDepth
+from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import usable
+
+SCALED = (0.1, 0.5, 2.0, 10.0)
+"""Multiples of a depth that it has to agree better than."""
+CLEARLY = 0.9
+"""What share of the disagreement through the given depth another one's must fall below, to put it in doubt.
+
+Of six training fits of all families and methods, the plane's is 1.15 to 2.1 times that through the splat's depth and
+0.70 to 0.89 times that through inverse depth.
+"""
+
+
+@dataclass(frozen=True)
+class Suited:
+    """What remains of a scene's input.
+
+    Args:
+        rendered: the set without what cannot be used.
+        preparation: how references reach the target, as far as the input allows.
+        parts: what is used, and what is not and why.
+        pool: the set's references; those that were looked at are in memory.
+    """
+
+    rendered: RenderedSet
+    preparation: Preparation
+    parts: tuple[Part, ...]
+    pool: Pool
+
+    def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
+        """What decides view by view what is left out; None where nothing may be.
+
+        Args:
+            rules: what may be left out.
+            known: views that were decided before.
+        """
+        return None if rules.full else Planner(rules, self.preparation, self.rendered, known, self.pool)
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """Why references or their fine photos are not used, where they were asked for."""
+        return tuple(one.why for one in self.parts if not one.used and one.name in ("references", "fine photos"))
+
+
+def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale: int = 1) -> Suited:
+    """The input and the preparation as far as they can be used.
+
+    Args:
+        rendered: targets and references.
+        preparation: what the network was trained with.
+        rules: with ``depth`` "auto", depth that is no depth of the render is left out, and with ``references`` "auto"
+            references that lack the camera that others have.
+        scale: how many times finer the enhanced images are than the renders.
+
+    Raises:
+        InputError: there is no photo to refer to where references are asked for.
+    """
+    if preparation.references and not rendered.references:
+        remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
+        raise InputError(rendered.name, "has no photo to refer to", remedy)
+    finer = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
+    parts = [Part("super-resolution", scale > 1, finer)]
+    bare: list[str] = []
+    if rules.references == "auto":
+        rendered, bare = _with_cameras(rendered)
+    pool = Pool(rendered.references)
+    rendered, depth = _depth_part(rendered, preparation, rules, pool)
+    if rendered.references is not pool.views:
+        pool = Pool(rendered.references)
+    parts += [_camera_part(rendered), depth]
+    if preparation.fine:
+        fine = all(view.read_fine_photo is not None for view in rendered.references)
+        why = "" if fine else "photos 4 times as fine as the renders are not known: enlarging without their detail"
+        preparation = replace(preparation, fine=fine)
+        parts.append(Part("fine photos", fine, why))
+    if preparation.references:
+        preparation, references = _reference_part(rendered, preparation)
+        left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
+        parts.append(replace(references, why=references.why + left))
+    return Suited(rendered, preparation, tuple(parts), pool)
+
+
+def depth_doubt(pool: Pool, preparation: Preparation, views: Sequence[RenderedView]) -> str:
+    """Why the depth of some views is none of what they show; empty where nothing speaks against it.
+
+    The two nearest references' renders are brought to the view on a coarse grid: through the depth, through the same
+    depth halved and doubled, and through a plane at its median. Where one of those agrees clearly better with the
+    render in every view, what was given is of another scale or no depth at all, such as inverse depth.
+
+    Args:
+        pool: where references come from.
+        preparation: how they are warped.
+        views: targets with cameras and depth.
+    """
+    better, warp = "", preparation.warp
+    for view in views:
+        target = read_target(view)
+        if target.depth is None or not bool(usable(target.depth).any()):
+            return f"the depth of {target.name} holds no finite positive value"
+        bare = any(one.camera is None for one in (view, *pool.views))
+        if not isinstance(warp, Reprojected) or not pool.views or bare:
+            continue
+        near = rank_references(view, pool.views, 2)
+        references = [replace(coarse(pool.read(index)), depth=None) for index in near]
+        small = coarse(target)
+        if small.depth is None or not bool(usable(small.depth).any()):
+            continue
+        median = float(small.depth[usable(small.depth)].median())
+        others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
+        others["a flat plane"] = torch.full_like(small.depth, median)
+        given = _disagreement(warp, small, references)
+        best = min((_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items())
+        if best[0] >= CLEARLY * given:
+            return ""  # one view that it fits is enough, and the others need not be looked at
+        better = better or best[1]
+    return f"the depth is none of what the renders show ({better} fits better)" if better else ""
+
+
+def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
+    """Mean colour difference of references to the render where they are seen; infinite where less than a tenth is."""
+    exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
+    how = replace(warp, depth="exact", agreement=None, match_colour=warp.match_colour and exposed)
+    seen = how(target, references, len(references))
+    colours = seen.references if seen.renders is None else seen.renders
+    difference = (colours - target.image).abs().mean(1, keepdim=True) * seen.visibility
+    if float(seen.visibility.amax(0).mean()) < 0.1:
+        return float("inf")
+    return float(difference.sum() / seen.visibility.sum())
+
+
+def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
+    """The set without references that lack the camera that others have, and their names."""
+    bare = [view.name for view in rendered.references if view.camera is None]
+    if not bare or len(bare) == len(rendered.references):
+        return rendered, []
+    return replace(rendered, references=tuple(v for v in rendered.references if v.camera is not None)), bare
+
+
+def _camera_part(rendered: RenderedSet) -> Part:
+    bare = [view.name for view in (*rendered.targets, *rendered.references) if view.camera is None]
+    return Part("cameras", not bare, f"{bare[0]} has none" if bare else "")
+
+
+def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules, pool: Pool) -> tuple[RenderedSet, Part]:
+    """The set without depth where it is not to be used, and what is said of it."""
+    kind = preparation.warp.depth if isinstance(preparation.warp, Reprojected) else "as given"
+    known = [view for view in rendered.targets if view.read_depth is not None]
+    if not known:
+        return rendered, Part("depth", False, "not given")
+    why = "switched off" if rules.depth == "none" else ""
+    if rules.depth == "auto" and not rendered.own_depth:
+        # Nor does depth need doubt that is rendered when it is asked for, and rendering costs more than looking at it.
+        files = [view for view in known if isinstance(view.read_depth, ReadDepth)]
+        why = depth_doubt(pool, preparation, files[:: max(1, (len(files) + 1) // 2)][:2])
+    if not why:
+        return rendered, Part("depth", True, kind)
+    targets, references = (
+        tuple(replace(view, read_depth=None) for view in side) for side in (rendered.targets, rendered.references)
+    )
+    return replace(rendered, targets=targets, references=references), Part("depth", False, why)
+
+
+def _reference_part(rendered: RenderedSet, preparation: Preparation) -> tuple[Preparation, Part]:
+    """The preparation without references where they cannot be brought to the targets."""
+    found = f"{len(rendered.references)} photos, at most {preparation.references} a view"
+    if not isinstance(preparation.warp, Reprojected):
+        return preparation, Part("references", True, found)
+    bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
+    bare += [view.name for view in rendered.references if view.camera is None]
+    if not bare:
+        return preparation, Part("references", True, found)
+    lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
+    return replace(preparation, references=0), Part("references", False, f"{lack}: enhancing from the renders alone")

@@ -1,0 +1,236 @@
+"""Weights on disk: safetensors in half precision, with the design as plain values and nothing that names code.
+
+The file's metadata holds JSON under ``design`` (what the network is built from), ``preparation`` (how references
+are brought to it) and ``card`` (where the weights come from). Kinds of parts are looked up in closed tables.
+"""
+
+import dataclasses
+import importlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from gaussian_enhancer.align.alignment import Reprojected, Unwarped, Warp
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.combine import Combined, Uncombined
+from gaussian_enhancer.network.deform import Deformable, Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
+from gaussian_enhancer.network.fuse import Mean, Pair, Trust
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.output_head import Gated, Residual
+
+FORMAT = "gaussian-enhancer 1"
+WARPS = (Reprojected, Unwarped)
+STAGES: dict[str, tuple[type[Any], ...]] = {
+    "refine": (Deformable, Unrefined),
+    "fusion": (Trust, Mean, Pair),
+    "modulation": (DepthModulated, Unmodulated),
+    "combine": (Combined, Uncombined),
+    "output": (Gated, Residual),
+}
+PARTS = ("first", "second")
+"""Parameters of a network that are networks."""
+KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
+
+
+class Networks(Mapping[str, type[Any]]):
+    """Networks by name; a module is imported when its network is asked for, so that one leaves the others alone.
+
+    Args:
+        modules: where each network is, within the package ``network``.
+    """
+
+    def __init__(self, modules: Mapping[str, str]) -> None:
+        self.modules = dict(modules)
+
+    def __getitem__(self, name: str) -> type[Any]:
+        kind: type[Any] = getattr(importlib.import_module(f"gaussian_enhancer.network.{self.modules[name]}"), name)
+        return kind
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.modules)
+
+    def __len__(self) -> int:
+        return len(self.modules)
+
+
+NETWORKS: Mapping[str, type[Any]] = Networks(
+    {
+        "SIF": "sif",
+        "SSIFLR": "ssif_lr",
+        "SSIFSR": "ssif_sr",
+        "Cascade": "cascade",
+        "NAFNet": "baselines.nafnet",
+        "EDVR": "baselines.edvr",
+        "Identity": "baselines.identity",
+        "Bicubic": "baselines.bicubic",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """What a weights file holds.
+
+    Args:
+        network: in evaluation mode, single precision, on the CPU.
+        preparation: how references were brought to it in training.
+        card: where the weights come from.
+    """
+
+    network: Network
+    preparation: Preparation
+    card: dict[str, Any]
+
+    @property
+    def strength(self) -> float:
+        """The share of the network's change that the card found best on validation runs; 1 where it states none.
+
+        Raises:
+            InputError: it states something that is no number.
+        """
+        value = self.card.get("strength", 1.0)
+        if not isinstance(value, int | float):
+            name = f"weights {self.card.get('name', 'without a name')}"
+            raise InputError(name, f"state strength {value!r}", "give strength= as a number")
+        return float(value)
+
+
+def save_weights(path: Path, network: Network, preparation: Preparation, card: Mapping[str, Any]) -> None:
+    """Write weights, whole or not at all, in half precision.
+
+    Args:
+        path: file to write, ending in .safetensors.
+        network: what was trained.
+        preparation: how its references were prepared.
+        card: plain values that say where the weights come from.
+
+    Raises:
+        InputError: the disk is full or the folder cannot be written.
+    """
+    metadata = {
+        "format": FORMAT,
+        "design": json.dumps(design_of(network)),
+        "preparation": json.dumps(preparation_of(preparation)),
+        "card": json.dumps(dict(card)),
+    }
+    write_checkpoint(path, network, metadata)
+
+
+def load_weights(source: str | Path) -> Pretrained:
+    """Read weights.
+
+    Args:
+        source: a .safetensors file, or the name of weights in the package.
+
+    Raises:
+        InputError: there is no such file or name, or it is truncated, of another format or of another design.
+    """
+    path = find_checkpoint(source)
+    tensors, metadata = read_checkpoint(path, FORMAT)
+    try:
+        network = build_design(json.loads(metadata["design"]))
+        preparation = build_preparation(json.loads(metadata["preparation"]))
+        card = json.loads(metadata["card"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
+    fill(network, tensors, path)
+    return Pretrained(network.eval(), preparation, card)
+
+
+def design_of(network: Network) -> dict[str, Any]:
+    """The plain values that a network is built from."""
+    return _plain_design(network.design)
+
+
+def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
+    def plain(name: str, value: Any) -> Any:
+        if name in PARTS:
+            return _plain_design(value)
+        return _plain(value) if name in STAGES else value
+
+    return {name: plain(name, value) for name, value in design.items()}
+
+
+def build_design(design: Mapping[str, Any]) -> Network:
+    """The network of a design, untrained.
+
+    Raises:
+        ValueError: a value is out of range or of an unknown kind.
+    """
+    values = dict(design)
+    kind = NETWORKS.get(values.pop("network"))
+    if kind is None:
+        raise ValueError(f"network {design['network']!r}")
+    built: Network = kind(**{name: _value(name, value) for name, value in values.items()})
+    return built
+
+
+def _value(name: str, value: Any) -> Any:
+    """A parameter of a network from its plain value."""
+    if name in PARTS:
+        if "first" in value or "second" in value:
+            raise ValueError(f"{name} is made of several networks itself")
+        return build_design(value)
+    if name in STAGES:
+        return _part(value, STAGES[name])
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        if not 1 <= len(value) <= 6:
+            raise ValueError(f"{name} has {len(value)} entries")
+        return [whole_number(entry, 0, 1024) for entry in value]
+    return whole_number(value, 0, 1024)
+
+
+def preparation_of(preparation: Preparation) -> dict[str, Any]:
+    """The plain values of a preparation."""
+    counts = {"references": preparation.references, "candidates": preparation.candidates}
+    # Only where they say something: samples and weights from before they were there keep their names.
+    fine = {"fine": True} if preparation.fine else {}
+    return {"warp": _plain(preparation.warp), **counts, **fine}
+
+
+def build_preparation(values: Mapping[str, Any]) -> Preparation:
+    """The preparation of plain values.
+
+    Raises:
+        ValueError: a value is out of range or of an unknown kind.
+    """
+    warp: Warp = _part(values["warp"], WARPS)
+    counts = whole_number(values["references"], 0, 8), whole_number(values["candidates"], 0, 1000)
+    fine = values.get("fine", False)
+    if not isinstance(fine, bool):
+        raise ValueError(f"fine is {fine!r}")
+    return Preparation(warp, *counts, fine)
+
+
+def _plain(part: Any) -> dict[str, Any]:
+    if KINDS.get(type(part).__name__) is not type(part):
+        raise TypeError(f"{type(part).__name__} is no part that weights can name")
+    return {"kind": type(part).__name__, **dataclasses.asdict(part)}
+
+
+def _part(values: Mapping[str, Any], kinds: tuple[type[Any], ...]) -> Any:
+    """A part from its kind, one of a closed set, and plain values."""
+    values = dict(values)
+    kind = KINDS.get(values.pop("kind"))
+    if kind not in kinds or kind is None:
+        raise ValueError(f"kind is none of {', '.join(k.__name__ for k in kinds)}")
+    for name, value in values.items():
+        known = value is None or isinstance(value, bool | int | float | str)
+        if not known or not (isinstance(value, str) or math.isfinite(value or 0)):
+            raise ValueError(f"{name} is {value!r}")
+    return kind(**values)
+
+
+def count_parameters(network: nn.Module) -> int:
+    """Number of trainable values."""
+    return sum(parameter.numel() for parameter in network.parameters())

@@ -1,0 +1,1 @@
+"""Loss terms without reduction, and their weighted sum."""

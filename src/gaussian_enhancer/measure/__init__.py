@@ -1,1 +1,0 @@
-"""Quality and cost of images on disk, as records on disk."""

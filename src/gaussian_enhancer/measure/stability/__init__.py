@@ -1,1 +1,0 @@
-"""Stiff and extreme cases: each computed in every precision, forward and backward, and held against float64."""

@@ -1,0 +1,1 @@
+"""Image quality and cost, and the records of measurements."""

@@ -1,0 +1,211 @@
+"""From records to comparisons: raw against enhanced, view by view, and plain tables of the outcome."""
+
+import csv
+import io
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
+
+View = tuple[str, str, str]
+"""Scene, splat and image that two variants share."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One view under two variants."""
+
+    baseline: Record
+    variant: Record
+
+    def gain(self, metric: str) -> float | None:
+        """Variant minus baseline in the metric's own unit; None where one is missing, NaN where both are infinite."""
+        before, after = self.baseline.metrics.get(metric), self.variant.metrics.get(metric)
+        return None if before is None or after is None else after - before
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One metric over all views of a group.
+
+    Args:
+        metric: its name.
+        baseline: mean of the baseline over the views that count.
+        variant: mean of the variant over the same views.
+        gain: mean of variant minus baseline.
+        deviation: standard deviation of that difference over views (ddof=1); NaN below two views.
+        count: views with a finite difference.
+        left_out: views without one, each with its reason.
+        worst: the view that fared worst; empty where neither direction is better or no view counts.
+        worst_gain: its difference; NaN where there is none.
+    """
+
+    metric: str
+    baseline: float
+    variant: float
+    gain: float
+    deviation: float
+    count: int
+    left_out: dict[str, str]
+    worst: str
+    worst_gain: float
+
+
+@dataclass(frozen=True)
+class Table:
+    """A plain table; numbers are written as they are given."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """The table as GitHub Markdown, pipes in cells escaped."""
+        lines = [self.columns, tuple("---" for _ in self.columns), *self.rows]
+        return "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |\n" for line in lines)
+
+    def csv(self) -> str:
+        """The table as comma-separated values with a header line."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([self.columns, *self.rows])
+        return text.getvalue()
+
+
+def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enhanced") -> tuple[Pair, ...]:
+    """Match the records of two variants by scene, splat and view.
+
+    Raises:
+        InputError: a view has one variant only, or the same one twice, or no view has them at all.
+    """
+    found: dict[str, dict[View, Record]] = {baseline: {}, variant: {}}
+    for record in records:
+        key = (record.scene, record.splat, record.view)
+        if record.kind != "quality" or record.variant not in found:
+            continue
+        if key in found[record.variant]:
+            raise InputError(_named(key), f"was measured twice as {record.variant!r}", "give one record of each")
+        found[record.variant][key] = record
+    lonely = sorted(set(found[baseline]) ^ set(found[variant]))
+    if lonely:
+        has, lacks = (baseline, variant) if lonely[0] in found[baseline] else (variant, baseline)
+        raise InputError(_named(lonely[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
+    if not found[baseline]:
+        raise InputError("records", f"hold no view measured as {baseline!r} and {variant!r}", "measure both first")
+    return tuple(Pair(found[baseline][key], found[variant][key]) for key in sorted(found[baseline]))
+
+
+def metrics_of(pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """The metrics that occur: those with a known direction in their order, then others by name."""
+    return _in_order({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
+
+
+def compare(pairs: Sequence[Pair], metric: str) -> Comparison:
+    """Mean gain, spread and worst view of one metric; views without a finite gain are named, not skipped."""
+    gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known(pair.gain(metric)))}
+    values = list(gains.values())
+    better = HIGHER_IS_BETTER.get(metric)
+    worst = min(gains, key=lambda i: gains[i] if better else -gains[i]) if gains and better is not None else None
+    return Comparison(
+        metric=metric,
+        baseline=_mean([_known(pairs[i].baseline.metrics[metric]) for i in gains]),
+        variant=_mean([_known(pairs[i].variant.metrics[metric]) for i in gains]),
+        gain=_mean(values),
+        deviation=statistics.stdev(values) if len(values) > 1 else math.nan,
+        count=len(values),
+        left_out={pair.baseline.view: _reason(pair, metric) for i, pair in enumerate(pairs) if i not in gains},
+        worst="" if worst is None else pairs[worst].baseline.view,
+        worst_gain=math.nan if worst is None else gains[worst],
+    )
+
+
+def gain_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> Table:
+    """One row a scene, splat and metric: baseline, variant, gain, its deviation, views, worst view."""
+    groups: dict[tuple[str, str], list[Pair]] = {}
+    for pair in pairs:
+        groups.setdefault((pair.baseline.scene, pair.baseline.splat), []).append(pair)
+    rows = []
+    for (scene, splat), members in groups.items():
+        for metric in metrics or metrics_of(members):
+            found = compare(members, metric)
+            numbers = (found.baseline, found.variant, found.gain, found.deviation)
+            worst = f"{found.worst} ({written(metric, found.worst_gain, signed=True)})" if found.worst else ""
+            cells = [written(metric, value, signed=i == 2) for i, value in enumerate(numbers)]
+            note = "; ".join(sorted(set(found.left_out.values())))
+            rows.append((scene, splat, metric, *cells, f"{found.count} of {len(members)}", worst, note))
+    columns = ("scene", "splat", "metric", "baseline", "variant", "gain", "sd", "n", "worst view", "left out")
+    return Table(columns, tuple(rows))
+
+
+def mean_table(records: Sequence[Record]) -> Table:
+    """One row a scene, splat, variant and metric: mean, its deviation over views, number of views."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for record in records:
+        groups.setdefault((record.scene, record.splat, record.variant), []).append(record)
+    rows = []
+    for key, members in groups.items():
+        for metric in _in_order({name for record in members for name in record.metrics}):
+            values = [_known(record.metrics.get(metric)) for record in members]
+            finite = [value for value in values if math.isfinite(value)]
+            deviation = statistics.stdev(finite) if len(finite) > 1 else math.nan
+            equal = sum(value == math.inf for value in values)
+            notes = {record.reasons.get(metric, "") for record in members} - {""}
+            notes |= {f"{equal} equal to the photo"} if equal else set()
+            note = "; ".join(sorted(notes))
+            cells = (written(metric, _mean(finite)), written(metric, deviation), f"{len(finite)} of {len(members)}")
+            rows.append((*key, metric, *cells, note))
+    return Table(("scene", "splat", "variant", "metric", "mean", "sd", "n", "left out"), tuple(rows))
+
+
+def record_table(records: Sequence[Record]) -> Table:
+    """One row a record, one column a metric."""
+    names = _in_order({name for record in records for name in record.metrics})
+    rows = [
+        (r.scene, r.splat, r.variant, r.view, *(written(name, r.metrics.get(name)) for name in names)) for r in records
+    ]
+    return Table(("scene", "splat", "variant", "view", *names), tuple(rows))
+
+
+def view_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> Table:
+    """One row a view: for each metric baseline, variant and gain."""
+    names = tuple(metrics or metrics_of(pairs))
+    rows = []
+    for pair in pairs:
+        cells: list[str] = []
+        for name in names:
+            before, after = pair.baseline.metrics.get(name), pair.variant.metrics.get(name)
+            cells += [written(name, before), written(name, after), written(name, pair.gain(name), signed=True)]
+        rows.append((pair.baseline.scene, pair.baseline.splat, pair.baseline.view, *cells))
+    triples = [column for name in names for column in (f"{name} baseline", f"{name} variant", f"{name} gain")]
+    return Table(("scene", "splat", "view", *triples), tuple(rows))
+
+
+def written(metric: str, value: float | None, signed: bool = False) -> str:
+    """A number for a table: two digits for dB and times, four for the rest; empty where there is none."""
+    if value is None or math.isnan(value):
+        return ""
+    digits = 2 if metric.startswith(("psnr", "milliseconds", "peak_memory")) else 4
+    return f"{value:+.{digits}f}" if signed else f"{value:.{digits}f}"
+
+
+def _in_order(names: set[str]) -> tuple[str, ...]:
+    known = [name for name in HIGHER_IS_BETTER if name in names]
+    return (*known, *sorted(names.difference(known)))
+
+
+def _known(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _mean(values: Sequence[float]) -> float:
+    return statistics.fmean(values) if values else math.nan
+
+
+def _reason(pair: Pair, metric: str) -> str:
+    reasons = (pair.baseline.reasons.get(metric), pair.variant.reasons.get(metric))
+    return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
+
+
+def _named(key: View) -> str:
+    return " / ".join(part for part in key if part)

@@ -1,0 +1,1 @@
+"""Baselines: networks and resamplers that the fusion networks are compared with."""

@@ -1,0 +1,27 @@
+"""The null network of super-resolution.
+
+Axes: b batch, h height, w width, H = 4 h, W = 4 w.
+"""
+
+from typing import ClassVar
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.types import Views
+
+
+class Bicubic(Network):
+    """Returns the render 4 times as fine, by bicubic interpolation, not clamped. No parameters."""
+
+    scale: ClassVar[int] = 4
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.describe({})
+
+    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 H W"], ...]:
+        """The enlarged render."""
+        return (enlarged(views.render, self.scale),)

@@ -1,0 +1,157 @@
+"""NAFNet, a single-image restorer: what can be done without references.
+
+Axes: b batch, c channels, h height, w width, i, j sides of the features.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.types import Views
+
+
+class NAFNet(Network):
+    """Render + decode(render, alpha), after Chen et al., "Simple Baselines for Image Restoration", ECCV 2022.
+
+    References and depth are ignored. What differs from the paper's network: it works at half resolution on
+    pixel-unshuffled input, as SIF does; channel attention weighs by the mean over the square that a pixel lies in
+    instead of the whole image (`LocalAttention`), so that tiles equal the whole and training on crops sees what whole
+    images show; blocks start at a fifth of their weight instead of none, as SIF's do.
+
+    It is built from SIF's sizes so that both have as many parameters: each of SIF's residual blocks becomes two of
+    NAFNet's, and what SIF spends on encoders, fusion and depth goes into three blocks more, for each block of its
+    encoders, at the finest level (down and up) and at the coarsest.
+
+    Args:
+        widths: channels at 1/2, 1/4, 1/8, ... of the resolution.
+        blocks: SIF's residual blocks at each of these levels.
+        encoder_blocks: residual blocks of SIF's encoders.
+        window: side in pixels of the squares that channel attention averages over, a multiple of 2^levels.
+    """
+
+    def __init__(
+        self,
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
+        encoder_blocks: int = 1,
+        window: int = 32,
+    ) -> None:
+        super().__init__()
+        self.describe(locals())
+        widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
+        if window < 1 or window % 2 ** len(widths):
+            raise ValueError(f"window is {window}, no multiple of {2 ** len(widths)}")
+        self.stride = window
+        counts = [2 * count for count in blocks]
+        counts[0] += 3 * encoder_blocks
+        counts[-1] += 3 * encoder_blocks
+        cells = [window // 2 ** (level + 1) for level in range(len(widths))]
+        stacks = list(zip(widths, counts, cells, strict=True))
+        steps = list(itertools.pairwise(widths))
+        self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
+        self.down = nn.ModuleList(_stack(*level) for level in stacks[:-1])
+        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
+        self.middle = _stack(*stacks[-1])
+        self.grow = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
+        self.up = nn.ModuleList(_stack(*level) for level in stacks[:-1])
+        self.head = nn.Conv2d(widths[0], 12, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+        """The enhanced image alone: there is one scale."""
+        height, width = views.render.shape[-2:]
+        own = padded(
+            Views(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
+        )
+        alpha = torch.ones_like(own.render[:, :1]) if own.alpha is None else own.alpha
+        x = self.stem(F.pixel_unshuffle(torch.cat([own.render - 0.5, alpha], dim=1), 2))
+        skips = []
+        for blocks, shrink in zip(self.down, self.shrink, strict=True):
+            skips.append(blocks(x))
+            x = shrink(skips[-1])
+        x = self.middle(x)
+        for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
+            x = blocks(skip + F.pixel_shuffle(grow(x), 2))
+        residual = F.pixel_shuffle(self.head(x), 2)[..., :height, :width]
+        return (views.render + residual.to(views.render.dtype),)
+
+
+class NAFBlock(nn.Module):
+    """x + s conv(attend(gate(depthwise(conv(norm(x)))))), then y + t conv(gate(conv(norm(y)))).
+
+    The gate multiplies one half of the channels by the other; there is no other nonlinearity.
+
+    Args:
+        channels: of input and output.
+        cell: side of the squares of channel attention, in pixels of the features.
+    """
+
+    def __init__(self, channels: int, cell: int) -> None:
+        super().__init__()
+        self.first_norm, self.second_norm = PixelNorm(channels), PixelNorm(channels)
+        self.widen = nn.Conv2d(channels, 2 * channels, 1)
+        self.depthwise = nn.Conv2d(2 * channels, 2 * channels, 3, padding=1, groups=2 * channels)
+        self.attend = LocalAttention(channels, cell)
+        self.project = nn.Conv2d(channels, channels, 1)
+        self.expand = nn.Conv2d(channels, 2 * channels, 1)
+        self.contract = nn.Conv2d(channels, channels, 1)
+        self.scales = nn.Parameter(torch.full((2, channels), 0.2))
+
+    def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
+        """Refine features; sides are multiples of the cell."""
+        mixed = self.attend(gated(self.depthwise(self.widen(self.first_norm(x)))))
+        x = x + _scaled(self.project, self.scales[0], mixed)
+        return x + _scaled(self.contract, self.scales[1], gated(self.expand(self.second_norm(x))))
+
+
+class PixelNorm(nn.LayerNorm):
+    """Layer normalisation over the channels of each pixel."""
+
+    def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
+        """Normalise; channels-last features are read and written as they lie."""
+        return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+
+
+class LocalAttention(nn.Module):
+    """x times a linear function of its own mean over squares, interpolated bilinearly between their centres.
+
+    NAFNet's simplified channel attention with the mean taken locally, as TLC does at inference (Chu et al., "Improving
+    Image Restoration by Revisiting Global Information Aggregation", ECCV 2022); here in training, too.
+
+    Args:
+        channels: of the features.
+        cell: side of the squares in pixels of the features.
+    """
+
+    def __init__(self, channels: int, cell: int) -> None:
+        super().__init__()
+        self.cell = cell
+        self.weigh = nn.Conv2d(channels, channels, 1)
+
+    def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
+        """Weigh channels; sides are multiples of the cell."""
+        weights = self.weigh(F.avg_pool2d(x, self.cell))
+        return x * F.interpolate(weights, scale_factor=float(self.cell), mode="bilinear", align_corners=False)
+
+
+def gated(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b _ i j"]:
+    """One half of the channels times the other."""
+    one, other = x.chunk(2, dim=1)
+    return one * other
+
+
+def _scaled(convolution: nn.Conv2d, scale: Tensor, x: Tensor) -> Tensor:
+    """A 1x1 convolution whose outputs are scaled, by scaling its weights, which are fewer than the pixels."""
+    assert convolution.bias is not None
+    return F.conv2d(x, convolution.weight * scale[:, None, None, None], convolution.bias * scale)
+
+
+def _stack(channels: int, count: int, cell: int) -> nn.Sequential:
+    return nn.Sequential(*(NAFBlock(channels, cell) for _ in range(count)))

@@ -1,0 +1,60 @@
+"""Two networks, one after the other: enhanced at the render's own resolution first, then at 4 times it.
+
+Axes: b batch, h height, w width, H = 4 h, W = 4 w.
+"""
+
+import dataclasses
+import math
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.colour_clamping import check_window, within_evidence
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.types import Views
+
+
+class Cascade(Network):
+    """The second network sees what the first makes of the render, in its place.
+
+    Super-resolution learns from few scenes, since photos 4 times as fine are dear; what is wrong at the render's own
+    resolution is mended by a network that learnt from many. Both are trained together. Untrained, it returns the
+    enlarged render.
+
+    Args:
+        first: enhances at the render's own resolution.
+        second: enhances to 4 times the resolution.
+        evidence: side of the window within whose colours the first one's pixels stay (`within_evidence`); 0 sets no
+            limit, as it must be where references are not warped.
+
+    Raises:
+        InputError: the networks are of other resolutions, or the window has no middle.
+    """
+
+    scale = 4
+
+    def __init__(self, first: Network, second: Network, evidence: int = 3) -> None:
+        super().__init__()
+        if (first.scale, second.scale) != (1, self.scale):
+            received = f"is made of networks that enlarge {first.scale} and {second.scale} times"
+            raise InputError(
+                "fusion", received, f"give one that keeps the size, and one that enlarges {self.scale} times"
+            )
+        if evidence:
+            check_window(evidence)
+        self.design = {
+            "network": type(self).__name__,
+            "first": first.design,
+            "second": second.design,
+            "evidence": evidence,
+        }
+        self.first, self.second, self.evidence = first, second, evidence
+        self.stride = math.lcm(first.stride, second.stride)
+
+    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """The first network's image, then the second one's of all its scales."""
+        enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
+        if self.evidence:
+            enhanced = within_evidence(enhanced, views, self.evidence)
+        return enhanced, *self.second.stages(dataclasses.replace(views, render=enhanced))

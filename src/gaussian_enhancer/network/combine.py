@@ -1,0 +1,113 @@
+"""What the coarser scales found, handed on to a finer one.
+
+Axes: b batch, d values that a coarser scale hands on, h height, w width (both even), i = h / 2, j = w / 2.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.block import Block
+
+
+@runtime_checkable
+class Combine(Protocol):
+    """A frozen dataclass of plain values that names one way of combining scales."""
+
+    @property
+    def handed(self) -> int:
+        """Channels that a scale hands on to finer ones beside its image's change."""
+        ...
+
+    def build(self, channels: int, coarser: int) -> nn.Module:
+        """The stage for a scale with so many coarser ones, in a network whose features have so many channels."""
+        ...
+
+
+class Combination(nn.Module):
+    """E = T + up(sum_k g_k (E_k - render_k)) + r, gains g and residual r per pixel from all scales together.
+
+    Changes are combined, not images: a coarser image lacks the render's detail, its change does not. Gains and
+    residual are zero at birth. Everything but the residual lives on the grid of half the resolution, which costs a
+    quarter.
+
+    Args:
+        coarser: number of coarser scales.
+        handed: channels that each of them hands on beside its image's change.
+        width: channels within.
+    """
+
+    def __init__(self, coarser: int, handed: int, width: int) -> None:
+        super().__init__()
+        self.join = nn.Conv2d(12 + coarser * (3 + handed), width, 3, padding=1)
+        self.block = Block(width)
+        self.head = nn.Conv2d(width, 12 + coarser, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def forward(
+        self,
+        fine: Float[Tensor, "b 3 h w"],
+        render: Float[Tensor, "b 3 h w"],
+        coarser: Sequence[Float[Tensor, "b d _ _"]],
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Combine scales.
+
+        Args:
+            fine: what this scale made of the render by itself.
+            render: of this scale.
+            coarser: from each coarser scale its image's change and what else it hands on, coarsest first.
+        """
+        height, width = fine.shape[-2:]
+        half = [_resized(values, height // 2, width // 2) for values in coarser]
+        x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half], dim=1)))
+        x = self.head(self.block(x)).to(fine.dtype)
+        change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half))
+        return fine + F.interpolate(change, scale_factor=2, mode="bilinear") + F.pixel_shuffle(x[:, :12], 2)
+
+
+class Separation(nn.Module):
+    """Coarser scales change nothing."""
+
+    def forward(
+        self,
+        fine: Float[Tensor, "b 3 h w"],
+        render: Float[Tensor, "b 3 h w"],
+        coarser: Sequence[Float[Tensor, "b d _ _"]],
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Return the scale's own image."""
+        return fine
+
+
+@dataclass(frozen=True)
+class Combined:
+    """Choice of combining scales; see `Combination` for the parameters; no width means that of the features."""
+
+    handed: int = 8
+    width: int | None = None
+
+    def build(self, channels: int, coarser: int) -> nn.Module:
+        """The module for a scale with so many coarser ones, in a network whose features have so many channels."""
+        return Combination(coarser, self.handed, self.width or channels)
+
+
+@dataclass(frozen=True)
+class Uncombined:
+    """Choice of scales that know nothing of each other: the finest alone decides."""
+
+    handed: ClassVar[int] = 0
+
+    def build(self, channels: int, coarser: int) -> nn.Module:
+        """The module for a scale with so many coarser ones, in a network whose features have so many channels."""
+        return Separation()
+
+
+def _resized(image: Float[Tensor, "b d _ _"], height: int, width: int) -> Float[Tensor, "b d {height} {width}"]:
+    if image.shape[-2:] == (height, width):
+        return image
+    return F.interpolate(image, size=(height, width), mode="bilinear", align_corners=False)

@@ -1,0 +1,60 @@
+"""Fused features to what is added to the render.
+
+Axes: b batch, c channels, h height, w width, i = h / 2, j = w / 2.
+"""
+
+from collections.abc import Sequence
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.block import Block
+
+
+class Decoder(nn.Module):
+    """A shallow U-Net from half resolution down and back, then one pixel-shuffle to full resolution.
+
+    Each level halves the resolution; the way back adds what the way down had there. Everything is convolution, so
+    that the output at a pixel depends on a bounded neighbourhood. The last convolution is zero at birth.
+
+    Args:
+        widths: channels of each level, the first at half resolution.
+        blocks: residual blocks of each level; the coarsest has them once, the others down and up.
+        outputs: channels at full resolution.
+    """
+
+    def __init__(self, widths: Sequence[int], blocks: Sequence[int], outputs: int) -> None:
+        super().__init__()
+        levels = list(zip(widths[:-1], widths[1:], blocks[:-1], strict=True))
+        self.down = nn.ModuleList(_stack(fine, count) for fine, _, count in levels)
+        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse, _ in levels)
+        self.middle = _stack(widths[-1], blocks[-1])
+        self.grow = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse, _ in levels)
+        self.up = nn.ModuleList(_stack(fine, count) for fine, _, count in levels)
+        self.head = nn.Conv2d(widths[0], 4 * outputs, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
+        """Decode features whose sides are multiples of 2^(levels - 1)."""
+        return self.outputs(self.features(x))
+
+    def features(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
+        """What the U-Net makes of features, before the last convolution."""
+        skips = []
+        for blocks, shrink in zip(self.down, self.shrink, strict=True):
+            skips.append(blocks(x))
+            x = shrink(skips[-1])
+        x = self.middle(x)
+        for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
+            x = blocks(skip + F.pixel_shuffle(grow(x), 2))
+        return x
+
+    def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
+        """What `features` gave, at full resolution."""
+        return F.pixel_shuffle(self.head(features), 2)
+
+
+def _stack(channels: int, count: int) -> nn.Sequential:
+    return nn.Sequential(*(Block(channels) for _ in range(count)))

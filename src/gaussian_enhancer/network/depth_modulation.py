@@ -1,0 +1,86 @@
+"""Depth modulation: features scaled and shifted by what the depth says.
+
+Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.types import usable
+
+
+class DepthModulation(nn.Module):
+    """E = S(H, D) = H (1 + a(D)) + b(D), with a and b zero at birth and wherever there is no depth.
+
+    Args:
+        channels: of the features that are modulated.
+        width: channels within the depth branch.
+    """
+
+    def __init__(self, channels: int, width: int = 24) -> None:
+        super().__init__()
+        self.stem = nn.Conv2d(8, width, 3, padding=1)
+        self.widen = nn.Conv2d(width, width, 3, padding=1)
+        self.modulate = nn.Conv2d(width, 2 * channels, 1)
+        nn.init.zeros_(self.modulate.weight)
+        nn.init.zeros_(self.modulate.bias)  # type: ignore[arg-type]
+
+    def forward(
+        self,
+        features: Float[Tensor, "b c i j"],
+        depth: Float[Tensor, "b 1 h w"] | None,
+        unit: Float[Tensor, " b"] | None,
+    ) -> Float[Tensor, "b c i j"]:
+        """Modulate features at half resolution.
+
+        Args:
+            features: fused features.
+            depth: z in scene units at full resolution; None changes nothing.
+            unit: the length that counts as 1; None means the median depth.
+        """
+        if depth is None:
+            return features
+        inverse = normalised_inverse_depth(depth, depth_unit(depth) if unit is None else unit)
+        known = usable(depth).to(inverse.dtype)
+        x = F.pixel_unshuffle(torch.cat([inverse, known], dim=1).to(self.stem.weight.dtype), 2)
+        scale, shift = self.modulate(F.relu(self.widen(F.relu(self.stem(x))))).chunk(2, dim=1)
+        share = F.avg_pool2d(known, 2).to(features.dtype)
+        return features + share * (features * scale + shift)
+
+
+class Unmodulation(nn.Module):
+    """No depth modulation."""
+
+    def forward(
+        self,
+        features: Float[Tensor, "b c i j"],
+        depth: Float[Tensor, "b 1 h w"] | None,
+        unit: Float[Tensor, " b"] | None,
+    ) -> Float[Tensor, "b c i j"]:
+        """Return the features."""
+        return features
+
+
+@dataclass(frozen=True)
+class DepthModulated:
+    """Choice of modulation by depth; see `DepthModulation`."""
+
+    width: int = 24
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return DepthModulation(channels, self.width)
+
+
+@dataclass(frozen=True)
+class Unmodulated:
+    """Choice of no depth modulation."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return Unmodulation()

@@ -1,0 +1,45 @@
+"""Images to features at half resolution.
+
+Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.block import Block
+
+
+class Encoder(nn.Module):
+    """F[image]: pixel-unshuffle by 2, so that no detail is lost, a convolution and blocks.
+
+    Args:
+        channels: of the features.
+        blocks: number of residual blocks.
+        planes: channels that are read: colours and mask, and what else an image comes with.
+    """
+
+    def __init__(self, channels: int, blocks: int = 1, planes: int = 4) -> None:
+        super().__init__()
+        self.channels = channels
+        self.stem = nn.Conv2d(4 * planes, channels, 3, padding=1)
+        self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
+
+    def forward(
+        self,
+        image: Float[Tensor, "b 3 h w"],
+        mask: Float[Tensor, "b 1 h w"],
+        further: Float[Tensor, "b _ h w"] | None = None,
+    ) -> Float[Tensor, "b c i j"]:
+        """Encode an image and how far each pixel of it counts.
+
+        Args:
+            image: colours in [0, 1].
+            mask: opacity of a render or visibility of a reference, in [0, 1].
+            further: what else is known of each pixel.
+        """
+        planes = [image - 0.5, mask] + ([] if further is None else [further])
+        if torch.is_autocast_enabled(image.device.type):  # what the stem would do, at the size that it reads
+            planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
+        return self.blocks(self.stem(F.pixel_unshuffle(torch.cat(planes, dim=1), 2)))

@@ -1,0 +1,151 @@
+"""Features of the target and of any number of references to one.
+
+Axes: b batch, r references, c channels, h height, w width (of the features).
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.types import precise
+
+
+class TrustFusion(nn.Module):
+    """Per pixel, a softmax over render and references decides whom to trust; their news are added to the target.
+
+    w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i), where v is
+    visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
+    and the references' order does not matter. Logits are bounded, so that no reference can drown the render.
+
+    Args:
+        channels: of the features.
+        heads: groups of channels with a trust of their own.
+    """
+
+    def __init__(self, channels: int, heads: int = 4) -> None:
+        super().__init__()
+        self.heads = heads
+        self.compare = nn.Conv2d(2 * channels, channels, 3, padding=1)
+        self.block = Block(channels)
+        self.trust = nn.Conv2d(channels, heads, 3, padding=1)
+        self.value = nn.Conv2d(channels, channels, 1)
+        self.project = nn.Conv2d(channels, channels, 1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell how far each reference was trusted at each pixel."""
+        batch, count = references.shape[:2]
+        if count == 0:
+            return target + self.project(torch.zeros_like(target)), visibility
+        seen = self.block(F.relu(self._compared(target, references)))
+        logits = 6 * torch.tanh(precise(self.trust(seen)) / 6)
+        scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
+        weights = scores / (1 + scores.sum(1, keepdim=True))
+        values = self.value(seen).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
+        # Reference by reference, so that nothing of all references' size is made of what is added up at once.
+        shares = weights.to(values.dtype)[:, :, :, None]
+        news = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
+        return target + self.project(news.flatten(1, 2)), weights.mean(2, keepdim=True)
+
+    def _compared(
+        self, target: Float[Tensor, "b c h w"], references: Float[Tensor, "b r c h w"]
+    ) -> Float[Tensor, "n c h w"]:
+        """`compare` of each reference with the target beside it; the target's part is computed once for all of them."""
+        batch, count, channels = references.shape[:3]
+        weight, bias = self.compare.weight, self.compare.bias
+        theirs = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(0, (batch, count))
+        own = F.conv2d(target, weight[:, channels:], bias, padding=1)
+        return (theirs + own[:, None]).flatten(0, 1)
+
+
+class MeanFusion(nn.Module):
+    """The plain way: references are averaged by visibility and joined to the target by a convolution.
+
+    Args:
+        channels: of the features.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.join = nn.Conv2d(2 * channels, channels, 3, padding=1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell each reference's share at each pixel."""
+        weights = visibility / visibility.sum(1, keepdim=True).clamp_min(1)
+        mean = (weights.to(references.dtype) * references).sum(1)
+        return target + self.join(torch.cat([target, mean], dim=1)), weights
+
+
+class PairFusion(nn.Module):
+    """The paper's way: a convolution over the features of the target and of exactly two references.
+
+    fused = join(target, reference_1, reference_2), in this order; a missing reference is zero.
+
+    Args:
+        channels: of the features.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.join = nn.Conv2d(3 * channels, channels, 3, padding=1)
+
+    def forward(
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Fuse, and tell where each reference was visible.
+
+        Raises:
+            InputError: there are more than two references.
+        """
+        count = references.shape[1]
+        if count > 2:
+            raise InputError("references", f"are {count} for a fusion of two", "ask for 2, or choose another fusion")
+        seen = [references[:, i] * visibility[:, i].to(references.dtype) for i in range(count)]
+        seen += [torch.zeros_like(target)] * (2 - count)
+        return self.join(torch.cat([target, *seen], dim=1)), visibility
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Choice of fusion by trust; see `TrustFusion`."""
+
+    heads: int = 4
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return TrustFusion(channels, self.heads)
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Choice of fusion by visibility alone; see `MeanFusion`."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return MeanFusion(channels)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Choice of fusion of exactly two references in a fixed order; see `PairFusion`."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The module for features of so many channels."""
+        return PairFusion(channels)

@@ -1,0 +1,79 @@
+"""SIF, the paper's spatial information fusion network: render, references and depth to an enhanced view.
+
+Axes: b batch, r references, c channels, h height, w width, i = h / 2, j = w / 2.
+"""
+
+from collections.abc import Sequence
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.deform import Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated
+from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.output_head import Gated, Output
+from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.stem import Choice, Gather
+from gaussian_enhancer.types import Views
+
+
+class SIF(Remembering):
+    """Enhanced = compose(decode(gather(views))): one fusion at one scale.
+
+    Residual and gates are zero at birth: the untrained network returns the render bit for bit. GaussianEnhancer's SIF,
+    with a decoder after NAFNet, trust in place of a convolution over a fixed pair of references, and terms that hand
+    on references' pixels without encoding them (`compose`).
+
+    Args:
+        widths: channels at 1/2, 1/4, 1/8, ... of the resolution.
+        blocks: residual blocks at each of these levels.
+        encoder_blocks: residual blocks of the encoders.
+        refine: learned alignment of the references' features.
+        fusion: how references join the target.
+        modulation: how depth acts.
+        output: how decoded values become an image.
+        reference_renders: read the splat's renders of the references' views, where they are known.
+    """
+
+    def __init__(
+        self,
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
+        encoder_blocks: int = 1,
+        refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
+        fusion: Choice = Trust(),  # noqa: B008
+        modulation: Choice = DepthModulated(),  # noqa: B008
+        output: Output = Gated(),  # noqa: B008
+        reference_renders: bool = True,
+    ) -> None:
+        super().__init__()
+        self.describe(locals())
+        widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
+        self.stride = 2 ** max(len(widths), 2)
+        self.gather = Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
+        self.decode = Decoder(widths, blocks, output.outputs)
+        self.output = output
+
+    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c i j"], ...]:
+        """Features of the references, for `forward` to use again with other targets where they are not warped."""
+        return (self.gather.encode(padded(views, self.stride)),)
+
+    def forward(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Enhance renders of any size with any number of references, none included.
+
+        Args:
+            views: what is known of the targets.
+            encoded: what `encode` gave for these references.
+        """
+        height, width = views.render.shape[-2:]
+        views = padded(views, self.stride)
+        features, trust = self.gather(views, None if encoded is None else encoded[0])
+        return self.output(self.decode(features), views, trust)[..., :height, :width]
+
+    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+        """The enhanced image alone: there is one scale."""
+        return (self(views),)

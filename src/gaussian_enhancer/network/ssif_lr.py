@@ -1,0 +1,132 @@
+"""SSIF-LR, the paper's super spatial information fusion at the render's resolution: SIF at 1/4, 1/2 and 1.
+
+Axes: b batch, r references, c channels, h height, w width, i and j half of a scale's height and width.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import cast
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.combine import Combine, Combined
+from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.deform import Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated
+from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.output_head import Gated, Output
+from gaussian_enhancer.network.pyramid import padded, shrunk
+from gaussian_enhancer.network.stem import Choice, Gather
+from gaussian_enhancer.types import Views
+
+FACTORS = (4, 2, 1)
+
+
+class SSIFLR(Remembering):
+    """GaussianEnhancer++'s SSIF-LR (algorithm 3), coarse to fine.
+
+    At each scale T = output(decode(gather(views))). At 1/4, references are aligned once more, to T in place of the
+    render: E = output(settle(gather(T))). E(1/2) = combine(T(1/2), E(1/4)), E(1) = combine(T(1), E(1/4), E(1/2)).
+    Untrained, every scale returns its render. What differs from the paper: `gather`'s ways of fusing, `compose`'s
+    terms, and that coarser scales hand on their change and features, not their image.
+
+    Args:
+        widths: channels at 1/2, 1/4, 1/8, ... of the resolution of the finest scale's decoder; those of the coarser
+            scales, whose images are small already, end at the second level.
+        blocks: residual blocks at each of these levels; half as many, rounded up, in the coarser scales' decoders.
+        encoder_blocks: residual blocks of the encoders.
+        refine: learned alignment of the references' features.
+        fusion: how references join the target.
+        modulation: how depth acts.
+        combine: how scales are joined.
+        output: how decoded values become an image.
+        reference_renders: read the splat's renders of the references' views, where they are known.
+        share: gather by the same weights at all scales.
+    """
+
+    def __init__(
+        self,
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
+        encoder_blocks: int = 1,
+        refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
+        fusion: Choice = Trust(),  # noqa: B008
+        modulation: Choice = DepthModulated(),  # noqa: B008
+        combine: Combine = Combined(),  # noqa: B008
+        output: Output = Gated(),  # noqa: B008
+        reference_renders: bool = True,
+        share: bool = True,
+    ) -> None:
+        super().__init__()
+        self.describe(locals())
+        widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
+        self.output = output
+        fewer = [(n + 1) // 2 for n in blocks[:2]]
+        self.stride = max(4 * FACTORS[0], 2 ** len(widths))
+        self.gather = nn.ModuleList(
+            Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
+            for _ in (FACTORS[:1] if share else FACTORS)
+        )
+        handed = output.outputs + combine.handed
+        self.decode = nn.ModuleList(
+            [
+                Decoder(widths[:2], fewer, output.outputs),
+                Decoder(widths[:2], fewer, handed),
+                Decoder(widths, blocks, output.outputs),
+            ]
+        )
+        self.settle = Decoder(widths[:1], blocks[:1], handed)
+        self.combine = nn.ModuleList(combine.build(widths[0], coarser) for coarser in (1, 2))
+
+    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c _ _"], ...]:
+        """Features of the references at each scale, for `forward` to use again where they are not warped."""
+        return tuple(self._gather(level).encode(seen) for level, seen in enumerate(self._pyramid(views)))
+
+    def forward(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Enhance renders of any size with any number of references, none included.
+
+        Args:
+            views: what is known of the targets.
+            encoded: what `encode` gave for these references.
+        """
+        return self.stages(views, encoded)[-1]
+
+    def stages(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """Enhanced images at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up."""
+        sides = views.render.shape[-2:]
+        coarser: list[Tensor] = []
+        images: list[Tensor] = []
+        for level, (factor, seen) in enumerate(zip(FACTORS, self._pyramid(views), strict=True)):
+            known = self._gather(level).encode(seen) if encoded is None else encoded[level]
+            image, handed = self._scale(level, seen, known, self.decode[level])
+            if level == 0:
+                image, handed = self._scale(level, dataclasses.replace(seen, render=image), known, self.settle)
+            else:
+                image = self.combine[level - 1](image, seen.render, coarser)
+            coarser.append(torch.cat([image - seen.render, handed.to(image.dtype)], dim=1))
+            images.append(image[..., : -(-sides[0] // factor), : -(-sides[1] // factor)])
+        return tuple(images)
+
+    def _pyramid(self, views: Views) -> tuple[Views, Views, Views]:
+        """The views at 1/4, 1/2 and 1."""
+        whole = padded(views, self.stride)
+        half = shrunk(whole, 2)
+        return shrunk(half, 2), half, whole
+
+    def _gather(self, level: int) -> Gather:
+        return cast(Gather, self.gather[min(level, len(self.gather) - 1)])
+
+    def _scale(
+        self, level: int, views: Views, encoded: Float[Tensor, "b r c i j"], decode: nn.Module
+    ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b _ h w"]]:
+        """One scale by itself: its image, and what its decoder hands on to finer scales."""
+        features, trust = self._gather(level)(views, encoded)
+        decoded, outputs = decode(features), self.output.outputs
+        return self.output(decoded[:, :outputs], views, trust), decoded[:, outputs:]

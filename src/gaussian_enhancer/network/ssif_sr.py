@@ -1,0 +1,280 @@
+"""SSIF-SR, the paper's super spatial information fusion to 4 times the render's resolution.
+
+Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j half of a scale's sides.
+"""
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.deform import Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated
+from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.output_head import Gated, Output
+from gaussian_enhancer.network.pyramid import enlarged, padded
+from gaussian_enhancer.network.stem import Choice, Gather
+from gaussian_enhancer.types import Views
+
+FINER = (2, 4)
+
+
+class SSIFSR(Remembering):
+    """GaussianEnhancer++'s SSIF-SR (algorithm 2): what is found at 1x once, refined by fine references at 2x and 4x.
+
+    S1 = output(T1), T1 and features from decode(gather(views)), all of it at the render's resolution. S2 = output(T2)
+    over base2 = up2(S1), T2 from the features, enlarged, and the references' at 2x; S4 = output(T4) over
+    base4 = up4(S1) + up2(S2 - up2(S1)), T4 from T2's features, enlarged, and what T2 trusts of the references at 4x.
+    up is bicubic. The references' part in `compose` that no exposure changes is what their own half size cannot hold.
+    Untrained, every scale returns its enlarged render. What differs from the paper: the U-Net runs once, at 1x; finer
+    scales are light, at half their resolution; at 4x references are merged before they are encoded; coarser images are
+    combined by adding, not by convolution, so that no scale can lose them.
+
+    Args:
+        widths: channels at 1/2, 1/4, 1/8, ... of the render's resolution; the first are also the channels at 2x, and
+            three quarters of them those at 4x.
+        blocks: residual blocks at each of these levels; the first are also those of the finer scales.
+        encoder_blocks: residual blocks of the encoders at 1x.
+        refine: learned alignment of the references' features at 1x.
+        fusion: how references join the target, at each scale.
+        modulation: how depth acts.
+        output: how decoded values become an image, at each scale.
+        reference_renders: read the splat's renders of the references' views, where they are known.
+    """
+
+    scale = 4
+
+    def __init__(
+        self,
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
+        encoder_blocks: int = 1,
+        refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
+        fusion: Choice = Trust(),  # noqa: B008
+        modulation: Choice = DepthModulated(),  # noqa: B008
+        output: Output = Gated(),  # noqa: B008
+        reference_renders: bool = True,
+    ) -> None:
+        super().__init__()
+        self.describe(locals())
+        widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
+        self.stride = 2 ** max(len(widths), 2)
+        self.gather = Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
+        self.decode = Decoder(widths, blocks, output.outputs)
+        few = 3 * widths[0] // 4
+        self.grow = nn.Conv2d(widths[0], 4 * widths[0], 1)
+        self.middle = Middle(widths[0], blocks[0], fusion, output.outputs)
+        self.grow_again = nn.Conv2d(widths[0], 4 * few, 1)
+        self.tail = Tail(few, blocks[0], output.outputs)
+        self.output = output
+
+    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c _ _"], ...]:
+        """Features of the references at each scale, for `forward` to use again where they are not warped."""
+        views = padded(views, self.stride)
+        return self._encode(views, pooled(views))
+
+    def forward(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> Float[Tensor, "b 3 H W"]:
+        """Enhance renders of any size with any number of references, none included.
+
+        Args:
+            views: what is known of the targets; without fine references, detail comes from the render alone.
+            encoded: what `encode` gave for these references.
+        """
+        return self.stages(views, encoded)[-1]
+
+    def stages(
+        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """Enhanced images of 1, 2 and 4 times the render's size."""
+        height, width = views.render.shape[-2:]
+        views = padded(views, self.stride)
+        fine = pooled(views)
+        known = self._encode(views, fine) if encoded is None else encoded
+        fused, trust = self.gather(views, known[0])
+        features = self.decode.features(fused)
+        images = [self.output(self.decode.outputs(features), views, trust)]
+        seen, twice = _seen(views, fine)
+        features, decoded, trust = self.middle(F.pixel_shuffle(self.grow(features), 2), known[1], seen)
+        base = enlarged(images[0], 2)
+        images.append(self.output(decoded, *merged(base, fine[1], fine[0], seen, trust)))
+        base = enlarged(images[0], 4) + enlarged(images[1] - base, 2)
+        trust = _bilinear(trust) * (twice > 0)
+        only, trust = merged(base, fine[2], fine[1], twice, trust)
+        decoded = self.tail(F.pixel_shuffle(self.grow_again(features), 2), only, trust)
+        images.append(self.output(decoded, only, trust))
+        return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *FINER), images, strict=True))
+
+    def _encode(self, views: Views, fine: Sequence[Tensor]) -> tuple[Tensor, ...]:
+        return self.gather.encode(views), self.middle.encode(fine[1], _seen(views, fine)[0])
+
+
+class Middle(nn.Module):
+    """T2: fine references' features join the coarser scale's, at half the scale's resolution.
+
+    Args:
+        channels: of the features.
+        blocks: residual blocks.
+        fusion: how references join the target.
+        outputs: channels that are decoded.
+    """
+
+    def __init__(self, channels: int, blocks: int, fusion: Choice, outputs: int) -> None:
+        super().__init__()
+        self.encode_reference = nn.Conv2d(13, channels, 3, padding=1)
+        self.fuse = fusion.build(channels)
+        self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
+        self.head = nn.Conv2d(channels, 4 * outputs, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def encode(
+        self, photos: Float[Tensor, "b r 3 h w"], visibility: Float[Tensor, "b r 1 i j"]
+    ) -> Float[Tensor, "b r c i j"]:
+        """Features of the references of this scale.
+
+        Args:
+            photos: the references on this scale's grid.
+            visibility: of the references at half its resolution.
+        """
+        if photos.shape[1] == 0:
+            return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
+        dtype = _computed(photos)
+        x = F.pixel_unshuffle(photos.flatten(0, 1).to(dtype) - 0.5, 2)
+        features = self.encode_reference(torch.cat([x, visibility.flatten(0, 1).to(dtype)], dim=1))
+        return features.unflatten(0, photos.shape[:2])
+
+    def forward(
+        self,
+        features: Float[Tensor, "b c i j"],
+        encoded: Float[Tensor, "b r c i j"],
+        visibility: Float[Tensor, "b r 1 i j"],
+    ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b o h w"], Float[Tensor, "b r 1 i j"]]:
+        """Features for the next scale, decoded values, and how far each reference was trusted.
+
+        Args:
+            features: the coarser scale's, enlarged.
+            encoded: of the references, from `encode`.
+            visibility: of the references.
+        """
+        fused, trust = self.fuse(features, encoded.to(features.dtype), visibility)
+        features = self.blocks(fused)
+        return features, F.pixel_shuffle(self.head(features), 2), trust
+
+
+class Tail(nn.Module):
+    """T4, light: what the references show at 4 times the render's size, already merged, joins the features.
+
+    Args:
+        channels: of the features.
+        blocks: residual blocks.
+        outputs: channels that are decoded.
+    """
+
+    def __init__(self, channels: int, blocks: int, outputs: int) -> None:
+        super().__init__()
+        self.read = nn.Conv2d(25, channels, 3, padding=1)
+        self.blocks = nn.Sequential(*(Block(channels) for _ in range(blocks)))
+        self.head = nn.Conv2d(channels, 4 * outputs, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def forward(
+        self, features: Float[Tensor, "b c i j"], views: Views, trust: Float[Tensor, "b _ 1 i j"]
+    ) -> Float[Tensor, "b o h w"]:
+        """Decoded values.
+
+        Args:
+            features: the coarser scale's, enlarged.
+            views: the base and the merged reference, or none.
+            trust: how far that is trusted.
+        """
+        base, dtype = views.render, _computed(views.render)
+        news, known = torch.zeros_like(base), torch.zeros_like(features[:, :1])
+        if views.references.shape[1]:
+            news, known = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
+        seen = torch.cat([news.to(dtype), (base - 0.5).to(dtype)], dim=1)
+        x = self.read(torch.cat([F.pixel_unshuffle(seen, 2), known.to(dtype)], dim=1))
+        return F.pixel_shuffle(self.head(self.blocks(features + x)), 2)
+
+
+def pooled(views: Views) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
+    """The fine references at 1, 2 and 4 times the render's size, averaged over squares; none where there are none.
+
+    Visibility is of the render's pixels, so that no square holds what is visible and what is not.
+    """
+    fine = views.fine_references
+    if fine is None or fine.shape[1] == 0:
+        batch, _, height, width = views.render.shape
+        return tuple(views.render.new_zeros(batch, 0, 3, n * height, n * width) for n in (1, *FINER))
+    half = F.avg_pool2d(fine.flatten(0, 1), 2)
+    return F.avg_pool2d(half, 2).unflatten(0, fine.shape[:2]), half.unflatten(0, fine.shape[:2]), fine
+
+
+def merged(
+    base: Float[Tensor, "b 3 h w"],
+    photos: Float[Tensor, "b r 3 h w"],
+    halved: Float[Tensor, "b r 3 i j"],
+    visibility: Float[Tensor, "b r 1 i j"],
+    trust: Float[Tensor, "b r 1 i j"],
+) -> tuple[Views, Float[Tensor, "b _ 1 i j"]]:
+    """One reference in place of several: their mean by trust, and how far all of them together are trusted.
+
+    Its ``reference_renders`` are what its own half size holds of it, so that `compose`'s term of photo minus render
+    hands on detail alone, which no difference of exposure touches. Merging costs less than handing on each.
+
+    Args:
+        base: what stands for the render at this scale.
+        photos: references on its grid.
+        halved: references averaged to half its resolution.
+        visibility: of the references.
+        trust: how far each reference is trusted; 0 where it is not visible.
+    """
+    if photos.shape[1] == 0:
+        return Views(base, photos, photos[:, :, :1]), trust
+    trust = trust.to(base.dtype)
+    weight = _bilinear(trust) * _repeated(visibility > 0, 2)
+    total = weight.sum(1)
+    mean = _weighted(weight, photos) / total.clamp_min(1e-6)
+    together = trust.sum(1, keepdim=True)
+    soft = _bilinear(torch.cat([_weighted(trust, halved), together[:, 0]], dim=1)[:, None])[:, 0]
+    soft = soft[:, :3] / soft[:, 3:].clamp_min(1e-6)
+    return Views(base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]), together
+
+
+def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
+    """Sum of weight x photo, without a copy of all photos."""
+    total = weight[:, 0] * photos[:, 0]
+    for i in range(1, photos.shape[1]):
+        total = torch.addcmul(total, weight[:, i], photos[:, i])
+    return total
+
+
+def _seen(views: Views, fine: Sequence[Float[Tensor, "b r 3 _ _"]]) -> tuple[Float[Tensor, "b r 1 _ _"], ...]:
+    """Visibility of the fine references at half of the finer scales' resolutions."""
+    visibility = views.visibility[:, : fine[0].shape[1]]
+    return visibility, _repeated(visibility, 2)
+
+
+def _computed(image: Tensor) -> torch.dtype:
+    """The type that convolutions compute in: converting before what comes ahead of them is copied costs half."""
+    kind = image.device.type
+    return torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else image.dtype
+
+
+def _bilinear(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:
+    """Planes on a grid twice as fine."""
+    if planes.shape[1] == 0:
+        return _repeated(planes, 2)
+    flat = F.interpolate(planes.flatten(1, 2), scale_factor=2, mode="bilinear", align_corners=False)
+    return flat.unflatten(1, planes.shape[1:3])
+
+
+def _repeated(plane: Tensor, times: int) -> Tensor:
+    return plane.repeat_interleave(times, dim=-2).repeat_interleave(times, dim=-1)

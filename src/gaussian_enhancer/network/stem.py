@@ -1,0 +1,89 @@
+"""From views to one set of features: what every fusion network begins with.
+
+Axes: b batch, r references, c channels, h height, w width (multiples of the stride), i = h / 2, j = w / 2.
+"""
+
+from typing import Protocol, runtime_checkable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.encode import Encoder
+from gaussian_enhancer.types import Views
+
+
+@runtime_checkable
+class Choice(Protocol):
+    """A frozen dataclass of plain values that names one way of doing a stage."""
+
+    def build(self, channels: int) -> nn.Module:
+        """The stage for features of so many channels."""
+        ...
+
+
+class Gather(nn.Module):
+    """H = fuse(F[render], align(F[reference_i], F[render])), E = modulate(H, depth), at half resolution.
+
+    A reference's features depend on nothing but the reference, so that `encode` may be done once for many targets
+    wherever references are not warped.
+
+    Args:
+        channels: of the features.
+        encoder_blocks: residual blocks of the encoders.
+        refine: learned alignment of the references' features.
+        fusion: how references join the target.
+        modulation: how depth acts.
+        reference_renders: read the splat's renders of the references' views, where they are known.
+    """
+
+    def __init__(
+        self,
+        channels: int,
+        encoder_blocks: int,
+        refine: Choice,
+        fusion: Choice,
+        modulation: Choice,
+        reference_renders: bool,
+    ) -> None:
+        super().__init__()
+        self.reference_renders = reference_renders
+        self.encode_render = Encoder(channels, encoder_blocks)
+        self.encode_reference = Encoder(channels, encoder_blocks, planes=8 if reference_renders else 4)
+        self.align = refine.build(channels)
+        self.fuse = fusion.build(channels)
+        self.modulate = modulation.build(channels)
+
+    def encode(self, views: Views) -> Float[Tensor, "b r c i j"]:
+        """Features of the references as they are given, not yet aligned to the target's."""
+        references, visibility = views.references, views.visibility
+        if references.shape[1] == 0:
+            height, width = references.shape[-2:]
+            return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
+        further = None
+        if self.reference_renders:
+            drawn = views.reference_renders
+            wrong = torch.zeros_like(references) if drawn is None else references - drawn
+            flag = torch.full_like(visibility, float(drawn is not None))
+            further = torch.cat([wrong, flag], dim=2).flatten(0, 1)
+        features = self.encode_reference(references.flatten(0, 1), visibility.flatten(0, 1), further)
+        return features.unflatten(0, references.shape[:2])
+
+    def forward(
+        self, views: Views, encoded: Float[Tensor, "b r c i j"] | None = None
+    ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b r 1 i j"]]:
+        """Fused, depth-modulated features, and how far each reference was trusted at each pixel.
+
+        Args:
+            views: what the network sees.
+            encoded: what `encode` gives for these references, where it is known already.
+        """
+        alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
+        target = self.encode_render(views.render, alpha)
+        features = self.encode(views) if encoded is None else encoded.to(target.dtype)
+        if features.shape[1]:
+            features = self.align(features, target)
+        seen = F.avg_pool2d(views.visibility.flatten(0, 1), 2).unflatten(0, views.visibility.shape[:2])
+        fused, trust = self.fuse(target, features, seen)
+        return self.modulate(fused, views.depth, views.depth_unit), trust

@@ -1,1 +1,0 @@
-"""Unreduced loss terms and their named, weighted sum."""

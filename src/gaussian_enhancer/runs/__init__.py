@@ -1,0 +1,1 @@
+"""Run folders: their address, their status, and finding them again."""

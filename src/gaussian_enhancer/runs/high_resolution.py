@@ -1,0 +1,146 @@
+"""Photos 4 times as fine as a fitted run's renders, from the scene that the run's configuration names.
+
+Axes: h height, w width.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import Float
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.run import digest_of
+from gaussian_enhancer.scene.high_resolution import FINER, attach_fine_photos
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.photos import read_header, read_photo
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
+
+PROCEDURAL = "gaussian_enhancer.scene.procedural."
+
+
+class FinePhotos:
+    """Attaches fine photos to the views of fitted runs.
+
+    Args:
+        folder: where drawn photos of procedural scenes are kept, since drawing them takes seconds each.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, run: Path, rendered: RenderedSet) -> RenderedSet:
+        """The set with ``read_fine_photo`` of all views.
+
+        Args:
+            run: folder of the run.
+            rendered: its views.
+
+        Raises:
+            InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
+        """
+        finer = finer_values(read_scene_values(run / "config.yaml"))
+        if not _is_procedural(finer):
+            return attach_fine_photos(rendered, scene_from_values(finer))
+        folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(finer)}"
+        return _drawn(rendered, cache(lambda: scene_from_values(finer)), folder)
+
+
+def finer_config(scene: DictConfig) -> DictConfig:
+    """A scene's configuration on a grid 4 times as fine.
+
+    Args:
+        scene: configuration of a procedural scene or a capture.
+
+    Raises:
+        InputError: the photos are not that large.
+    """
+    return OmegaConf.create(finer_values(plain(scene)))
+
+
+def finer_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The same of plain values.
+
+    Args:
+        values: of a procedural scene or a capture.
+
+    Raises:
+        InputError: the photos are not that large, or a size is no number.
+    """
+    if _is_procedural(values):
+        size = {"height": FINER * _number(values, "height", 192), "width": FINER * _number(values, "width", 256)}
+        return {**values, **size, "points": 0}
+    downscale = _number(values, "downscale", 1) / FINER
+    if downscale < 1:
+        received = f"is rendered at 1/{values.get('downscale', 1)} of its photos' size"
+        subject = values.get("path", values.get("_target_"))
+        raise InputError(subject, received, f"fit it with scene.downscale={FINER} or more, so that finer photos exist")
+    return {**values, "downscale": int(downscale) if downscale == int(downscale) else downscale}
+
+
+def _number(values: Mapping[str, Any], name: str, default: int) -> int | float:
+    value = values.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"scene.{name}", f"is {value!r}", "give a number")
+    return value
+
+
+def _is_procedural(values: Mapping[str, Any]) -> bool:
+    return str(values.get("_target_")).startswith(PROCEDURAL)
+
+
+def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:
+    def attached(view: RenderedView) -> RenderedView:
+        if view.camera is None:
+            raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")
+        stem = Path(view.name).stem
+        size = FINER * view.camera.height, FINER * view.camera.width
+        return replace(view, read_fine_photo=ReadDrawn(scene, stem, folder / f"{stem}.png", *size))
+
+    return replace(
+        rendered, targets=tuple(map(attached, rendered.targets)), references=tuple(map(attached, rendered.references))
+    )
+
+
+@dataclass(frozen=True)
+class ReadDrawn:
+    """Reads a photo from its file, after drawing it where that is not there.
+
+    Args:
+        scene: gives the scene, which is built when a photo is drawn.
+        stem: the photo's name without ending.
+        path: its file.
+        height: in pixels.
+        width: in pixels.
+    """
+
+    scene: Callable[[], Scene]
+    stem: str
+    path: Path
+    height: int
+    width: int
+
+    def __call__(self) -> Float[Tensor, "3 h w"]:
+        """The photo, shape (3, height, width), [0, 1].
+
+        Raises:
+            InputError: the scene has no such photo, or one of another size.
+        """
+        if not self.path.is_file():
+            photos = {Path(photo.name).stem: photo for photo in self.scene().photos}
+            if self.stem not in photos:
+                raise InputError(self.path, "belongs to no photo of its scene", "give the run as `fit` wrote it")
+            write_image(self.path, photos[self.stem].read())
+        header = read_header(self.path)
+        if (header.height, header.width) != (self.height, self.width):
+            received = f"is {header.width}x{header.height} where {self.width}x{self.height} is expected"
+            raise InputError(self.path, received, "delete the folder, which is drawn again")
+        return read_photo(self.path)

@@ -1,0 +1,118 @@
+"""Runs: folders named by the hash of what determines their content, with a marker for completion.
+
+A run that was finished once is found again, so a killed sweep resumes where it stopped and equal cells of
+different tables are computed once (as DomainBed names its jobs).
+"""
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs.instantiate import require
+
+WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
+"""Keys that do not change a result: where it is written, on which device, with how many threads."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run's folder.
+
+    Args:
+        folder: where the run writes; it exists.
+        digest: eight hexadecimal digits of the hash of job and configuration.
+    """
+
+    folder: Path
+    digest: str
+
+    @property
+    def done(self) -> bool:
+        """Whether this very run was completed."""
+        return finished_digest(self.folder) == self.digest
+
+    def finish(self) -> None:
+        """Mark the run as completed; the last thing that a job does."""
+        write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
+        marks.end(self.folder)
+
+
+def open_run(cfg: DictConfig, job: str, label: str) -> Run:
+    """Create or find the folder of a run and write its configuration there; if it is not done, mark it as running.
+
+    Args:
+        cfg: the job's whole configuration.
+        job: the job's name, the folder's first part.
+        label: a readable part of the folder's name, for instance scene and splat.
+
+    Raises:
+        InputError: a value marked ``???`` was not given, the folder cannot be written, or it holds another run.
+    """
+    require(cfg)
+    values = effective(cfg)
+    digest = digest_of({"job": job, **values})
+    folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
+    finished = finished_digest(folder)
+    if finished not in (None, digest):
+        raise InputError(
+            folder, f"holds another finished run ({finished})", "give another output, or delete the folder"
+        )
+    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
+    if finished is None:
+        marks.begin(folder)
+    return Run(folder, digest)
+
+
+def find_run(cfg: DictConfig, job: str) -> Run | None:
+    """The folder of a run that was opened before with this configuration; None where there is none.
+
+    Args:
+        cfg: the job's whole configuration.
+        job: the job's name.
+    """
+    digest = run_digest(cfg, job)
+    given = Path(cfg.output) if cfg.get("output") else None
+    folders = [given] if given else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
+    return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
+
+
+def run_digest(cfg: DictConfig, job: str) -> str:
+    """The digest of a job's run, whether it was begun or not."""
+    return digest_of({"job": job, **effective(cfg)})
+
+
+def finished_digest(folder: Path) -> str | None:
+    """The digest of the run that was completed in a folder; None where none was.
+
+    Raises:
+        InputError: the marker of completion cannot be read.
+    """
+    marker = folder / "done"
+    if not marker.is_file():
+        return None
+    try:
+        return str(json.loads(marker.read_text(encoding="utf-8"))["digest"])
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(marker, f"is no marker of a completed run ({error})", "delete it to run again") from error
+
+
+def effective(cfg: DictConfig) -> dict[str, Any]:
+    """The resolved configuration without the keys that do not change a result."""
+    values = OmegaConf.to_container(cfg, resolve=True)
+    if not isinstance(values, dict):
+        raise TypeError(f"a job's configuration is a mapping, got {type(values).__name__}")
+    return {str(key): value for key, value in values.items() if key not in WITHOUT_EFFECT}
+
+
+def digest_of(values: dict[str, Any]) -> str:
+    """Eight hexadecimal digits of SHA-256 over the values in canonical JSON."""
+    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()[:8]

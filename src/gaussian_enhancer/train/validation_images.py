@@ -1,0 +1,85 @@
+"""What a validation shows beyond scalars: every view's gains as a table, a few views before and after.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from jaxtyping import UInt8
+from lightning import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
+from torch import Tensor
+
+from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.train.module import Judged
+from gaussian_enhancer.train.share import gathered
+from gaussian_enhancer.types import Batch, quantised
+
+ABLE = (WandbLogger, TensorBoardLogger)
+"""Loggers that take images; wandb's takes tables as well."""
+
+
+class Shown(Callback):
+    """Logs tables and images after each validation.
+
+    Args:
+        loggers: those of the trainer.
+        images: views that are shown, spread evenly.
+    """
+
+    def __init__(self, loggers: Sequence[Logger], images: int = 4) -> None:
+        self.loggers, self.images = [logger for logger in loggers if isinstance(logger, ABLE)], images
+        self.kept: list[tuple[int, str, Tensor]] = []
+
+    def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Forget the last validation."""
+        self.kept = []
+
+    def on_validation_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: int
+    ) -> None:
+        """Keep the view if it is one of those to show.
+
+        Args:
+            trainer: the trainer.
+            pl_module: the module.
+            outputs: place among all views, and the enhanced image.
+            batch: of one whole image.
+            batch_idx: unused.
+            *_: unused.
+        """
+        place, enhanced = outputs["place"], outputs["enhanced"]
+        every = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
+        if self.loggers and place % every == 0 and place // every < self.images:
+            raw = quantised(enlarged(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
+            self.kept.append((place, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Log what was found and kept, by the first process alone."""
+        if not self.loggers:
+            return
+        shown = sorted(gathered(self.kept), key=lambda one: one[0])
+        self.kept = []
+        judged: list[Judged] = pl_module.judged  # type: ignore[assignment]
+        if not trainer.is_global_zero or trainer.sanity_checking or not judged:
+            return
+        names, images = [name for _, name, _ in shown], [image for _, _, image in shown]
+        for logger in self.loggers:
+            if isinstance(logger, WandbLogger):
+                metrics = sorted(judged[0].gains)
+                rows = [[one.name, *(one.gains[metric] for metric in metrics)] for one in judged]
+                columns = ["view", *(f"gain/{metric}" for metric in metrics)]
+                logger.log_table("validation/views", columns, rows, step=trainer.global_step)
+                arrays = [image.permute(1, 2, 0).numpy() for image in images]
+                logger.log_image("validation/images", arrays, step=trainer.global_step, caption=names)
+            elif isinstance(logger, TensorBoardLogger):
+                for name, image in zip(names, images, strict=True):
+                    logger.experiment.add_image(f"validation/{name}", image, trainer.global_step)
+
+
+def beside(*images: Tensor) -> UInt8[Tensor, "3 h w"]:
+    """Images in [0, 1] of one height side by side, in 8 bits: render, enhanced, photo."""
+    row = torch.cat([image.detach().float().cpu() for image in images], dim=-1)
+    return (row.clamp(0, 1) * 255).round().to(torch.uint8)

@@ -1,0 +1,231 @@
+"""The job ``quality`` on tiny runs: numbers from records, resumption, what is missing, aims that fail."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, open_dict
+
+from ablations.jobs import quality
+from ablations.suite import evaluation as cells
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.cli import pipeline
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.pair import measure_pair
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.runs.run import open_run
+from gaussian_enhancer.scene.photos import read_photo
+from support import paths
+from support.synthetic_runs import write_plane_run
+
+CONF = paths.CONF
+
+
+@pytest.fixture
+def fits(monkeypatch) -> list[DictConfig]:
+    """Fitting replaced by writing a tiny run; the fits that were made, in their order."""
+    made: list[DictConfig] = []
+
+    def fit(job: DictConfig) -> None:
+        made.append(job)
+        run = open_run(job, "fit", f"plane-{job.splat._target_.split('.')[-1].lower()}")
+        write_plane_run(run.folder, seed=len(made), views=5, size=(32, 48))
+        run.finish()
+
+    monkeypatch.setattr(pipeline.fit, "run", fit)
+    return made
+
+
+def network(path: Path, bias: float = 0.0) -> Path:
+    """A network that returns the render, or one that adds a constant."""
+    torch.manual_seed(0)
+    built = SIF((8, 8), (1, 1))
+    torch.nn.init.constant_(built.decode.head.bias, bias)
+    save_weights(path, built, Preparation(), {})
+    return path
+
+
+@pytest.fixture
+def configured(tmp_path) -> Callable[..., DictConfig]:
+    """The job's configuration for one scene and method, with rows of one's own beside the raw one."""
+
+    def of(*overrides: str, **rows: dict[str, object]) -> DictConfig:
+        paths = [f"runs={tmp_path / 'runs'}", f"markdown={tmp_path / 'docs/q.md'}", f"records={tmp_path / 'q.jsonl'}"]
+        few = ["scenes=[unbounded]", "splats=[3dgs]", "lpips=[]", "backbones=null"]
+        with initialize_config_dir(CONF, version_base="1.3"):
+            cfg = compose("quality", [*paths, *few, "runtime.threads=1", "runtime.progress=false", *overrides])
+            with open_dict(cfg):
+                cfg.tables = {"lr": {**cfg.tables.lr, "rows": {"raw": {"about": "the render"}, **rows}}}
+        return cfg
+
+    return of
+
+
+def started(cfg: DictConfig) -> float | None:
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return quality.run(cfg)
+
+
+def page_of(tmp_path: Path) -> str:
+    return (tmp_path / "docs/q.md").read_text(encoding="utf-8")
+
+
+def test_numbers_on_the_page_are_those_of_images_on_disk(fits, configured, tmp_path) -> None:
+    weights = network(tmp_path / "w.safetensors", bias=0.05)
+    gain = started(configured(ours={"role": "ours", "weights": str(weights)}))
+    found = read_records(tmp_path / "q.jsonl")
+    assert {(r.scene, r.splat, r.variant) for r in found} == {
+        ("unbounded", f"3dgs/{density}", f"lr/{row}") for density in ("dense", "sparse") for row in ("raw", "ours")
+    }
+    differences = []
+    for density in ("dense", "sparse"):
+        means = {}
+        for row in ("raw", "ours"):
+            mine = [r for r in found if (r.splat, r.variant) == (f"3dgs/{density}", f"lr/{row}")]
+            means[row] = sum(r.metrics["psnr_aligned"] or 0 for r in mine) / len(mine)
+            for record in mine:
+                part = "renders" if row == "raw" else "enhanced"
+                source = f"fit/{record.run}" if row == "raw" else f"enhance/{record.run}-*"
+                (image,) = (tmp_path / "runs").glob(f"{source}/test/ours_100/{part}/{record.view}")
+                (photo,) = (tmp_path / "runs").glob(f"fit/{record.run}/test/ours_100/gt/{record.view}")
+                assert record.metrics == measure_pair(read_photo(image), read_photo(photo)).metrics
+        differences.append(means["ours"] - means["raw"])
+        shown = f"| unbounded | 3dgs/{density} | {len(mine)} | {means['raw']:.2f} | {means['ours']:.2f} ("
+        assert shown in page_of(tmp_path)
+    assert gain == pytest.approx(sum(differences) / 2)
+
+
+def test_sparse_and_dense_are_fitted_as_their_jobs_are_and_measured_on_the_views_asked_for(
+    fits, configured, tmp_path
+) -> None:
+    started(configured(ours={"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))}))
+    dense, sparse = fits
+    assert (dense.scene.seed, dense.settings.steps, dense.scene.split.train_every) == (2000, 1000, 1)
+    assert (sparse.scene.split.train_every, sparse.scene.split.unused_as_test) == (3, True)
+    views = {density: set() for density in ("dense", "sparse")}
+    for record in read_records(tmp_path / "q.jsonl"):
+        views[record.splat.split("/")[1]].add(record.view)
+    assert views == {"dense": {"view_000.png", "view_004.png"}, "sparse": {"view_000.png"}}
+
+
+def test_what_was_done_is_not_done_again_and_changed_weights_are(fits, configured, tmp_path, monkeypatch) -> None:
+    weights = network(tmp_path / "w.safetensors")
+    enhancements, measurements = [], []
+    enhance, measure = pipeline.enhance.run, cells.measure_files
+
+    def measured(files, *rest):
+        measurements.append(files)
+        return measure(files, *rest)
+
+    monkeypatch.setattr(pipeline.enhance, "run", lambda job: (enhancements.append(job), enhance(job)))
+    monkeypatch.setattr(cells, "measure_files", measured)
+    ours = {"role": "ours", "weights": str(weights)}
+    started(configured(ours=ours))
+    assert (len(fits), len(enhancements), len(measurements)) == (2, 2, 4)
+    before, page = (tmp_path / "q.jsonl").read_text(), page_of(tmp_path)
+    started(configured(ours=ours))
+    assert (len(fits), len(enhancements), len(measurements)) == (2, 2, 4)
+    assert ((tmp_path / "q.jsonl").read_text(), page_of(tmp_path)) == (before, page)
+    network(weights, bias=0.1)
+    started(configured(ours=ours))
+    assert (len(fits), len(enhancements), len(measurements)) == (2, 4, 6)
+    assert page_of(tmp_path) != page
+
+
+def test_a_killed_study_goes_on(fits, configured, tmp_path, monkeypatch) -> None:
+    cfg = configured(ours={"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))})
+    enhance = pipeline.enhance.run
+
+    def killed(job: DictConfig) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline.enhance, "run", killed)
+    with pytest.raises(KeyboardInterrupt):
+        started(cfg)
+    assert not (tmp_path / "q.jsonl").exists()
+    monkeypatch.setattr(pipeline.enhance, "run", enhance)
+    started(cfg)
+    assert len(fits) == 2
+
+
+def test_an_aim_that_fails_is_said_to_fail_and_frames_made_worse_are_named(fits, configured, tmp_path) -> None:
+    rows = {
+        "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
+        "worse": {"role": "ours", "weights": str(network(tmp_path / "v.safetensors", bias=0.6))},
+    }
+    assert started(configured("+tables.lr.allowed.psnr=0.02", **rows)) is not None
+    page = page_of(tmp_path)
+    assert "| ours | unbounded | psnr +1 or better | +0.0000 [+0.0000, +0.0000] | **missed** |" in page
+    assert "| ours | all | no frame loses more than 0.02 in psnr_aligned | 0 of 3 frames do | met |" in page
+    assert re.search(r"\| worse \| all \| no frame .* psnr \| 3 of 3 frames do \| \*\*missed\*\* \|", page)
+    named = next(line for line in page.splitlines() if line.startswith("- `worse`, more than 0.02 in `psnr`"))
+    for place in ("dense view_000.png", "dense view_004.png", "sparse view_000.png"):
+        assert f"unbounded 3dgs/{place} (-" in named
+
+
+def test_missing_weights_are_named_and_leave_aims_open(fits, configured, tmp_path) -> None:
+    rows = {
+        "gone": {"role": "other", "weights": "gone.safetensors"},
+        "untrained": {"role": "other", "train": ["+recipe=lr", "seed=77"]},
+        "unknown": {"role": "other", "train": ["+recipe=lr", "fusion=unheard_of"]},
+        "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
+    }
+    started(configured(**rows))
+    page = page_of(tmp_path)
+    assert "weights gone.safetensors: is neither a file nor a shipped name" in page
+    assert "gaussian-enhancer train +recipe=lr seed=77: `untrained` in all 2 cells" in page
+    assert "Could not find 'fusion/unheard_of'" in page
+    assert "| unbounded | gone | 0 of 2 | missing |" in page
+    assert re.search(r"\| ours \| unbounded \| ahead .* .*compared in full with gone, untrained, unknown \| open", page)
+
+
+def test_a_fit_that_is_not_there_is_fitted_only_if_asked_for(fits, configured, tmp_path) -> None:
+    assert started(configured("fit_missing=false")) is None
+    assert not fits
+    assert "is not fitted; gaussian-enhancer fit scene=unbounded scene.seed=2000 splat=3dgs" in page_of(tmp_path)
+
+
+def test_the_page_can_be_written_again_from_the_records_alone(fits, configured, tmp_path) -> None:
+    ours = {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))}
+    started(configured(ours=ours))
+    page = page_of(tmp_path)
+    (tmp_path / "docs/q.md").unlink()
+    (tmp_path / "runs").rename(tmp_path / "elsewhere")
+    started(configured("records_only=true", ours=ours))
+    assert page_of(tmp_path) == page
+    assert len(fits) == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "found"),
+    [("scenes=[nowhere]", "scenes: names 'nowhere'"), ("tables.lr.baseline=bicubic", "baseline: is 'bicubic'")],
+)
+def test_unknown_names_are_refused_before_anything_is_done(fits, configured, override, found) -> None:
+    with pytest.raises(InputError, match=found):
+        started(configured(override))
+    assert not fits
+
+
+def test_a_row_without_a_role_is_refused(configured) -> None:
+    with pytest.raises(InputError, match="choose other or ours"):
+        started(configured(ours={"weights": "lr_tiny"}))
+
+
+def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(configured) -> None:
+    from gaussian_enhancer.cli.train import with_effect
+
+    trained = ["+recipe=lr", "size=tiny"]
+    cfg = configured(ours={"role": "ours", "train": trained})
+    with initialize_config_dir(CONF, version_base="1.3"):
+        with pytest.raises(InputError, match="not trained yet"):
+            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+        run = open_run(with_effect(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
+        with pytest.raises(InputError, match="being trained"):
+            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+        run.finish()
+        assert Path(cells.weights_of(cfg, cfg.tables.lr.rows.ours)).parent == run.folder

@@ -1,0 +1,44 @@
+"""The job ``stability`` on two cases: records, page, diagrams, and the page again from records alone."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from ablations.jobs import stability
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import read_records, write_records
+from support import paths
+
+CONF = paths.CONF
+
+
+def configured(folder: Path, *overrides: str) -> DictConfig:
+    paths = [f"records={folder / 'r/s.jsonl'}", f"markdown={folder / 'docs/s.md'}"]
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("stability", [*paths, "runtime.threads=1", *overrides])
+
+
+def test_cases_become_records_a_page_and_diagrams(tmp_path):
+    few = ["cases=[plus_1e4,black_objective]", "order.steps=[1,2,4]", "order.finest=8"]
+    assert stability.run(configured(tmp_path, *few)) == 0
+    records = read_records(tmp_path / "r/s.jsonl")
+    assert len(records) == 2 * 5 * 2 + 3 * 6
+    page, matrix, order = (tmp_path / f"docs/{name}" for name in ("s.md", "s/matrix.svg", "s/order.svg"))
+    first = page.read_text()
+    assert "| `plus_1e4` | offsets of 10000 pixels | ✓ ✓ |" in first
+    assert "(../r/s.jsonl)" in first
+    assert matrix.read_text().count("<title>") == 20
+    assert order.read_text().count("<circle") == 18
+    page.unlink()
+    assert stability.run(configured(tmp_path, "records_only=true")) == 0
+    assert page.read_text() == first
+
+
+def test_what_cannot_be_made_is_refused(tmp_path):
+    with pytest.raises(InputError, match="families"):
+        stability.run(configured(tmp_path, "families=[splat]"))
+    write_records(tmp_path / "r/s.jsonl", [])
+    with pytest.raises(InputError, match="hold no cell"):
+        stability.run(configured(tmp_path, "records_only=true"))

@@ -1,0 +1,43 @@
+import dataclasses
+
+import pytest
+
+from ablations.records.description import Dataset, Row, Table, read_description, write_description
+from gaussian_enhancer.errors import InputError
+
+TABLE = Table(
+    "table_2",
+    "Same resolution",
+    "quality",
+    "as the paper's",
+    {"raw": Row("3DGS", role=""), "ge": Row("GE", train=("+ablation/variant=ge",))},
+    "raw",
+    ("psnr", "ssim"),
+    ("3dgs",),
+    {"mip_nerf_360": Dataset("Mip-NeRF 360", ("unbounded_2000",), "procedural scenes")},
+    (0, 1),
+    {"3dgs": {"raw": (28.17, 0.854), "ge": None}},
+)
+
+
+def test_a_description_is_read_as_it_was_written(tmp_path):
+    write_description(tmp_path / "t.json", TABLE)
+    assert read_description(tmp_path / "t.json") == TABLE
+
+
+@pytest.mark.parametrize("wrong", [{"kind": "prose"}, {"metrics": ("taste",)}, {"baseline": "ours"}])
+def test_what_is_no_table_is_refused(wrong):
+    with pytest.raises(Exception, match=r"prose|taste|ours"):
+        dataclasses.replace(TABLE, **wrong)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": {}, "datasets": {}, "colour": 1}'])
+def test_damaged_descriptions_are_refused_by_name(tmp_path, text):
+    (tmp_path / "t.json").write_text(text)
+    with pytest.raises(InputError, match=r"t\.json"):
+        read_description(tmp_path / "t.json")
+
+
+def test_a_missing_description_says_how_to_make_it(tmp_path):
+    with pytest.raises(InputError, match="gaussian-enhancer tables"):
+        read_description(tmp_path / "t.json")

@@ -1,0 +1,113 @@
+"""A study's gains, intervals, losses and verdicts, from records with known numbers."""
+
+import math
+
+import pytest
+
+from ablations.records.gains import Aims, Study, interval
+from gaussian_enhancer.metrics.records import MISSING, Record
+
+AIMS = Aims({"fox": {"psnr": 1.0, "lpips_alex": 0.0}}, ("psnr", "lpips_alex"), {"psnr": 0.02})
+
+
+def frame(splat: str, row: str, view: str, psnr: float, lpips: float | None, scene: str = "fox") -> Record:
+    reasons = {"lpips_alex": "no backbone"} if lpips is None else {}
+    return Record("quality", "r", scene, splat, view, row, {"psnr": psnr, "lpips_alex": lpips}, reasons)
+
+
+def gap(splat: str, row: str, reason: str = "no weights", scene: str = "fox") -> Record:
+    return Record(MISSING, "", scene, splat, "", row, {}, {"row": reason})
+
+
+def study(*changes: tuple[str, str, float, float | None], missing: tuple[Record, ...] = ()) -> Study:
+    """Two cells, of two frames and of one, with raw at 20 dB and 0.3; a change is (splat, row, dB, LPIPS)."""
+    views = {"dense": ("a", "b"), "sparse": ("c",)}
+    records = [frame(splat, "raw", view, 20.0, 0.3) for splat, names in views.items() for view in names]
+    for splat, row, gain, distance in changes:
+        lower = None if distance is None else 0.3 + distance
+        records += [frame(splat, row, view, 20.0 + gain, lower) for view in views[splat]]
+    return Study([*records, *missing], "raw", ("other",), ("ours",))
+
+
+def verdict(found: Study, aim: str) -> bool | None:
+    (one,) = [v for v in found.verdicts("ours", AIMS) if v.aim.startswith(aim)]
+    return one.met
+
+
+WHOLE = [(s, r, g, d) for s in ("dense", "sparse") for r, g, d in (("other", 0.5, -0.01), ("ours", 1.2, -0.02))]
+
+
+def test_cells_count_alike_however_many_frames_they_have() -> None:
+    found = study(("dense", "ours", 1.0, 0.0), ("sparse", "ours", 3.0, 0.0))
+    gain = found.gain(found.cells, "ours", "psnr")
+    assert (gain.value, gain.frames, gain.cells, gain.missing) == (pytest.approx(2.0), 3, 2, 0)
+
+
+def test_gain_over_another_row() -> None:
+    found = study(*WHOLE)
+    assert found.gain(found.cells, "ours", "psnr", over="other").value == pytest.approx(0.7)
+
+
+def test_interval_holds_the_mean_and_grows_with_the_spread() -> None:
+    narrow, wide = interval([[0.9, 1.0, 1.1] * 4]), interval([[0.0, 1.0, 2.0] * 4])
+    assert narrow[0] < 1.0 < narrow[1]
+    assert wide[1] - wide[0] == pytest.approx(10 * (narrow[1] - narrow[0]), rel=0.1)
+    normal = 1.96 * math.sqrt(2 / 3 / 12)  # standard error of the mean of 12 values of variance 2/3
+    assert (wide[1] - wide[0]) / 2 == pytest.approx(normal, rel=0.1)
+
+
+def test_interval_does_not_mix_cells() -> None:
+    assert interval([[0.0, 0.0], [2.0, 2.0]]) == (1.0, 1.0)
+
+
+def test_all_aims_met() -> None:
+    assert all(v.met for v in study(*WHOLE).verdicts("ours", AIMS))
+
+
+def test_a_gain_below_the_aim_is_missed_and_one_at_the_aim_is_met() -> None:
+    assert verdict(study(("dense", "ours", 0.99, -0.1), ("sparse", "ours", 0.99, -0.1)), "psnr") is False
+    assert verdict(study(("dense", "ours", 1.0, -0.1), ("sparse", "ours", 1.0, -0.1)), "psnr") is True
+
+
+def test_no_change_is_no_improvement_and_lower_lpips_is() -> None:
+    for change, met in ((0.0, False), (0.01, False), (-0.01, True)):
+        found = study(("dense", "ours", 2.0, change), ("sparse", "ours", 2.0, change))
+        assert verdict(found, "lpips_alex") is met
+
+
+def test_being_behind_in_one_metric_is_missed_even_where_cells_are_missing() -> None:
+    behind = study(("dense", "ours", 1.2, -0.01), ("dense", "other", 1.0, -0.02), missing=(gap("sparse", "ours"),))
+    (one,) = [v for v in behind.verdicts("ours", AIMS) if v.aim.startswith("ahead")]
+    assert one.met is False
+    assert "other (lpips_alex +0.010)" in one.found
+
+
+def test_what_is_missing_leaves_aims_open() -> None:
+    for found in (
+        study(*WHOLE[:-1], missing=(gap("sparse", "ours"),)),
+        study(*WHOLE[:-1]),  # not even a record of the reason
+        study(*WHOLE[:-1], ("sparse", "ours", 1.2, None)),
+    ):
+        assert verdict(found, "lpips_alex") is None
+        assert verdict(found, "ahead") is None
+    assert study(*WHOLE[:-1]).why_missing(("fox", "sparse"), "ours") == "no record"
+    assert study(missing=(gap("sparse", "ours", "why"),)).why_missing(("fox", "sparse"), "ours") == "why"
+
+
+def test_one_frame_made_worse_misses_the_aim_and_is_named() -> None:
+    found = study(*WHOLE[:-1], ("sparse", "ours", -0.03, -0.1))
+    assert verdict(found, "no frame") is False
+    ((pair, metric, gain),) = found.worse("ours", AIMS.allowed)
+    assert (pair.baseline.view, metric, gain) == ("c", "psnr", pytest.approx(-0.03))
+    worst = found.worst("ours", "psnr")
+    assert worst is not None
+    assert (worst[0].baseline.view, worst[1]) == ("c", pytest.approx(-0.03))
+    assert verdict(study(*WHOLE[:-1], ("sparse", "ours", -0.01, -0.1)), "no frame") is True
+
+
+def test_worse_means_higher_for_lpips() -> None:
+    found = study(("dense", "ours", 1.0, 0.005), ("sparse", "ours", 1.0, -0.005))
+    assert [pair.baseline.view for pair, _, _ in found.worse("ours", {"lpips_alex": 0.002})] == ["a", "b"]
+    worst = found.worst("ours", "lpips_alex")
+    assert worst is not None
+    assert worst[1] == pytest.approx(0.005)

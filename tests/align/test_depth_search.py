@@ -1,0 +1,23 @@
+"""What a target's depth is decides how far it is searched."""
+
+import json
+
+import pytest
+from jaxtyping import TypeCheckError
+
+from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.align.depth_search import SEARCHES
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.infer.weights import build_preparation, preparation_of
+
+
+@pytest.mark.parametrize("kind", SEARCHES)
+def test_weights_name_the_kind(kind):
+    preparation = Preparation(Reprojected(depth=kind), 3, 5)
+    assert build_preparation(json.loads(json.dumps(preparation_of(preparation)))) == preparation
+
+
+@pytest.mark.parametrize("kind", ["true", 3, None])
+def test_an_unknown_kind_is_refused(kind):
+    with pytest.raises((ValueError, TypeCheckError), match="depth"):  # types are checked in tests alone
+        Reprojected(depth=kind)

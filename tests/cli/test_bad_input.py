@@ -1,0 +1,600 @@
+"""What users get wrong: one line that names file, value and remedy, exit code 2, and nothing half-written."""
+
+import json
+import math
+import resource
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaussian_enhancer.cli import main as cli
+
+WIDTH, HEIGHT, VIEWS = 32, 24, 10
+Refused = Callable[..., str]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in an empty folder, where whatever is left behind can be seen."""
+    monkeypatch.chdir(tmp_path)
+    warnings.simplefilter("ignore", UserWarning)
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Run a command that must be refused; returns the line."""
+
+    def run(*words: str, allowed: tuple[str, ...] = ()) -> str:
+        before = contents()
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            cli.main(list(words))
+        lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+        assert stop.value.code == 2, lines
+        assert len(lines) == 1, lines
+        assert lines[0].startswith("gaussian-enhancer: "), lines
+        assert lines[0].count("; ") >= 1, "a remedy is missing"
+        ignored = (*allowed, "failed") if allowed else ("\0",)  # where a run's folder stays, it says why it failed
+        left = {path: data for path, data in contents().items() if not path.endswith(ignored)}
+        assert left == before
+        return lines[0]
+
+    return run
+
+
+def contents() -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+@contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """Let the kernel refuse to write any file beyond ``room`` bytes, as a full disk would."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def save(path: Path | str, size: tuple[int, int] = (WIDTH, HEIGHT), seed: int = 0) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def cut(path: Path | str, share: float = 0.5) -> None:
+    data = Path(path).read_bytes()
+    Path(path).write_bytes(data[: int(len(data) * share)])
+
+
+def ring(i: int) -> list[list[float]]:
+    """Camera-to-world in OpenGL axes: on a circle of radius 3, looking at the origin."""
+    angle = 2 * math.pi * i / VIEWS
+    c, s = math.cos(angle), math.sin(angle)
+    return [[c, 0, s, 3 * s], [0, 1, 0, 0], [-s, 0, c, 3 * c], [0, 0, 0, 1]]
+
+
+def write_capture(folder: Path) -> Path:
+    """A capture of ten photos, two of them held out, that every job accepts."""
+    frames = []
+    for i in range(VIEWS):
+        save(folder / f"images/{i}.png", seed=i)
+        frames.append({"file_path": f"images/{i}.png", "transform_matrix": ring(i)})
+    lens = {"fl_x": 30.0, "fl_y": 30.0, "cx": WIDTH / 2, "cy": HEIGHT / 2, "w": WIDTH, "h": HEIGHT}
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+    return folder
+
+
+@pytest.fixture
+def capture() -> Path:
+    return write_capture(Path("capture"))
+
+
+# measure ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def measured() -> tuple[str, ...]:
+    """Folders that ``measure`` accepts, and its command."""
+    for name in ("a", "b"):
+        save(f"images/{name}.png", seed=1)
+        save(f"photos/{name}.png", seed=2)
+    return ("measure", "images=images", "photos=photos", "lpips=[]", "output=out")
+
+
+def test_measure_accepts_what_the_cases_below_spoil(measured: tuple[str, ...]) -> None:
+    cli.main(list(measured))
+    assert {p.name for p in Path("out").iterdir()} >= {"records.jsonl", "summary.md", "done"}
+
+
+def test_measure_truncated_image(measured: tuple[str, ...], refused: Refused) -> None:
+    cut("images/b.png")
+    assert "images/b.png: cannot be decoded" in refused(*measured)
+
+
+def test_measure_missing_folder(measured: tuple[str, ...], refused: Refused) -> None:
+    assert "nowhere: is no folder" in refused(*measured, "images=nowhere")
+
+
+def test_measure_empty_folder(measured: tuple[str, ...], refused: Refused) -> None:
+    Path("empty").mkdir()
+    assert "empty: holds no image" in refused(*measured, "photos=empty")
+
+
+def test_measure_empty_image(measured: tuple[str, ...], refused: Refused) -> None:
+    Path("images/a.png").write_bytes(b"")
+    assert "images/a.png: is empty (0 bytes)" in refused(*measured)
+
+
+def test_measure_image_without_photo(measured: tuple[str, ...], refused: Refused) -> None:
+    Path("photos/a.png").unlink()
+    assert "images/a.png: has no photo in photos" in refused(*measured)
+
+
+def test_measure_sizes_that_differ(measured: tuple[str, ...], refused: Refused) -> None:
+    save("photos/b.png", (WIDTH, HEIGHT + 1))
+    assert f"photos/b.png: is {WIDTH}x{HEIGHT + 1} where images/b.png is {WIDTH}x{HEIGHT}" in refused(*measured)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("images=null",), "no images to measure"),
+        (("run=out",), "together with images"),
+        (("lpips=[lpips_ale]",), "metric 'lpips_ale': is unknown"),
+        (("lpips=[lpips_alex]", "backbones=none.pth"), "none.pth: does not exist"),
+        (("unmatched=ignore",), "unmatched: is 'ignore'"),
+        (("background=[0,0]",), "background: is [0, 0]"),
+        (("background=[red,0,0]",), "background: is ['red', 0, 0]"),
+        (("masks=photos", "raw=none"), "none: is no folder"),
+    ],
+)
+def test_measure_options(measured: tuple[str, ...], refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*measured, *words)
+
+
+def test_measure_run_without_renders(capture: Path, refused: Refused) -> None:
+    assert "capture: holds no test/ours_<step>/renders" in refused("measure", f"run={capture}")
+
+
+def test_measure_full_disk(measured: tuple[str, ...], refused: Refused) -> None:
+    with full_disk(900):
+        line = refused(*measured, allowed=("config.yaml",))
+    assert "records.jsonl: cannot be written (File too large)" in line
+
+
+def test_measure_no_space(measured: tuple[str, ...], refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert "out/config.yaml: cannot be written (No space left on device)" in refused(*measured)
+
+
+# fit --------------------------------------------------------------------------------------------------------------
+
+FAST = ("settings.steps=2", "settings.init=random", "runtime.progress=false", "runtime.threads=1")
+
+
+def fit(capture: Path, *words: str) -> tuple[str, ...]:
+    return ("fit", f"scene.path={capture}", *FAST, *words)
+
+
+def edit(capture: Path, change: Callable[[dict], object]) -> None:
+    file = capture / "transforms.json"
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+def test_fit_accepts_what_the_cases_below_spoil(capture: Path) -> None:
+    cli.main(list(fit(capture, "output=out")))
+    assert {p.name for p in Path("out").iterdir()} >= {"splat.ply", "cameras.json", "records.jsonl", "done"}
+
+
+@pytest.mark.parametrize("number", [0, 3])  # 0 is held out, 3 is trained on
+def test_fit_truncated_photo(capture: Path, refused: Refused, number: int) -> None:
+    cut(capture / f"images/{number}.png")
+    assert f"images/{number}.png: cannot be decoded" in refused(*fit(capture))
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_fit_missing_photo(capture: Path, refused: Refused, number: int) -> None:
+    (capture / f"images/{number}.png").unlink()
+    line = refused(*fit(capture))
+    assert f"{number}.png" in line
+    assert "scene.missing=drop" in line
+    if number == 3:
+        cli.main([*fit(capture), "scene.missing=drop", "output=out"])
+        assert Path("out/done").is_file()
+
+
+def test_fit_photo_of_another_size(capture: Path, refused: Refused) -> None:
+    save(capture / "images/3.png", (WIDTH, HEIGHT + 5))
+    line = refused(*fit(capture))
+    assert "3.png" in line
+    assert f"{WIDTH}x{HEIGHT + 5}" in line
+
+
+def test_fit_one_photo(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content.update(frames=content["frames"][:1]))
+    assert "photo" in refused(*fit(capture))
+
+
+def test_fit_no_frames(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content.update(frames=[]))
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_camera_that_is_not_finite(capture: Path, refused: Refused) -> None:
+    edit(capture, lambda content: content["frames"][3]["transform_matrix"][0].__setitem__(0, math.nan))
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_cut_json(capture: Path, refused: Refused) -> None:
+    cut(capture / "transforms.json")
+    assert "transforms.json" in refused(*fit(capture))
+
+
+def test_fit_empty_folder(refused: Refused) -> None:
+    Path("empty").mkdir()
+    assert "empty: is no capture that can be recognised (it holds nothing)" in refused(*fit(Path("empty")))
+
+
+def test_fit_missing_folder(refused: Refused) -> None:
+    assert "nowhere: is no folder" in refused(*fit(Path("nowhere")))
+
+
+def test_fit_without_a_scene(refused: Refused) -> None:
+    assert "scene.path: is mandatory" in refused("fit", *FAST)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("settings.steps=0",), "steps"),
+        (("settings.init=magic",), "magic"),
+        (("settings.sh_degree=4",), "degree"),
+        (("scene.downscale=0",), "downscale"),
+        (("scene.split.test_every=1",), "split"),
+        (("settings.snapshots=[2.0]",), "snapshots"),
+        (("settings.max_gaussians=0",), "gaussians"),
+        (("runtime.device=tpu",), "runtime.device"),
+        (("runtime.threads=0",), "runtime.threads"),
+    ],
+)
+def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*fit(capture, *words))
+
+
+@pytest.mark.parametrize("room", [700, 3000, 20_000])
+def test_fit_full_disk(capture: Path, room: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever is there after a refusal is whole, and the fit goes on once there is room."""
+    with full_disk(room), pytest.raises(SystemExit) as stop:
+        cli.main(list(fit(capture, "output=out")))
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (" in lines[0]
+    assert not list(Path("out").rglob(".*"))
+    assert not Path("out/done").exists()
+    for picture in Path("out").rglob("*.png"):
+        Image.open(picture).load()
+    for depth in Path("out").rglob("*.npy"):
+        assert np.load(depth).shape == (HEIGHT, WIDTH)
+    cli.main(list(fit(capture, "output=out")))
+    assert Path("out/done").is_file()
+
+
+def test_fit_damaged_checkpoint(capture: Path, refused: Refused) -> None:
+    Path("out").mkdir()
+    Path("out/checkpoint.pt").write_bytes(b"PK\x03\x04 no checkpoint")
+    assert "out/checkpoint.pt: cannot be read" in refused(*fit(capture, "output=out"), allowed=("config.yaml",))
+
+
+# enhance ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A capture, a fit of it and the weights of an untrained network; copied by each case that spoils it."""
+    from gaussian_enhancer.align.references import Preparation
+    from gaussian_enhancer.infer.weights import save_weights
+    from gaussian_enhancer.network.sif import SIF
+    from gaussian_enhancer.scene.transforms import load_transforms
+    from gaussian_enhancer.splat.fit.fit import fit as fit_splat
+    from gaussian_enhancer.splat.fit.settings import FitSettings
+    from gaussian_enhancer.splat.methods import ThreeDGS
+
+    folder = tmp_path_factory.mktemp("made")
+    write_capture(folder / "capture")
+    settings = FitSettings(steps=2, init="random", snapshots=())
+    fit_splat(load_transforms(folder / "capture"), ThreeDGS(), folder / "fitted", settings, progress=False)
+    save_weights(folder / "w.safetensors", SIF(widths=(16, 16, 24), blocks=(1, 1, 1)), Preparation(), {"by": "test"})
+    return folder
+
+
+@pytest.fixture
+def workplace(made: Path) -> None:
+    shutil.copytree(made, Path(), dirs_exist_ok=True)
+
+
+def enhance(*words: str) -> tuple[str, ...]:
+    return ("enhance", "weights=w.safetensors", "runtime.progress=false", "runtime.threads=1", *words)
+
+
+FORMS = {
+    "run": enhance("run=fitted"),
+    "gaussians": enhance("gaussians=fitted/splat.ply", "scene=transforms", "scene.path=capture"),
+    "renders": enhance("renders=fitted/test/ours_2/renders", "photos=fitted/train/ours_2/gt"),
+}
+TARGET = "test/ours_2/renders/0.png"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_enhance_accepts_what_the_cases_below_spoil(workplace: None, form: str) -> None:
+    cli.main([*FORMS[form], "output=out"])
+    assert [p.name for p in sorted(Path("out").iterdir())] == ["0.png", "8.png"]
+
+
+@pytest.mark.parametrize(
+    ("form", "file"),
+    [
+        ("run", TARGET),
+        ("run", "test/ours_2/renders/8.png"),
+        ("run", "train/ours_2/gt/3.png"),
+        ("renders", "test/ours_2/renders/8.png"),
+    ],
+)
+def test_enhance_truncated_image(workplace: None, refused: Refused, form: str, file: str) -> None:
+    """Also the last of several: the first ones must not be written before it is found out."""
+    cut(Path("fitted", file))  # a plan may leave photos unread: a fit of two steps has no depth to warp them through
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "plan=full", "output=out")
+    assert f"fitted/{file}: cannot be decoded" in refused(*FORMS[form], "plan=full")
+
+
+@pytest.mark.parametrize("form", ["run", "renders"])
+def test_enhance_empty_image(workplace: None, refused: Refused, form: str) -> None:
+    Path("fitted", TARGET).write_bytes(b"")
+    assert f"fitted/{TARGET}: is empty (0 bytes)" in refused(*FORMS[form])
+
+
+@pytest.mark.parametrize("part", ["depth", "alpha"])
+def test_enhance_run_with_a_part_cut(workplace: None, refused: Refused, part: str) -> None:
+    file = next(Path("fitted/test/ours_2", part).iterdir())
+    cut(file)
+    assert f"{file}: cannot be" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_a_photo_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/test/ours_2/gt/0.png").unlink()
+    assert "fitted/test/ours_2/gt: has no photo for the render 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_depth_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/test/ours_2/depth/0.npy").unlink()
+    assert "has no depth for 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_a_camera_missing(workplace: None, refused: Refused) -> None:
+    file = Path("fitted/cameras.json")
+    file.write_text(json.dumps(json.loads(file.read_text())[1:]))
+    assert "fitted/cameras.json: lacks 1 cameras, first '0'" in refused(*FORMS["run"])
+
+
+def test_enhance_run_with_cameras_cut(workplace: None, refused: Refused) -> None:
+    cut("fitted/cameras.json")
+    assert "fitted/cameras.json: " in refused(*FORMS["run"])
+
+
+def test_enhance_run_without_references(workplace: None, refused: Refused) -> None:
+    shutil.rmtree("fitted/train")
+    assert "no photo" in refused(*FORMS["run"])
+
+
+def test_enhance_run_whose_sizes_differ(workplace: None, refused: Refused) -> None:
+    save("fitted/test/ours_2/gt/0.png", (WIDTH + 1, HEIGHT))
+    assert f"gt/0.png: is {WIDTH + 1}x{HEIGHT} but its render 0.png" in refused(*FORMS["run"])
+
+
+def test_enhance_run_of_another_step_or_place(workplace: None, refused: Refused) -> None:
+    assert "fitted: has no renders of step 5; choose one of 2" in refused(*FORMS["run"], "step=5")
+    assert "capture: holds no test/ours_<step>/renders" in refused(*enhance("run=capture"))
+    assert "nowhere: is no folder" in refused(*enhance("run=nowhere"))
+
+
+def test_enhance_splat_cut(workplace: None, refused: Refused) -> None:
+    cut("fitted/splat.ply", 0.7)
+    assert "fitted/splat.ply: is no readable .ply" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_missing(workplace: None, refused: Refused) -> None:
+    Path("fitted/splat.ply").unlink()
+    assert "fitted/splat.ply: does not exist" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_that_is_an_image(workplace: None, refused: Refused) -> None:
+    save("fitted/splat.png")
+    line = refused(*FORMS["gaussians"], "gaussians=fitted/splat.png")
+    assert "fitted/splat.png: is no splat that can be read" in line
+
+
+def test_enhance_splat_with_nan(workplace: None, refused: Refused) -> None:
+    from gaussian_enhancer.splat.io.ply import read_ply, write_ply
+
+    gaussians = read_ply("fitted/splat.ply")
+    gaussians.means[7, 1] = math.nan
+    write_ply("fitted/splat.ply", gaussians)
+    line = refused(*FORMS["gaussians"])
+    assert f"fitted/splat.ply: 1 of {len(gaussians)} Gaussians are not finite" in line
+    assert "invalid=drop" in line
+    cli.main([*FORMS["gaussians"], "invalid=drop", "output=out"])
+    assert len(list(Path("out").iterdir())) == 2
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_enhance_splat_whose_photos_are_cut_or_missing(workplace: None, refused: Refused, number: int) -> None:
+    photo = Path(f"capture/images/{number}.png")
+    cut(photo)
+    assert f"{photo}: cannot be decoded" in refused(*FORMS["gaussians"])
+    photo.unlink()
+    assert f"{number}.png" in refused(*FORMS["gaussians"])
+
+
+def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) -> None:
+    edit(Path("capture"), lambda content: content.update(frames=content["frames"][:1]))
+    assert "photo" in refused(*FORMS["gaussians"])
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("method=4dgs",), "method: is '4dgs'; choose auto, 3dgs, 2dgs, mip_splatting"),
+        (("views=some",), "views: is 'some'"),
+        (("scene.split.test_every=0",), "has no test view"),
+        (("precision=int8",), "precision: is 'int8'"),
+        (("tile=1",), "tile"),
+        (("max_references=-1",), "references"),
+        (("weights=none.safetensors",), "weights none.safetensors: is neither a file nor a shipped name"),
+        (("weights=fitted/splat.ply",), "fitted/splat.ply: "),
+        (("run=fitted",), "was given run and gaussians"),
+        (("gaussians=null",), "was given nothing to enhance"),
+        (("output=w.safetensors",), "cannot be written"),
+        (("invalid=ignore",), "invalid: is 'ignore'"),
+    ],
+)
+def test_enhance_options(workplace: None, refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*FORMS["gaussians"], *words)
+
+
+def test_enhance_splat_without_its_capture(workplace: None, refused: Refused) -> None:
+    assert "gaussians: comes without its capture" in refused(*enhance("gaussians=fitted/splat.ply"))
+
+
+def test_enhance_weights_cut(workplace: None, refused: Refused) -> None:
+    cut("w.safetensors", 0.9)
+    assert "w.safetensors: " in refused(*FORMS["run"])
+
+
+def test_enhance_renders_without_references(workplace: None, refused: Refused) -> None:
+    line = refused(*enhance("renders=fitted/test/ours_2/renders"))
+    assert "comes without photos" in line
+    line = refused(*enhance("renders=fitted/test/ours_2/renders", "photos=fitted/test/ours_2/gt"))
+    assert "leaves no photo to refer to" in line
+
+
+def test_enhance_renders_in_empty_or_missing_folders(workplace: None, refused: Refused) -> None:
+    Path("empty").mkdir()
+    assert "empty: holds no image" in refused(*FORMS["renders"], "renders=empty")
+    assert "empty: holds no image" in refused(*FORMS["renders"], "photos=empty")
+    assert "nowhere: is no folder" in refused(*FORMS["renders"], "renders=nowhere")
+
+
+def test_enhance_renders_whose_parts_do_not_match(workplace: None, refused: Refused) -> None:
+    save("photos/0.png", (WIDTH, HEIGHT + 2))
+    save("photos/5.png")
+    line = refused(*FORMS["renders"], "photos=photos")
+    assert f"photos/0.png: is {WIDTH}x{HEIGHT + 2} but its render 0.png is {WIDTH}x{HEIGHT}" in line
+    assert "has no depth for 0.png" in refused(*FORMS["renders"], "depth=fitted/train/ours_2/depth")
+    assert "none.json" in refused(*FORMS["renders"], "cameras=none.json")
+    Path("few.json").write_text(json.dumps(json.loads(Path("fitted/cameras.json").read_text())[1:]))
+    assert "few.json: names no camera for 0.png" in refused(*FORMS["renders"], "cameras=few.json")
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("output", [(), ("output=out",)])
+def test_enhance_full_disk(
+    workplace: None, form: str, output: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Images that were written before the disk was full are whole; nothing says that the job is done."""
+    before = contents()
+    with full_disk(600), pytest.raises(SystemExit) as stop:
+        cli.main([*FORMS[form], *output])
+    lines = [line for line in capsys.readouterr().err.splitlines() if "gaussian-enhancer: " in line]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (File too large)" in lines[0]
+    for file in map(Path, contents().keys() - before.keys()):
+        assert file.name in ("config.yaml", "failed") or file.suffix == ".png", file
+        assert not file.name.startswith(".")
+        if file.suffix == ".png":
+            Image.open(file).load()
+
+
+# simulate ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def simulated() -> tuple[str, ...]:
+    """A photo that ``simulate`` accepts, and its command."""
+    save("photo.png", (12, 10))
+    return ("simulate", "image=photo.png", "gate=none", "draws=1", "runtime.progress=false", "output=out")
+
+
+def test_simulate_accepts_what_the_cases_below_spoil(simulated: tuple[str, ...]) -> None:
+    cli.main(list(simulated))
+    assert {p.name for p in Path("out").iterdir()} >= {"samples", "simulation.html", "simulation.json", "done"}
+
+
+def test_simulate_truncated_empty_and_missing_photo(simulated: tuple[str, ...], refused: Refused) -> None:
+    cut("photo.png")
+    assert "photo.png: cannot be decoded" in refused(*simulated)
+    Path("photo.png").write_bytes(b"")
+    assert "photo.png: is empty (0 bytes)" in refused(*simulated)
+    Path("photo.png").unlink()
+    assert "photo.png: does not exist" in refused(*simulated)
+
+
+def test_simulate_photo_without_a_white(simulated: tuple[str, ...], refused: Refused) -> None:
+    Image.fromarray(np.zeros((4, 4), np.float32)).save("photo.tif")
+    assert "photo.tif: has floating-point pixels" in refused(*simulated, "image=photo.tif")
+
+
+def test_simulate_depth_that_does_not_fit(simulated: tuple[str, ...], refused: Refused) -> None:
+    np.save("z.npy", np.ones((10, 13)))
+    assert "z.npy: is 13x10 but photo.png is 12x10" in refused(*simulated, "depth=z.npy")
+    np.save("z.npy", np.full((10, 12), -1.0))
+    assert "z.npy: has depth -1" in refused(*simulated, "depth=z.npy")
+    assert "none.npy: does not exist" in refused(*simulated, "depth=none.npy")
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("image=null",), "was given nothing to simulate from"),
+        (("run=nowhere",), "was given image and run"),
+        (("image=null", "run=nowhere"), "nowhere: is no folder"),
+        (("view=a",), "view: was given beside image"),
+        (("step=3",), "step: was given beside image"),
+        (("seed=-1",), "seed: is -1"),
+        (("draws=0",), "draws: is 0"),
+        (("draws=many",), "draws: is 'many'"),
+        (("depth_scale=0",), "depth_scale: is 0"),
+        (("background=[0,0]",), "background: is [0, 0]"),
+        (("background=white",), "background: is white"),
+        (("gate=random", "gate.types.needle=maybe"), "gate.types.needle: is 'maybe'"),
+        (("gate=random", "+gate.types.rain=false"), "gate.types.rain: is no type of artefact"),
+        (("gate=adaptive",), "gate.file: is mandatory"),
+        (("gate=adaptive", "gate.file=none.json"), "none.json: "),
+        (("runtime.device=tpu",), "runtime.device: is 'tpu'"),
+    ],
+)
+def test_simulate_options(simulated: tuple[str, ...], refused: Refused, words: tuple[str, ...], found: str) -> None:
+    assert found in refused(*simulated, *words)
+
+
+def test_simulate_full_disk(simulated: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with full_disk(600), pytest.raises(SystemExit) as stop:
+        cli.main(list(simulated))
+    lines = [line for line in capsys.readouterr().err.splitlines() if "gaussian-enhancer: " in line]
+    assert (stop.value.code, len(lines)) == (2, 1), lines
+    assert "cannot be written (File too large)" in lines[0]
+    assert not Path("out/done").exists()
+    assert not [path for path in map(Path, contents()) if path.name.startswith(".")]

@@ -1,0 +1,66 @@
+"""The job ``demo``: from a procedural scene to the page, and faster the second time."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.cli import demo
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.network.sif import SIF
+from support import paths
+
+CONF = paths.ROOT / "conf"
+SMALL = (
+    "scene.views=9",
+    "scene.height=48",
+    "scene.width=64",
+    "settings.steps=3",
+    "scene.split.train_every=1",
+    "settings.max_gaussians=400",
+)
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    torch.manual_seed(0)
+    save_weights(tmp_path / "new.safetensors", SIF((8, 8), (1, 1)), Preparation(), {})
+    return tmp_path / "new.safetensors"
+
+
+def run_demo(tmp_path: Path, weights: Path) -> float | None:
+    runs = (f"runs={tmp_path / 'runs'}", f"weights={weights}", "runtime.threads=1", "runtime.progress=false")
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return demo.run(
+            compose("demo", overrides=[*SMALL, "+settings.start_gaussians=400", "+settings.init=points", *runs])
+        )
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_was_measured_and_the_fit_is_found_again(tmp_path: Path, weights: Path, capsys) -> None:
+    gain = run_demo(tmp_path, weights)
+    assert gain == 0.0, "a network that was never trained returns the render"
+    shown = capsys.readouterr()
+    (page,) = (tmp_path / "runs" / "demo").glob("*/report.html")
+    assert page.resolve().as_uri() in shown.err
+    found = re.search(r'id="report-data">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
+    assert found
+    (records,) = (tmp_path / "runs" / "measure").glob("*/records.jsonl")
+    expected = {(r.view, r.variant): r.metrics["psnr"] for r in read_records(records)}
+    views = json.loads(found[1])["views"]
+    assert len(views) == 2
+    for view in views:
+        assert view["raw"]["psnr"] == expected[view["name"], "raw"]
+        assert view["milliseconds"] > 0
+        assert view["name"] in shown.out
+
+    (splat,) = (tmp_path / "runs" / "fit").glob("*/splat.ply")
+    before = splat.stat().st_mtime_ns
+    run_demo(tmp_path, weights)
+    assert splat.stat().st_mtime_ns == before
+    assert "done before" in capsys.readouterr().err

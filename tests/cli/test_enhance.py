@@ -1,0 +1,249 @@
+from pathlib import Path
+
+import pytest
+import torch
+
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.cli.enhance import run, with_effect
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.plan import Plan
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.image_folders import pair_run
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.network.ssif_sr import SSIFSR
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.types import Gaussians, quantised
+from support import paths
+from support.synthetic_runs import plane_camera, write_plane_run
+
+CONF = paths.CONF
+
+
+def configured(*overrides: str):
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("enhance", [*overrides, "runtime.progress=false", "runtime.threads=1"])
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    """An untrained network, which returns the render."""
+    path = tmp_path_factory.mktemp("weights") / "identity.safetensors"
+    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), Preparation(), {})
+    return path
+
+
+def same(folder: Path, renders: Path) -> bool:
+    names = sorted(path.name for path in renders.iterdir())
+    assert names == sorted(path.name for path in folder.iterdir())
+    return all(torch.equal(read_photo(folder / name), read_photo(renders / name)) for name in names)
+
+
+def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, tmp_path):
+    milliseconds = run(configured(f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}"))
+    assert milliseconds is not None
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert (folder / "done").is_file()
+    side = folder / "test/ours_100"
+    assert same(side / "enhanced", plane_run / "test/ours_100/renders")
+    assert same(side / "renders", plane_run / "test/ours_100/renders")
+    assert same(side / "gt", plane_run / "test/ours_100/gt")
+    records = read_records(folder / "records.jsonl")
+    assert {record.view for record in records} == {"view_000.png", "view_004.png"}
+    assert all(record.kind == "cost" and record.variant == "enhanced" for record in records)
+
+
+def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
+    with pytest.raises(InputError, match="by one process"):
+        run(configured(f"run={plane_run}", "steady=0.5", "runtime.processes=2", f"output={tmp_path / 'none'}"))
+    run(configured(f"run={plane_run}", "steady=0.5", "weights=lr_tiny", f"output={tmp_path / 'path'}"))
+    run(configured(f"run={plane_run}", "weights=lr_tiny", f"output={tmp_path / 'each'}"))
+    names = sorted(path.name for path in (tmp_path / "path").iterdir())
+    same = [(tmp_path / "path" / name).read_bytes() == (tmp_path / "each" / name).read_bytes() for name in names]
+    assert same == [True, False]
+
+
+def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
+    torch.manual_seed(0)
+    network = SIF((8, 8, 8), (1, 1, 1))
+    torch.nn.init.constant_(network.decode.head.bias, 0.2)
+    save_weights(tmp_path / "a.safetensors", network, Preparation(), {"strength": 0})
+    options = [f"run={plane_run}", f"weights={tmp_path / 'a.safetensors'}"]
+    run(configured(*options, f"output={tmp_path / 'card'}"))
+    assert same(tmp_path / "card", plane_run / "test/ours_100/renders")
+    run(configured(*options, "strength=1", f"output={tmp_path / 'full'}"))
+    assert not same(tmp_path / "full", plane_run / "test/ours_100/renders")
+
+
+def test_every_nth_view_is_enhanced_where_a_run_holds_many(plane_run, weights, tmp_path):
+    run(configured(f"run={plane_run}", "every=2", f"weights={weights}", f"output={tmp_path / 'out'}"))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["view_000.png"]
+    with pytest.raises(InputError, match="every"):
+        run(configured(f"run={plane_run}", "every=0", f"weights={weights}", f"output={tmp_path / 'out'}"))
+
+
+def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path):
+    run(configured(f"run={plane_run}", "step=50", f"weights={weights}", f"output={tmp_path / 'out'}"))
+    assert same(tmp_path / "out", plane_run / "test/ours_50/renders")
+
+
+def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, weights, tmp_path, capsys):
+    side, photos = plane_run / "test/ours_100", plane_run / "train/ours_100/gt"
+    folders = [f"renders={side / 'renders'}", f"photos={photos}", f"weights={weights}"]
+    run(configured(*folders, f"output={tmp_path / 'bare'}"))
+    assert "cannot be reprojected" in capsys.readouterr().err.replace("\n", " ")
+    run(
+        configured(
+            *folders, f"depth={side / 'depth'}", f"cameras={plane_run / 'cameras.json'}", f"output={tmp_path / 'b'}"
+        )
+    )
+    assert "cannot be reprojected" not in capsys.readouterr().err.replace("\n", " ")
+    assert same(tmp_path / "bare", side / "renders")
+    assert same(tmp_path / "b", side / "renders")
+
+
+def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):
+    generator = torch.Generator().manual_seed(0)
+    means = torch.rand(200, 3, generator=generator) * torch.tensor([3.0, 3.0, 0.1]) + torch.tensor([-1.5, -1.5, 3.0])
+    gaussians = Gaussians(
+        means,
+        torch.full((200, 3), -2.0),
+        torch.tensor([1.0, 0, 0, 0]).repeat(200, 1),
+        torch.full((200,), 3.0),
+        torch.rand(200, 1, 3, generator=generator),
+    )
+    write_ply(tmp_path / "splat.ply", gaussians)
+    photos = tuple(
+        Photo(view.name, plane_camera(index, 48, 64), view.read_photo)  # type: ignore[arg-type]
+        for index, view in enumerate(read_run(plane_run).references)
+    )
+    capture = Scene("capture", photos, tuple(range(1, len(photos))), (0,))
+    monkeypatch.setattr("gaussian_enhancer.runs.inputs.build", lambda node: capture)
+    options = ["scene=capture", "scene.path=unused", f"weights={weights}", f"runs={tmp_path}"]
+    run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
+    assert read_photo(folder / "test/ours_0/renders" / photos[0].name).std() > 0.05
+    with pytest.raises(InputError, match="method"):
+        run(configured(f"gaussians={tmp_path / 'splat.ply'}", *options, "method=nerf"))
+
+
+def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
+    photos = plane_run / "train/ours_100/gt"
+    for options, words in (
+        ([], "nothing to enhance"),
+        ([f"run={plane_run}", f"renders={photos}"], "run and renders"),
+        (["gaussians=a.ply"], "without its capture"),
+        ([f"renders={plane_run / 'test/ours_100/renders'}"], "without photos"),
+        ([f"run={plane_run}", "step=7"], "no renders of step 7"),
+        ([f"run={plane_run}", "max_references=9"], "0 to 8"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run(configured(*options, f"weights={weights}", f"runs={tmp_path}"))
+    with pytest.raises(InputError, match="neither a file nor a shipped name"):
+        run(configured(f"run={plane_run}", "weights=absent", f"runs={tmp_path}"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def fine_weights(tmp_path_factory) -> Path:
+    """An untrained network, which returns the bicubically enlarged render."""
+    path = tmp_path_factory.mktemp("weights") / "fine.safetensors"
+    save_weights(path, SSIFSR((8, 8, 8), (1, 1, 1)), Preparation(fine=True), {})
+    return path
+
+
+def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_path, monkeypatch):
+    finer = read_run(write_plane_run(tmp_path / "fine", size=(192, 256)))
+    photos = tuple(Photo(v.name, v.camera, v.read_photo) for v in (*finer.targets, *finer.references))
+    scene = Scene("plane", photos, tuple(range(1, 8)), (0,))
+    monkeypatch.setattr("gaussian_enhancer.runs.inputs.build", lambda node: scene)
+    monkeypatch.setattr("gaussian_enhancer.runs.inputs.finer_config", lambda node: node)
+    options = ["scene=capture", "scene.path=unused", f"weights={fine_weights}", f"runs={tmp_path / 'runs'}"]
+    run(configured(f"run={plane_run}", *options))
+    (folder,) = (tmp_path / "runs/enhance").iterdir()
+    side = folder / "test/ours_100"
+    assert same(side / "enhanced", side / "renders")
+    for view in finer.targets:
+        assert torch.equal(read_photo(side / "gt" / view.name), view.read_photo())
+    render = read_photo(plane_run / "test/ours_100/renders/view_000.png")
+    expected = quantised(enlarged(render[None], 4)[0])
+    torch.testing.assert_close(read_photo(side / "renders/view_000.png"), expected)
+    files = pair_run(folder, None)
+    assert {file.label.variant for file in files} == {"raw", "enhanced"}
+
+
+def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_run, fine_weights, tmp_path, capsys):
+    run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert "no config.yaml" in told
+    assert "enlarging without" in told
+    assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
+
+
+def test_a_folder_with_photos_finer_than_its_renders(plane_run, fine_weights, weights, tmp_path):
+    fine = write_plane_run(tmp_path / "fine", size=(192, 256))
+    (tmp_path / "photos").mkdir()
+    for path in sorted(fine.glob("t*/ours_100/gt/*.png")):
+        (tmp_path / "photos" / path.name).write_bytes(path.read_bytes())
+    folders = [f"renders={plane_run / 'test/ours_100/renders'}", f"photos={tmp_path / 'photos'}", f"runs={tmp_path}"]
+    geometry = [f"depth={plane_run / 'test/ours_100/depth'}", f"cameras={plane_run / 'cameras.json'}"]
+    run(configured(*folders, *geometry, f"weights={fine_weights}"))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    assert same(folder / "test/ours_0/gt", fine / "test/ours_100/gt")
+    assert same(folder / "test/ours_0/enhanced", folder / "test/ours_0/renders")
+    with pytest.raises(InputError, match="is 256x192 but its render"):
+        run(configured(*folders, f"weights={weights}"))
+
+
+def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, capsys):
+    options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "max_references=1"]
+    assert run(configured(*options, "dry_run=true")) is None
+    assert "all are warped: on views of this size" in capsys.readouterr().out
+    assert run(configured(*options, "plan.small=0", "dry_run=true")) is None
+    printed = capsys.readouterr().out
+    assert "references" in printed
+    assert "10 looked at for 2 views, 8 left out" in printed
+    assert not list(tmp_path.iterdir())
+    run(configured(*options, "plan.small=0"))
+    (folder,) = (tmp_path / "enhance").iterdir()
+    plan = Plan.from_file(folder / "plan.json")
+    assert [view.name for view in plan.views] == ["view_000.png", "view_004.png"]
+    assert all(len(view.references or ()) == 1 for view in plan.views)
+    assert "10 looked at" in capsys.readouterr().err
+    run(configured(*options, "plan=full"))
+    (full,) = set((tmp_path / "enhance").iterdir()) - {folder}
+    assert Plan.from_file(full / "plan.json").views == ()
+    assert Plan.from_file(full / "plan.json").rules.full
+    assert same(full / "test/ours_100/enhanced", plane_run / "test/ours_100/renders")
+
+
+def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
+    options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "dry_run=true"]
+    run(configured(*options, "plan.references=all"))
+    assert "looked at" not in capsys.readouterr().out
+    run(configured(*options, "plan.depth=none"))
+    assert "switched off" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"plan\.tiles"):
+        run(configured(*options, "plan.tiles=some"))
+
+
+def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
+    auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
+    assert with_effect(full) == with_effect(configured(f"run={plane_run}", "plan=full", "dry_run=true", "steady=0"))
+    assert with_effect(full) != with_effect(configured(f"run={plane_run}", "plan=full", "steady=0.5"))
+    assert "plan" not in with_effect(full)
+    assert with_effect(auto) != with_effect(full)
+    assert with_effect(auto) != with_effect(configured(f"run={plane_run}", "plan.share=0.2"))
+    assert auto.dry_run is False
+
+
+def test_a_kind_of_depth_that_is_none_is_refused(plane_run, weights, tmp_path):
+    with pytest.raises(InputError, match="surface, expected, exact"):
+        run(configured(f"run={plane_run}", "depth_kind=mean", f"weights={weights}", f"output={tmp_path / 'out'}"))

@@ -1,0 +1,154 @@
+"""The command line: dispatch, Hydra's grammar, exit codes, completion, content-addressed runs."""
+
+import subprocess
+import sys
+import types
+
+import pytest
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.cli import main as cli
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.runs.run import digest_of, open_run
+from gaussian_enhancer.runs.runtime import choose_device
+from support import paths
+
+BASE = paths.ROOT / "conf" / "base.yaml"
+
+
+@pytest.fixture
+def toy_job(tmp_path, monkeypatch):
+    """A job `toy` with one group, whose `run` records what it was given."""
+    conf = tmp_path / "conf"
+    (conf / "colour").mkdir(parents=True)
+    (conf / "base.yaml").write_text(BASE.read_text())
+    (conf / "colour" / "red.yaml").write_text("name: red\n")
+    (conf / "colour" / "blue.yaml").write_text("name: blue\n")
+    (conf / "toy.yaml").write_text("defaults: [base, {colour: red}, _self_]\nsize: 1\npath: null\n")
+    seen = []
+
+    def run(cfg):
+        seen.append(OmegaConf.to_container(cfg, resolve=True))
+        if cfg.size < 0:
+            raise InputError("size", f"is {cfg.size}", "give a positive number")
+
+    module = types.ModuleType("gaussian_enhancer.cli.toy")
+    module.run = run
+    monkeypatch.setitem(sys.modules, "gaussian_enhancer.cli.toy", module)
+    monkeypatch.setitem(cli.JOBS, "toy", "a toy")
+    monkeypatch.setattr(cli, "configurations", lambda: conf)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["gaussian-enhancer"])
+    return seen
+
+
+def test_job_gets_overrides(toy_job):
+    cli.main(["toy", "size=3", "colour=blue", "+extra.deep=[1,2]"])
+    assert toy_job[0]["size"] == 3
+    assert toy_job[0]["colour"] == {"name": "blue"}
+    assert toy_job[0]["extra"] == {"deep": [1, 2]}
+
+
+def test_single_run_leaves_no_folder_behind(toy_job, tmp_path):
+    cli.main(["toy"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["conf"]
+
+
+def test_multirun_sweeps(toy_job):
+    cli.main(["toy", "-m", "colour=red,blue", "size=1,2"])
+    assert [(c["colour"]["name"], c["size"]) for c in toy_job] == [
+        ("red", 1),
+        ("red", 2),
+        ("blue", 1),
+        ("blue", 2),
+    ]
+
+
+def test_cfg_job_prints_the_configuration(toy_job, capsys):
+    cli.main(["toy", "--cfg", "job", "size=7"])
+    assert OmegaConf.create(capsys.readouterr().out).size == 7
+    assert not toy_job
+
+
+def test_user_mistake_is_one_line_and_exit_code_2(toy_job, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy", "size=-1"])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err == "gaussian-enhancer: size: is -1; give a positive number\n"
+
+
+def test_unknown_job_is_refused(capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["paint"])
+    assert stop.value.code == 2
+    assert "demo, fit" in capsys.readouterr().err
+
+
+def test_completion_offers_jobs_keys_and_group_options(toy_job):
+    assert "toy" in cli.complete("gaussian-enhancer t")
+    assert "colour=" in cli.complete("gaussian-enhancer toy col")
+    assert cli.complete("gaussian-enhancer toy colour=") == ["colour=blue", "colour=red"]
+    assert cli.complete("gaussian-enhancer nothing col") == []
+
+
+def test_completion_script_is_valid_bash():
+    subprocess.run(["bash", "-n"], input=cli.COMPLETION, text=True, check=True)
+
+
+def test_run_folder_depends_on_content_only(tmp_path):
+    cfg = OmegaConf.create({"runs": str(tmp_path), "output": None, "runtime": {"threads": 1}, "size": 1})
+    first = open_run(cfg, "toy", "a")
+    assert open_run(OmegaConf.merge(cfg, {"runtime": {"threads": 2}}), "toy", "a") == first
+    assert open_run(OmegaConf.merge(cfg, {"size": 2}), "toy", "a") != first
+    assert not first.done
+    first.finish()
+    assert open_run(cfg, "toy", "a").done
+
+
+def test_a_folder_of_another_finished_run_is_refused(tmp_path):
+    cfg = OmegaConf.create({"runs": "", "output": str(tmp_path / "mine"), "runtime": {}, "size": 1})
+    first = open_run(cfg, "toy", "a")
+    other = OmegaConf.merge(cfg, {"size": 2})
+    assert open_run(other, "toy", "a").folder == first.folder  # not finished: nothing is lost
+    open_run(cfg, "toy", "a").finish()
+    with pytest.raises(InputError, match="another finished run"):
+        open_run(other, "toy", "a")
+
+
+def test_digest_ignores_key_order():
+    assert digest_of({"a": 1, "b": [1.5, None]}) == digest_of({"b": [1.5, None], "a": 1})
+
+
+def test_missing_value_names_its_override():
+    with pytest.raises(InputError, match=r"scene\.path.*add scene\.path=\.\.\."):
+        require(OmegaConf.create({"scene": {"path": "???"}}))
+
+
+def test_missing_value_below_a_node_names_its_full_key():
+    cfg = OmegaConf.create({"scene": {"_target_": "builtins.dict", "path": "???"}})
+    with pytest.raises(InputError, match=r"add scene\.path=\.\.\."):
+        build(cfg.scene)
+
+
+def test_device_names():
+    assert choose_device("cpu").type == "cpu"
+    with pytest.raises(InputError, match="auto, cpu or cuda"):
+        choose_device("tpu")
+
+
+def test_unset_environment_variable_is_named(monkeypatch):
+    monkeypatch.delenv("NOT_SET_HERE", raising=False)
+    cfg = OmegaConf.create({"scene": {"path": "${oc.env:NOT_SET_HERE}/fox"}})
+    with pytest.raises(InputError, match=r"scene\.path.*NOT_SET_HERE"):
+        require(cfg)
+
+
+def test_no_group_takes_the_name_of_a_jobs_own_key() -> None:
+    """Hydra would read ``variant=x`` as a choice of the group ``variant``, and refuse it."""
+    conf = paths.ROOT / "conf"
+    groups = {folder.name for folder in conf.iterdir() if folder.is_dir()}
+    for job in conf.glob("*.yaml"):
+        values = OmegaConf.load(job)
+        chosen = str(values.get("defaults", ""))  # a group that the job chooses from may be added to below
+        assert not [key for key in groups & set(values) if f"'{key}'" not in chosen], job.name

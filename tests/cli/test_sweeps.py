@@ -1,0 +1,53 @@
+"""Multiruns through each launcher: every job a finished run, equal jobs trained once."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+
+from support import paths
+
+CONF = paths.CONF
+SMALL = ("size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=2")
+LAUNCHERS = {
+    "joblib": ["+sweep=two_jobs"],
+    "submitit": ["hydra/launcher=submitit_local", "runtime.progress=false", "runtime.threads=1"],
+}
+
+
+def swept(runs: Path, train: Path, validation: Path, *words: str) -> str:
+    """What a multirun of the job train printed, its jobs' own prints included."""
+    places = [f"data.train=[{train}]", f"data.validation=[{validation}]", f"runs={runs}", "logger=csv", "trainer=smoke"]
+    program = "from gaussian_enhancer.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "train", "-m", *places, *SMALL, *words]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    jobs = [path.read_text() for path in runs.glob("multirun/.submitit/*/*_log.out")]
+    return "\n".join([done.stdout, *jobs])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+@pytest.mark.parametrize("launcher", list(LAUNCHERS))
+def test_every_job_is_a_finished_run_and_equal_jobs_are_done_once(launcher, plane_run, other_plane_run, tmp_path):
+    told = swept(
+        tmp_path, plane_run, other_plane_run, *LAUNCHERS[launcher], "seed=0,0,1"
+    )  # the equal two start at once
+    folders = sorted(tmp_path.glob("train/*"))
+    assert sorted(json.loads((folder / "card.json").read_text())["seed"] for folder in folders) == [0, 1]
+    assert all((folder / "done").is_file() for folder in folders)
+    assert len(re.findall("trained already", told)) == 1, told
+
+
+def test_a_cluster_gets_the_same_jobs():
+    with initialize_config_dir(CONF, version_base="1.3"):
+        cfg = compose("train", ["+sweep=slurm", "data.train=[]", "data.validation=[]"], return_hydra_config=True)
+    assert cfg.hydra.launcher._target_.endswith("SlurmLauncher")
+    assert cfg.hydra.launcher.gpus_per_node == 1
+    assert cfg.runtime.progress is False

@@ -1,0 +1,169 @@
+import dataclasses
+
+import pytest
+import torch
+from test_sif import small, trained, views
+from test_ssif_lr import trained as trained_scales
+
+from gaussian_enhancer.align.alignment import Reprojected, Unwarped
+from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer, choose_precision
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.network.colour_clamping import within_evidence
+from gaussian_enhancer.network.deform import Deformable
+from gaussian_enhancer.network.encode import Encoder
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+
+
+def test_untrained_network_returns_every_render(plane_run):
+    rendered = read_run(plane_run)
+    enhanced = list(Enhancer(small(), Preparation())(rendered))
+    assert [one.name for one in enhanced] == [view.name for view in rendered.targets]
+    for one, view in zip(enhanced, rendered.targets, strict=True):
+        assert view.read is not None
+        assert torch.equal(one.image, view.read())
+        assert len(one.references) == 3
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_result_is_an_image(plane_run, precision):
+    one = next(Enhancer(trained(), Preparation(references=1, candidates=2), precision=precision)(read_run(plane_run)))
+    assert one.image.dtype == torch.float32
+    assert 0 <= float(one.image.min()) <= float(one.image.max()) <= 1
+
+
+def test_strength_scales_the_change(plane_run):
+    rendered, network = read_run(plane_run), trained()
+    none, half, full = (
+        next(Enhancer(network, Preparation(), strength=s, precision="float32", evidence=0)(rendered)).image
+        for s in (0.0, 0.5, 1.0)
+    )
+    assert rendered.targets[0].read is not None
+    assert torch.equal(none, rendered.targets[0].read())
+    inner = (full > 0) & (full < 1)
+    torch.testing.assert_close(half[inner], ((none + full) / 2)[inner], rtol=0, atol=1e-5)
+    with pytest.raises(InputError, match="strength"):
+        Enhancer(network, Preparation(), strength=1.5)
+
+
+def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run):
+    rendered, network = read_run(plane_run), trained()
+    (view, *_), pool = rendered.targets, Pool(rendered.references)
+    target = read_target(view)
+    seen = join(target, Preparation().align(target, view, pool))
+    free, near = (Enhancer(network, Preparation(), precision="float32", evidence=n).enhance(seen) for n in (0, 3))
+    assert torch.equal(near, within_evidence(free, seen, 3))
+    assert not torch.equal(near, free)
+    unwarped = Preparation(Unwarped())
+    beside = join(target, unwarped.align(target, view, pool))
+    free, near = (Enhancer(network, unwarped, precision="float32", evidence=n).enhance(beside) for n in (0, 3))
+    assert torch.equal(near, free)
+    with pytest.raises(InputError, match="evidence"):
+        Enhancer(network, Preparation(), evidence=4)
+
+
+def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):
+    rendered = read_run(plane_run)
+    bare = [dataclasses.replace(view, camera=None, read_depth=None, read_alpha=None) for view in rendered.targets]
+    rendered = dataclasses.replace(rendered, targets=tuple(bare))
+    assert next(Enhancer(trained(), Preparation(references=0))(rendered)).references == ()
+    with pytest.raises(InputError, match="no depth"):
+        next(Enhancer(trained(), Preparation())(rendered))
+
+
+def test_wrong_values_are_refused(plane_run):
+    with pytest.raises(InputError, match="references"):
+        Preparation(references=9)
+    with pytest.raises(InputError, match="candidates"):
+        Preparation(references=3, candidates=2)
+    with pytest.raises(InputError, match="precision"):
+        choose_precision("int8", torch.device("cpu"))
+    empty = dataclasses.replace(read_run(plane_run), targets=())
+    with pytest.raises(InputError, match="no render"):
+        next(Enhancer(small(), Preparation())(empty))
+
+
+def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    image = torch.rand(3, 5, 7)
+    write_image(tmp_path / "deep" / "a.png", image)
+    torch.testing.assert_close(read_photo(tmp_path / "deep" / "a.png"), image, rtol=0, atol=0.5 / 255 + 1e-6)
+    with pytest.raises(InputError, match="ends in"):
+        write_image(tmp_path / "a.odd", image)
+
+    def full(*_args, **_kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("PIL.Image.Image.save", full)
+    with pytest.raises(InputError, match="No space left"):
+        write_image(tmp_path / "b.png", image)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]
+
+
+def many_targets(folder):
+    """The run's targets three times over, under names of their own."""
+    rendered = read_run(folder)
+    again = [dataclasses.replace(view, name=f"{turn}-{view.name}") for turn in range(3) for view in rendered.targets]
+    return dataclasses.replace(rendered, targets=tuple(again))
+
+
+def count_references(network) -> list[int]:
+    """Lists how many references each call of the network's encoders reads."""
+    seen: list[int] = []
+    for gather in (module for module in network.modules() if hasattr(module, "encode_reference")):
+        assert isinstance(gather.encode_reference, Encoder)
+        gather.encode_reference.register_forward_pre_hook(lambda _, inputs: seen.append(len(inputs[0])))
+    return seen
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.parametrize("make", [trained, trained_scales])
+def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, precision):
+    rendered = many_targets(plane_run)
+    network = make(refine=Deformable(kernel=1))
+    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), precision=precision)
+    seen = count_references(network)
+    kept = list(enhancer(rendered))
+    scales = len(network.encode(views()))
+    used = {name for one in kept for name in one.references}
+    del seen[-scales:]
+    assert seen == [1] * (scales * len(used))
+    assert len(used) < 2 * len(kept)
+    enhancer.enhance = lambda views, names, kept, plain=enhancer.enhance: plain(views)
+    plain = list(enhancer(rendered))
+    assert sum(seen) == scales * (len(used) + 2 * len(kept))
+    for one, other in zip(kept, plain, strict=True):
+        # Processors may sum a batch of two in another order than a batch of one.
+        torch.testing.assert_close(one.image, other.image, atol=1e-6 if precision == "float32" else 0, rtol=0)
+
+
+def test_warped_references_and_tiles_are_encoded_anew(plane_run):
+    rendered, network = many_targets(plane_run), trained()
+    seen = count_references(network)
+    warped = list(Enhancer(network, Preparation(Reprojected(), 2, 2))(rendered))
+    assert seen == [2] * len(warped)
+    seen.clear()
+    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), tile=64, halo=0)
+    for _ in range(2):
+        enhancer.enhance(views(height=64, width=96), ("a", "b"), ReferenceFeatures(network))
+    assert seen == [2] * 4
+
+
+def test_only_so_many_are_kept_and_sizes_and_knowledge_are_told_apart():
+    network, seen = trained(), views(references=3)
+    cache, calls = ReferenceFeatures(network, capacity=8), count_references(network)
+
+    def grows(views, names) -> int:
+        before = len(calls)
+        features = cache(views, names)
+        torch.testing.assert_close(features, network.encode(views), rtol=0, atol=1e-5)
+        return len(calls) - before - 1
+
+    assert [grows(seen, ("a", "b", "c")), grows(seen, ("a", "b", "c"))] == [3, 0]
+    assert grows(dataclasses.replace(seen, reference_renders=seen.references / 2), ("a", "b", "c")) == 3
+    assert grows(views(height=32, references=3), ("a", "b", "c")) == 3
+    assert len(cache.kept) == 8
+    assert grows(seen, ("a", "b", "c")) == 3
+    assert cache(views(references=0), ()) is None

@@ -1,0 +1,81 @@
+"""The plan as data: what it says, that it survives its file, and what it refuses."""
+
+import json
+
+import pytest
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.plan import Part, Plan, Rules, ViewPlan
+from gaussian_enhancer.infer.regions import Region
+
+AUTO = Rules("auto", "auto", "auto", share=0.1)
+PLAN = Plan(
+    "chair",
+    AUTO,
+    (Part("depth", True, "surface"), Part("fine photos", False, "not known")),
+    (
+        ViewPlan("0.png", (100, 200), (Region(0, 0, 50, 100), Region(50, 100, 100, 200)), ("a",), {"b": 0.02}),
+        ViewPlan("1.png", (100, 200), None, ("a", "b"), {"c": 0.4}),
+        ViewPlan("2.png", (50, 200), ()),
+    ),
+)
+
+
+def test_a_plan_survives_its_file(tmp_path):
+    PLAN.to_file(tmp_path / "plan.json")
+    assert Plan.from_file(tmp_path / "plan.json") == PLAN
+    Plan("bare").to_file(tmp_path / "plan.json")
+    assert Plan.from_file(tmp_path / "plan.json") == Plan("bare")
+
+
+def test_shares_of_what_passes_through():
+    assert [view.passed for view in PLAN.views] == [0.5, 0.0, 1.0]
+    assert PLAN.passed == pytest.approx((0.5 * 20000 + 10000) / 50000)
+    assert Plan("bare").passed == 0
+
+
+def test_the_table_says_what_is_used_what_is_not_and_why():
+    lines = PLAN.table().splitlines()
+    assert lines[0].split() == ["depth", "yes", "surface"]
+    assert lines[1].split(maxsplit=3)[2:] == ["no", "not known"]
+    assert "5 looked at for 2 views, 2 left out, 1 of them since they see less than 10%" in lines[2]
+    assert "40% show background alone" in lines[3]
+    assert "candidates" not in Plan("full", Rules(), PLAN.parts, PLAN.views).table()
+
+
+def test_rules_leave_nothing_out_unless_they_are_told_to():
+    assert Rules().full
+    for forced in (Rules(references="auto"), Rules(depth="none"), Rules(tiles="auto")):
+        assert not forced.full
+    wrong = (
+        {"references": "few"},
+        {"depth": "on"},
+        {"tiles": "some"},
+        {"share": 1.5},
+        {"tolerance": -0.1},
+        {"margin": 5},
+        {"small": -1},
+    )
+    for values in wrong:
+        with pytest.raises(InputError, match=f"plan.{next(iter(values))}"):
+            Rules(**values)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"views": [{"name": "0.png"}]},
+        {"parts": [{"part": "depth"}]},
+        {"rules": {"speed": 1}},
+        {"views": 3},
+    ],
+)
+def test_a_file_that_holds_no_plan_is_refused_by_name(tmp_path, change):
+    PLAN.to_file(tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    (tmp_path / "plan.json").write_text(json.dumps({**record, **change}))
+    with pytest.raises(InputError, match=r"plan\.json: is no plan"):
+        Plan.from_file(tmp_path / "plan.json")
+    (tmp_path / "plan.json").write_text("{}")
+    with pytest.raises(InputError, match="has no 'scene'"):
+        Plan.from_file(tmp_path / "plan.json")

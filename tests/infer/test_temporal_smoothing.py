@@ -1,0 +1,78 @@
+"""Changes carried along a path: mixed where both frames show one surface, and nowhere else."""
+
+import dataclasses
+
+import pytest
+import torch
+from test_sif import small
+
+from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.temporal_smoothing import steadied
+from gaussian_enhancer.network.ssif_sr import SSIFSR
+from gaussian_enhancer.scene.renders import read_run
+from support.synthetic_runs import plane_camera, plane_view
+
+
+def frame(index: int) -> Pixels:
+    camera = plane_camera(index, 48, 64)
+    image, depth = plane_view(camera, torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(0)))
+    return Pixels(f"{index}.png", 0.25 + image / 2, camera, depth, torch.ones_like(depth))
+
+
+def test_a_standing_camera_averages_the_changes():
+    target = frame(0)
+    first, before = steadied(target.image + 0.1, target, None, 0.6)
+    torch.testing.assert_close(first, target.image + 0.1)
+    second, _ = steadied(target.image - 0.1, target, before, 0.6)
+    torch.testing.assert_close(second, target.image + 0.4 * -0.1 + 0.6 * 0.1, rtol=0, atol=1e-5)
+
+
+def test_a_change_follows_the_surface():
+    here, there = frame(0), frame(1)
+    marked = here.image.clone()
+    marked[:, 20:28, 28:36] += 0.2
+    _, before = steadied(marked, here, None, 0.5)
+    found, _ = steadied(there.image, there, before, 0.5)
+    change = (found - there.image).mean(0)
+    assert change.max() == pytest.approx(0.1, abs=1e-3)
+    across = (change.sum(0) * torch.arange(64)).sum() / change.sum()
+    # The camera moves by 0.15 before a plane at 3: 64 px of focal length x 0.15 / 3 is 3.2 px.
+    assert across == pytest.approx(31.5 - 3.2, abs=0.3)
+
+
+def test_what_only_one_frame_shows_is_left_alone():
+    target = frame(0)
+    assert target.depth is not None
+    _, before = steadied(target.image + 0.1, target, None, 0.5)
+    nearer = dataclasses.replace(target, depth=target.depth / 2)
+    found, _ = steadied(nearer.image, nearer, before, 0.5)
+    torch.testing.assert_close(found, nearer.image)
+
+
+@pytest.mark.parametrize("lacking", ["camera", "depth"])
+def test_what_is_needed_is_named(lacking):
+    target = dataclasses.replace(frame(0), **{lacking: None})
+    with pytest.raises(InputError, match=f"no {lacking}.*steady=0"):
+        steadied(target.image, target, None, 0.5)
+
+
+def test_frames_of_a_run_are_steadied_in_their_order(plane_run):
+    rendered = read_run(plane_run)
+    each = [one.image for one in Enhancer(small(), Preparation(), steady=0.0)(rendered)]
+    both = [one.image for one in Enhancer(small(), Preparation(), steady=0.5)(rendered)]
+    assert all(torch.equal(a, b) for a, b in zip(each, both, strict=True))  # untrained: there is no change to carry
+
+
+@pytest.mark.parametrize("steady", [-0.1, 1.0])
+def test_shares_out_of_range_are_refused(steady):
+    with pytest.raises(InputError, match="steady"):
+        Enhancer(small(), Preparation(), steady=steady)
+
+
+def test_super_resolution_is_refused():
+    network = SSIFSR(widths=(8, 8), blocks=(1, 1))
+    with pytest.raises(InputError, match="own resolution"):
+        Enhancer(network, Preparation(), steady=0.5)

@@ -1,0 +1,120 @@
+"""Pareto fronts and choices, against their definitions."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.metrics.tradeoff import (
+    Point,
+    best_within,
+    beyond_best,
+    cheapest_within,
+    front,
+    mean_squared,
+    summarised,
+)
+
+GRID = st.integers(0, 6).map(float)  # few values, so that ties are common
+POINTS = st.lists(st.tuples(GRID, GRID), max_size=12).map(
+    lambda pairs: [Point(str(i), cost, error) for i, (cost, error) in enumerate(pairs)]
+)
+
+
+def dominates(a: Point, b: Point) -> bool:
+    return a.cost <= b.cost and a.error <= b.error and (a.cost, a.error) != (b.cost, b.error)
+
+
+@given(POINTS)
+def test_the_front_is_what_nothing_dominates(points) -> None:
+    assert set(front(points)) == {one for one in points if not any(dominates(other, one) for other in points)}
+
+
+@given(POINTS)
+def test_the_front_rises_in_cost_and_falls_in_error_and_is_its_own_front(points) -> None:
+    found = front(points)
+    assert list(found) == sorted(found, key=lambda one: (one.cost, -one.error))
+    assert front(found) == found
+    assert bool(found) == bool(points)
+
+
+@given(POINTS, st.randoms())
+def test_order_does_not_matter(points, random) -> None:
+    shuffled = points.copy()
+    random.shuffle(shuffled)
+    assert set(front(shuffled)) == set(front(points))
+
+
+def test_known_fronts() -> None:
+    one = Point("one", 1.0, 1.0)
+    assert front([]) == ()
+    assert front([one]) == (one,)
+    twin, dear, wrong = Point("twin", 1.0, 1.0), Point("dear", 2.0, 1.0), Point("wrong", 1.0, 2.0)
+    assert set(front([dear, one, wrong, twin])) == {one, twin}
+
+
+@given(POINTS, GRID)
+def test_choices_keep_their_limit_and_no_point_within_it_is_better(points, limit) -> None:
+    cheap, good = cheapest_within(points, limit), best_within(points, limit)
+    exact = [one for one in points if one.error <= limit]
+    fast = [one for one in points if one.cost <= limit]
+    assert (cheap is None, good is None) == (not exact, not fast)
+    if cheap is not None:
+        assert cheap in exact
+        assert not any(other.cost < cheap.cost or dominates(other, cheap) for other in exact)
+        assert (cheap.cost, cheap.error) in {(one.cost, one.error) for one in front(points)}
+    if good is not None:
+        assert good in fast
+        assert not any(other.error < good.error or dominates(other, good) for other in fast)
+        assert (good.cost, good.error) in {(one.cost, one.error) for one in front(points)}
+
+
+@given(POINTS.filter(bool), st.floats(0.0, 3.0, allow_subnormal=False))
+def test_within_so_many_decibels_of_the_best_holds_the_best_itself(points, decibels) -> None:
+    limit = beyond_best(points, decibels)
+    best = min(points, key=lambda one: one.error)
+    assert limit >= best.error
+    if best.error:
+        assert 10 * math.log10(limit / best.error) == pytest.approx(decibels, abs=1e-9)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
+def test_points_without_a_place_are_refused(value) -> None:
+    with pytest.raises(ValueError, match="cost of a"):
+        Point("a", value, 1.0)
+    with pytest.raises(ValueError, match="error of a"):
+        Point("a", 1.0, value)
+
+
+def record(variant: str, view: str, time: float, psnr: float, **metrics: float) -> Record:
+    own = {"milliseconds_per_megapixel": float(time), "lower_quartile": time - 1.0, "upper_quartile": time + 2.0}
+    return Record(
+        "tradeoff", "", "s", "", view, variant, {**own, "psnr": float(psnr), "ssim": 0.75, **metrics}, size=(1000, 500)
+    )
+
+
+def test_a_setting_is_summed_up_over_its_views() -> None:
+    records = [
+        record("a/x", "0", 10, 20, lpips_alex=0.2, peak_memory_mb=5.0),
+        record("a/x", "1", 30, 30, lpips_alex=0.4),
+        record("b/y", "0", 1, 20, lpips_alex=0.2),
+        record("b/y", "1", 1, 20),
+    ]
+    (a, b), reasons = summarised(records)
+    assert reasons == {}
+    assert (a.name, a.milliseconds, a.low, a.high, a.psnr, a.dissimilarity) == ("a/x", 20, 19, 22, 25, 0.25)
+    assert a.perceptual == {"lpips_alex": pytest.approx(0.3)}
+    assert (a.memory, a.views, a.megapixels) == (5.0, 2, 0.5)
+    assert b.perceptual == {}  # one view lacks it
+    assert b.error("lpips_alex") is None
+    assert b.error("mse") == mean_squared(20.0) == pytest.approx(0.01)
+
+
+def test_a_setting_that_lacks_a_view_is_missing_with_its_reason() -> None:
+    gone = Record("missing", "", "s", "", "", "c/z", {}, {"row": "not trained"})
+    records = [record("a/x", "0", 1, 20), record("a/x", "1", 1, 20), record("b/y", "0", 1, 20), gone]
+    found, reasons = summarised(records)
+    assert [one.name for one in found] == ["a/x"]
+    assert reasons == {"b/y": "measured on 1 of 2 views", "c/z": "not trained"}

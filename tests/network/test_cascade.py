@@ -1,0 +1,75 @@
+import dataclasses
+import json
+
+import pytest
+import torch
+import torch.nn.functional as F
+from test_ssif_sr import views
+
+from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import build_design, design_of, load_weights, save_weights
+from gaussian_enhancer.network.cascade import Cascade
+from gaussian_enhancer.network.colour_clamping import within_evidence
+from gaussian_enhancer.network.ssif_lr import SSIFLR
+from gaussian_enhancer.network.ssif_sr import SSIFSR
+
+SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
+
+
+def moved(network):
+    """A network whose zero-initialised layers have been moved."""
+    torch.manual_seed(1)
+    for parameter in network.parameters():
+        parameter.data += 0.05 * torch.randn_like(parameter)
+    return network.eval()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (17, 24)])
+@pytest.mark.parametrize(("references", "fine"), [(0, True), (2, True), (2, False)])
+def test_untrained_returns_the_enlarged_render_bit_for_bit(size, references, fine):
+    seen = views(*size, references=references, fine=fine)
+    network = Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL))
+    assert torch.equal(network(seen), F.interpolate(seen.render, scale_factor=4, mode="bicubic", align_corners=False))
+    sides = [tuple(image.shape[-2:]) for image in network.stages(seen)]
+    assert sides == [size, *((n * size[0], n * size[1]) for n in (1, 2, 4))]
+
+
+def test_the_second_sees_what_the_first_makes_within_the_evidence():
+    seen, first, second = views(), moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL))
+    bare = first(dataclasses.replace(seen, fine_references=None))
+    kept = within_evidence(bare, seen, 3)
+    assert not torch.equal(kept, bare)
+    for evidence, image in ((3, kept), (0, bare)):
+        network = Cascade(first, second, evidence)
+        torch.testing.assert_close(network.stages(seen)[0], image)
+        torch.testing.assert_close(network(seen), second(dataclasses.replace(seen, render=image)))
+
+
+def test_gradients_reach_both():
+    network = Cascade(moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL)))
+    network(views()).square().mean().backward()
+    for part in (network.first, network.second):
+        assert sum(float(p.grad.abs().sum()) for p in part.parameters() if p.grad is not None) > 0
+
+
+def test_survives_its_file(tmp_path):
+    network = moved(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), evidence=5)).half().float()
+    path = tmp_path / "both.safetensors"
+    save_weights(path, network, Preparation(fine=True), {"name": "both"})
+    loaded = load_weights(path).network
+    assert isinstance(loaded, Cascade)
+    assert loaded.evidence == 5
+    torch.testing.assert_close(loaded(views()), network(views()))
+
+
+def test_refuses_what_does_not_follow_one_upon_the_other():
+    with pytest.raises(InputError, match="enlarge 4 and 4 times"):
+        Cascade(SSIFSR(**SMALL), SSIFSR(**SMALL))
+    with pytest.raises(InputError, match="window"):
+        Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), evidence=2)
+    design = json.loads(json.dumps(design_of(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL)))))
+    assert design_of(build_design(design)) == design
+    design["second"] = dict(design)
+    with pytest.raises(ValueError, match="several networks"):
+        build_design(design)

@@ -1,0 +1,116 @@
+import dataclasses
+
+import pytest
+import torch
+
+from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.network.deform import Deformable, Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
+from gaussian_enhancer.network.fuse import Mean, Trust
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.types import Views
+
+
+def views(height: int = 24, width: int = 40, references: int = 2, batch: int = 1, seed: int = 0) -> Views:
+    generator = torch.Generator().manual_seed(seed)
+
+    def rand(*shape):
+        return torch.rand(*shape, generator=generator)
+
+    return Views(
+        rand(batch, 3, height, width),
+        rand(batch, references, 3, height, width),
+        rand(batch, references, 1, height, width),
+        1 + rand(batch, 1, height, width),
+        rand(batch, 1, height, width),
+    )
+
+
+def small(**choices) -> SIF:
+    return SIF(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
+
+
+def trained(**choices) -> SIF:
+    """A network whose zero-initialised layers have been moved."""
+    torch.manual_seed(1)
+    network = small(**choices)
+    for parameter in network.parameters():
+        parameter.data += 0.05 * torch.randn_like(parameter)
+    return network.eval()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (24, 40), (41, 17)])
+@pytest.mark.parametrize("references", [0, 1, 3])
+@pytest.mark.parametrize("refine", [Unrefined(), Deformable()])
+def test_untrained_network_returns_the_render_bit_for_bit(size, references, refine):
+    seen = views(*size, references=references)
+    assert torch.equal(small(refine=refine)(seen), seen.render)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(small(refine=refine)(seen), seen.render)
+
+
+@pytest.mark.parametrize("refine", [Unrefined(), Deformable(), Deformable(kernel=1)])
+@pytest.mark.parametrize("fusion", [Trust(), Mean()])
+def test_order_of_references_changes_nothing(refine, fusion):
+    network, seen = trained(refine=refine, fusion=fusion), views(references=3)
+    order = torch.tensor([2, 0, 1])
+    mixed = dataclasses.replace(seen, references=seen.references[:, order], visibility=seen.visibility[:, order])
+    torch.testing.assert_close(network(mixed), network(seen), rtol=0, atol=1e-5)
+    assert not torch.allclose(network(seen), seen.render, atol=1e-3)
+
+
+def test_missing_reference_equals_its_removal():
+    network, seen = trained(refine=Deformable()), views(references=3)
+    visibility = seen.visibility.clone()
+    visibility[:, 1] = 0
+    keep = torch.tensor([0, 2])
+    missing = dataclasses.replace(seen, visibility=visibility)
+    removed = dataclasses.replace(seen, references=seen.references[:, keep], visibility=seen.visibility[:, keep])
+    torch.testing.assert_close(network(missing), network(removed), rtol=0, atol=1e-6)
+    none = dataclasses.replace(seen, visibility=torch.zeros_like(visibility))
+    empty = dataclasses.replace(seen, references=seen.references[:, :0], visibility=seen.visibility[:, :0])
+    torch.testing.assert_close(network(none), network(empty), rtol=0, atol=1e-6)
+
+
+def test_gradients_reach_every_part():
+    network = trained(refine=Deformable())
+    network(views()).square().mean().backward()
+    for name, parameter in network.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().sum() > 0, name
+        assert bool(torch.isfinite(parameter.grad).all()), name
+
+
+def test_scale_of_the_scene_does_not_matter():
+    network, seen = trained(), views()
+    assert seen.depth is not None
+    scaled = dataclasses.replace(seen, depth=seen.depth * 1e4)
+    torch.testing.assert_close(network(scaled), network(seen), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e-30, 1e30])
+def test_extreme_depth_stays_finite(value):
+    seen = views()
+    assert seen.depth is not None
+    depth = seen.depth.clone()
+    depth[..., :12, :] = value
+    network = trained()
+    assert bool(torch.isfinite(network(dataclasses.replace(seen, depth=depth))).all())
+    everywhere = torch.full_like(depth, value)
+    assert bool(torch.isfinite(network(dataclasses.replace(seen, depth=everywhere))).all())
+
+
+def test_absent_depth_equals_no_modulation():
+    network, seen = trained(), views()
+    absent = dataclasses.replace(seen, depth=None)
+    torch.testing.assert_close(network(absent), network(dataclasses.replace(seen, depth=torch.zeros(1, 1, 24, 40))))
+    network.gather.modulate = Unmodulated().build(16)
+    torch.testing.assert_close(network(absent), network(seen))
+
+
+def test_inverse_depth_is_relative_to_the_unit():
+    depth = torch.tensor([[[[1.0, 2.0, 4.0, 0.0]]]])
+    unit = depth_unit(depth)
+    assert float(unit) == 2.0
+    torch.testing.assert_close(normalised_inverse_depth(depth, unit), torch.tensor([[[[2.0, 1.0, 0.5, 0.0]]]]))
+    assert DepthModulated().build(8)(torch.ones(1, 8, 1, 2), torch.rand(1, 1, 2, 4), None).shape == (1, 8, 1, 2)

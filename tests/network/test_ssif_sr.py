@@ -1,0 +1,159 @@
+import dataclasses
+from collections import Counter
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from gaussian_enhancer.network.deform import Deformable, Unrefined
+from gaussian_enhancer.network.fuse import Mean, Trust
+from gaussian_enhancer.network.output_head import Gated, Residual
+from gaussian_enhancer.network.ssif_sr import SSIFSR, merged, pooled
+from gaussian_enhancer.types import Views
+
+
+def views(height: int = 16, width: int = 24, references: int = 2, seed: int = 0, fine: bool = True) -> Views:
+    generator = torch.Generator().manual_seed(seed)
+
+    def rand(*shape):
+        return torch.rand(*shape, generator=generator)
+
+    return Views(
+        rand(1, 3, height, width),
+        rand(1, references, 3, height, width),
+        rand(1, references, 1, height, width),
+        1 + rand(1, 1, height, width),
+        rand(1, 1, height, width),
+        reference_renders=rand(1, references, 3, height, width),
+        fine_references=rand(1, references, 3, 4 * height, 4 * width) if fine else None,
+    )
+
+
+def trained(**choices) -> SSIFSR:
+    """A network whose zero-initialised layers have been moved."""
+    torch.manual_seed(1)
+    network = SSIFSR(widths=(16, 16, 24), blocks=(1, 1, 1), **choices)
+    for parameter in network.parameters():
+        parameter.data += 0.05 * torch.randn_like(parameter)
+    return network.eval()
+
+
+def part(seen: Views, order: list[int]) -> Views:
+    index = torch.tensor(order, dtype=torch.long)
+    names = ("references", "visibility", "reference_renders", "fine_references")
+    return dataclasses.replace(seen, **{name: getattr(seen, name)[:, index] for name in names})
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (16, 24), (17, 9)])
+@pytest.mark.parametrize(("references", "fine"), [(0, True), (1, True), (3, True), (2, False)])
+@pytest.mark.parametrize("refine", [Unrefined(), Deformable()])
+def test_untrained_network_returns_the_bicubically_enlarged_render_bit_for_bit(size, references, fine, refine):
+    seen = views(*size, references=references, fine=fine)
+    expected = F.interpolate(seen.render, scale_factor=4, mode="bicubic", align_corners=False)
+    network = SSIFSR(widths=(8, 8, 8), blocks=(1, 1, 1), refine=refine)
+    assert torch.equal(network(seen), expected)
+    with torch.autocast("cpu", torch.bfloat16):
+        stages = network.stages(seen)
+    assert torch.equal(stages[0], seen.render)
+    assert torch.equal(stages[2], expected)
+    assert [tuple(image.shape[-2:]) for image in stages] == [(n * size[0], n * size[1]) for n in (1, 2, 4)]
+
+
+@pytest.mark.parametrize("fusion", [Trust(), Mean()])
+@pytest.mark.parametrize("output", [Gated(), Residual()])
+def test_order_of_references_changes_nothing(fusion, output):
+    network, seen = trained(fusion=fusion, output=output), views(references=3)
+    torch.testing.assert_close(network(part(seen, [2, 0, 1])), network(seen), rtol=0, atol=1e-5)
+
+
+def test_missing_reference_equals_its_removal_whatever_its_pixels():
+    network, seen = trained(refine=Deformable()), views(references=3)
+    visibility = seen.visibility.clone()
+    visibility[:, 1] = 0
+    missing = dataclasses.replace(seen, visibility=visibility)
+    torch.testing.assert_close(network(missing), network(part(missing, [0, 2])), rtol=0, atol=1e-5)
+    none = dataclasses.replace(seen, visibility=torch.zeros_like(visibility))
+    torch.testing.assert_close(network(none), network(part(none, [])), rtol=0, atol=1e-5)
+
+
+def test_fine_references_reach_the_image_and_their_absence_is_no_error():
+    network, seen = trained(), views()
+    assert seen.fine_references is not None
+    other = dataclasses.replace(seen, fine_references=seen.fine_references.flip(-1))
+    one, two, bare = (
+        network.stages(seen),
+        network.stages(other),
+        network(dataclasses.replace(seen, fine_references=None)),
+    )
+    assert torch.equal(one[0], two[0])
+    assert (one[1] - two[1]).abs().max() > 1e-3
+    assert (one[2] - two[2]).abs().max() > 1e-3
+    assert bare.shape == one[2].shape
+    assert bool(torch.isfinite(bare).all())
+
+
+def test_features_are_computed_once_for_all_scales_and_known_ones_are_not_computed_again():
+    network, seen, calls = trained(), views(), Counter()
+    parts: dict[str, nn.Module] = {
+        "render": network.gather.encode_render,
+        "reference": network.gather.encode_reference,
+        "fine": network.middle.encode_reference,
+        "fuse": network.gather.fuse,
+    }
+    for name, module in parts.items():
+        module.register_forward_hook(lambda *_, name=name: calls.update([name]))
+    whole = network.stages(seen)
+    assert calls == {"render": 1, "reference": 1, "fine": 1, "fuse": 1}
+    known = network.encode(seen)
+    calls.clear()
+    again = network.stages(seen, known)
+    assert calls == {"render": 1, "fuse": 1}
+    for one, other in zip(whole, again, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_gradients_reach_every_part():
+    network = trained(refine=Deformable())
+    sum(image.square().mean() for image in network.stages(views())).backward()
+    for name, parameter in network.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().sum() > 0, name
+        assert bool(torch.isfinite(parameter.grad).all()), name
+
+
+def test_detail_that_is_handed_on_knows_no_exposure_and_no_smooth_part():
+    generator = torch.Generator().manual_seed(0)
+    fine = torch.rand(1, 2, 3, 32, 32, generator=generator)
+    seen = dataclasses.replace(views(8, 8), fine_references=fine, visibility=torch.ones(1, 2, 1, 8, 8))
+    trust = torch.tensor([0.3, 0.1]).view(1, 2, 1, 1, 1).expand(1, 2, 1, 16, 16)
+
+    def detail(photos: torch.Tensor) -> torch.Tensor:
+        _, half, whole = pooled(dataclasses.replace(seen, fine_references=photos))
+        one, _ = merged(torch.zeros(1, 3, 32, 32), whole, half, torch.ones_like(trust), trust)
+        assert one.reference_renders is not None
+        return (one.references - one.reference_renders)[0, 0]
+
+    assert detail(fine).abs().mean() > 0.05
+    brighter = fine + torch.tensor([0.3, -0.2]).view(1, 2, 1, 1, 1)
+    torch.testing.assert_close(detail(brighter), detail(fine), rtol=0, atol=1e-5)
+    ramp = torch.linspace(0, 1, 32).expand(1, 2, 3, 32, 32)
+    assert detail(ramp)[..., 2:-2].abs().max() < 1e-5
+
+
+def test_one_merged_reference_is_their_mean_by_trust():
+    photos, halved = torch.rand(1, 2, 3, 8, 8), torch.rand(1, 2, 3, 4, 4)
+    trust = torch.tensor([0.3, 0.1]).view(1, 2, 1, 1, 1).expand(1, 2, 1, 4, 4)
+    one, together = merged(torch.zeros(1, 3, 8, 8), photos, halved, torch.ones(1, 2, 1, 4, 4), trust)
+    torch.testing.assert_close(one.references[:, 0], 0.75 * photos[:, 0] + 0.25 * photos[:, 1])
+    torch.testing.assert_close(together, torch.full((1, 1, 1, 4, 4), 0.4))
+
+
+def test_a_shift_of_everything_shifts_the_image():
+    network, seen = trained(), views(104, 112)
+    with torch.no_grad():
+        moved = network(seen.mapped(lambda image, n: image.roll((8 * n, 8 * n), (-2, -1))))
+        still = network(seen).roll((32, 32), (-2, -1))
+    inner = (..., slice(4 * 48, -4 * 40), slice(4 * 48, -4 * 40))
+    torch.testing.assert_close(moved[inner], still[inner], rtol=0, atol=1e-4)
+    assert (moved - network(seen)).detach()[inner].abs().max() > 0.1

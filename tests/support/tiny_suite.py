@@ -1,0 +1,42 @@
+"""The suite's jobs at a scale of seconds: tiny worlds, fitted and trained in earnest."""
+
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from ablations.jobs import tables
+from ablations.suite.descriptions import asked_names, experiment
+from ablations.suite.plan import Step, planned
+from gaussian_enhancer.metrics.records import read_records
+from support import paths
+
+CONF = paths.CONF
+QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu", "workers=1")
+TINY = (f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]", "scale=tiny", "results=results", *QUIET)
+
+
+def configured(*overrides: str) -> DictConfig:
+    """Configuration of the job ``tables``, which makes one run at a time unless told otherwise."""
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("tables", [*TINY, *overrides])
+
+
+def started(*overrides: str) -> None:
+    """Run the job in the current folder."""
+    cfg = configured(*overrides)
+    with initialize_config_dir(CONF, version_base="1.3"):
+        tables.run(cfg)
+
+
+def plan(*overrides: str) -> list[Step]:
+    """Every run that the job needs."""
+    cfg = configured(*overrides)
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return planned(cfg, [experiment(name, cfg.scale) for name in asked_names(cfg.table)])
+
+
+def content(folder: Path, name: str = "table_10") -> list[tuple[object, ...]]:
+    """What the records of a table say, but for when they were measured."""
+    found = read_records(folder / f"results/tiny/{name}.jsonl")
+    return [(r.scene, r.splat, r.view, r.variant, r.seed, r.metrics, r.sources, r.reasons) for r in found]
