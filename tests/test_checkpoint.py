@@ -6,7 +6,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import checkpoint_digest
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
@@ -19,8 +19,8 @@ def network(*widths: int) -> SIF:
     return SIF(widths or (8, 8), (1, 1))
 
 
-def digest(path: Path, built: Network, preparation: Preparation | None = None, **card: object) -> str:
-    save_weights(path, built, preparation or Preparation(), card)
+def digest(path: Path, built: Network, reference_config: ReferenceConfig | None = None, **card: object) -> str:
+    save_weights(path, built, reference_config or ReferenceConfig(), card)
     return checkpoint_digest(path)
 
 
@@ -38,7 +38,7 @@ def test_another_value_design_preparation_or_strength_is(tmp_path) -> None:
         digest(tmp_path / "w.safetensors", network()),
         digest(tmp_path / "w.safetensors", changed),
         digest(tmp_path / "w.safetensors", network(8, 12)),
-        digest(tmp_path / "w.safetensors", network(), Preparation(references=1, candidates=2)),
+        digest(tmp_path / "w.safetensors", network(), ReferenceConfig(references=1, candidates=2)),
         digest(tmp_path / "w.safetensors", network(), strength=0.5),
         digest(tmp_path / "w.safetensors", network(), strength=0.25),
     ]

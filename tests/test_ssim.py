@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.loss.terms import dissimilarity
+from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.ssim import RADIUS, gaussian, ssim_map, windowed
 
 
@@ -25,7 +25,7 @@ def test_equals_torchmetrics_where_the_window_is_whole(pair):
 
 
 def test_band_matrices_filter_as_convolutions_do(pair):
-    torch.testing.assert_close(1 - dissimilarity(*pair), ssim_map(*pair), rtol=0, atol=1e-12)
+    torch.testing.assert_close(1 - dssim(*pair), ssim_map(*pair), rtol=0, atol=1e-12)
 
 
 def test_the_window_sums_to_one_and_is_empty_outside(pair):

@@ -29,7 +29,7 @@ from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_o
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 SIZES = ("tiny", "base", "large")
 ALIGNMENTS = ("reprojected", "deformable")
@@ -71,7 +71,7 @@ def subjects() -> Iterator[Subject]:
                         yield Subject(fusion, size, alignment, network.eval())
 
 
-def example(height: int, width: int, references: int) -> Views:
+def example(height: int, width: int, references: int) -> NetworkInput:
     """Noise in the form of views that have everything that there may be."""
     generator = torch.Generator().manual_seed(0)
 
@@ -81,7 +81,7 @@ def example(height: int, width: int, references: int) -> Views:
     seen = [noise(references, planes) for planes in (3, 1, 3)]
     fine = torch.rand(1, references, 3, 4 * height, 4 * width, generator=generator)
     unit = torch.ones(1)
-    return Views(noise(3), seen[0], seen[1], 1 + noise(1), noise(1), unit, seen[2], fine)
+    return NetworkInput(noise(3), seen[0], seen[1], 1 + noise(1), noise(1), unit, seen[2], fine)
 
 
 @torch.inference_mode()
@@ -95,7 +95,7 @@ def multiply_adds(network: Network, references: int, side: int = 256) -> float:
 
 
 @torch.inference_mode()
-def microseconds(networks: list[Network], views: Views, rounds: int) -> list[float]:
+def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> list[float]:
     """Median time for each pixel of the enhanced image, of each network."""
     times: list[list[float]] = [[] for _ in networks]
     for turn in range(rounds + 1):

@@ -15,7 +15,7 @@ from pathlib import Path
 import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
 import torch
 
-from gaussian_enhancer.loss.terms import dissimilarity
+from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
 
@@ -44,7 +44,7 @@ def main() -> None:
 
     def autograd() -> None:
         image = start.clone().requires_grad_()
-        unlike = dissimilarity(image[None], photo[None]).mean()
+        unlike = dssim(image[None], photo[None]).mean()
         (0.8 * (image - photo).abs().mean() + 0.2 * unlike).backward()
 
     for call in (own, autograd, own, autograd):

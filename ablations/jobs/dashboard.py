@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from yaml import YAMLError  # type: ignore[import-untyped]
 
-from ablations.jobs.leaving_out import aims_of
+from ablations.jobs.plan_study import aims_of
 from ablations.report.dashboard.folder import all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
 from ablations.report.dashboard.pictures import Pictures, copy_pictures
@@ -37,7 +37,7 @@ def run(cfg: DictConfig) -> float | None:
     pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
-    aims = aims_of(composed("leaving_out", cfg, ()))
+    aims = aims_of(composed("plan_study", cfg, ()))
     studies = [
         read_study(str(name), Path(one.records), Path(one.diagrams), output, aims) for name, one in cfg.studies.items()
     ]

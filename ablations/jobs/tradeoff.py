@@ -20,7 +20,7 @@ from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import Study, read_studies
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.presets import Offer, write_offers
+from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.lpips import perceptual_distance
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
@@ -57,7 +57,7 @@ def run(cfg: DictConfig) -> None:
     for path in write_pages(Path(cfg.markdown), folder, records, titles, asked):
         console.print(str(path), highlight=False, soft_wrap=True)
     if cfg.settings:
-        write_offers(Path(cfg.settings), offered(studies, records.get("quality", ())))
+        write_presets(Path(cfg.settings), offered(studies, records.get("quality", ())))
         console.print(str(cfg.settings), highlight=False, soft_wrap=True)
 
 
@@ -84,7 +84,7 @@ def measured(cfg: DictConfig, kind: str, studies: tuple[Study, ...], console: Co
                 yield from study_records(cfg, study, ready, distances, console)
 
 
-def offered(studies: Sequence[Study], records: Iterable[Record]) -> tuple[Offer, ...]:
+def offered(studies: Sequence[Study], records: Iterable[Record]) -> tuple[Preset, ...]:
     """The Pareto front of the settings that the job enhance can be asked for, on validation scenes.
 
     Args:
@@ -99,13 +99,13 @@ def offered(studies: Sequence[Study], records: Iterable[Record]) -> tuple[Offer,
     own = [record for record in records if record.variant in able and record.scene.startswith(CHOOSING)]
     if not own:
         raise InputError("settings", "have no record to be made from", "gaussian-enhancer tradeoff kind=quality")
-    offers = []
+    presets = []
     for one in summarised(replace(record, variant=record.variant.removeprefix(f"{OFFERING}/")) for record in own)[0]:
         setting = settings[f"{OFFERING}/{one.name}"]
         found = (setting.weights, setting.enhance, one.milliseconds, one.psnr, own[0].machine, own[0].commit)
-        offers.append(Offer(one.name, *found))
-    kept = {point.name for point in front(offer.point for offer in offers)}
-    return tuple(offer for offer in offers if offer.name in kept)
+        presets.append(Preset(one.name, *found))
+    kept = {point.name for point in front(offer.point for offer in presets)}
+    return tuple(offer for offer in presets if offer.name in kept)
 
 
 def decibels(asked: str | float | int) -> float:

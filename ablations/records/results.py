@@ -16,7 +16,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.comparison import Pair
 from gaussian_enhancer.metrics.records import MISSING, Record
 
-Views = dict[str, float]
+NetworkInput = dict[str, float]
 Reasons = dict[str, str]
 
 
@@ -81,7 +81,7 @@ class Results:
     def _sample(self, block: str, row: str, over: str | None, metric: str, scenes: Sequence[str] | None) -> Sample:
         scenes = self.scenes_of(block) if scenes is None else tuple(scenes)
         seeds = self.learning[row] or (self.learning[over] if over else ()) or (None,)
-        values: dict[Unit, Views] = {}
+        values: dict[Unit, NetworkInput] = {}
         missing: dict[Unit, str] = {}
         unknown: dict[Unit, Reasons] = {}
         for unit in [(scene, seed) for scene in scenes for seed in seeds]:
@@ -93,7 +93,7 @@ class Results:
                 missing[unit] = "; ".join(dict.fromkeys(reasons.values()))
         return Sample(tuple(scenes), seeds, values, missing, unknown)
 
-    def _unit(self, unit: Unit, block: str, row: str, over: str | None, metric: str) -> tuple[Views, Reasons]:
+    def _unit(self, unit: Unit, block: str, row: str, over: str | None, metric: str) -> tuple[NetworkInput, Reasons]:
         """Finite numbers by view, and the reasons of the other views; all reasons where the row is missing."""
         cell, study = (unit[0], block), self._studies[unit[1]]
         for name in (row, over):

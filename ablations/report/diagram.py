@@ -129,18 +129,18 @@ def diagram(title: str, panels: Sequence[Panel], columns: int) -> str:
 
 
 def _panel(panel: Panel, names: Sequence[str]) -> list[Markup]:
-    curves = {name: tuple(filter(drawable, marks)) for name, marks in panel.curves.items()}
-    marks = [mark for own in curves.values() for mark in own]
+    curves = {name: tuple(filter(drawable, status)) for name, status in panel.curves.items()}
+    status = [mark for own in curves.values() for mark in own]
     parts = [drawn("text", panel.title, x=0, y=-12, class_="title")]
-    if not marks:
+    if not status:
         return [
             *parts,
             drawn("text", "nothing was measured", x=WIDTH / 2, y=HEIGHT / 2, text_anchor="middle", class_="quiet"),
         ]
-    spreads = [end for mark in marks for end in (mark.low, mark.high) if end]
-    across = axis([*(mark.x for mark in marks), *spreads], WIDTH)
+    spreads = [end for mark in status for end in (mark.low, mark.high) if end]
+    across = axis([*(mark.x for mark in status), *spreads], WIDTH)
     base = [panel.baseline[1]] if panel.baseline and panel.baseline[1] > 0 else []
-    down = axis([*(mark.y for mark in marks), *base], HEIGHT)
+    down = axis([*(mark.y for mark in status), *base], HEIGHT)
     parts += _axes(panel, across, down)
     placed: list[tuple[float, float, float, float]] = []
     if panel.baseline and base:
@@ -153,7 +153,7 @@ def _panel(panel: Panel, names: Sequence[str]) -> list[Markup]:
         parts.append(drawn("path", d=_stairs(best, base, across, down), class_="front"))
     for name, own in curves.items():
         parts.append(drawn("g", *_curve(panel, name, own, names, across, down)))
-    centres = [(across(mark.x), HEIGHT - down(mark.y)) for mark in marks]
+    centres = [(across(mark.x), HEIGHT - down(mark.y)) for mark in status]
     placed += [(x - 4, y - 4, x + 4, y + 4) for x, y in centres]
     for point in best if panel.fronted else ():
         x, y = across(point.cost), HEIGHT - down(point.error)
@@ -178,14 +178,14 @@ def _axes(panel: Panel, across: Axis, down: Axis) -> list[Markup]:
 
 
 def _curve(
-    panel: Panel, name: str, marks: Sequence[Mark], names: Sequence[str], across: Axis, down: Axis
+    panel: Panel, name: str, status: Sequence[Mark], names: Sequence[str], across: Axis, down: Axis
 ) -> list[Markup]:
     colour, parts = _colour(names, name), []
-    places = [(across(mark.x), HEIGHT - down(mark.y)) for mark in marks]
-    if panel.joined_up and len(marks) > 1:
+    places = [(across(mark.x), HEIGHT - down(mark.y)) for mark in status]
+    if panel.joined_up and len(status) > 1:
         line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(drawn("polyline", points=line, fill="none", stroke=colour, stroke_width=1.6))
-    for mark, (x, y) in zip(marks, places, strict=True):
+    for mark, (x, y) in zip(status, places, strict=True):
         if mark.low and mark.high:
             ends = {"x1": f"{across(mark.low):.1f}", "x2": f"{across(mark.high):.1f}"}
             parts.append(drawn("line", y1=f"{y:.1f}", y2=f"{y:.1f}", stroke=colour, stroke_width=1.2, **ends))
@@ -196,7 +196,7 @@ def _curve(
 
 def _front(curves: dict[str, tuple[Mark, ...]], base: Sequence[float]) -> tuple[Point, ...]:
     """The Pareto front of all curves; what is no better than the baseline, which takes no time, is not on it."""
-    points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, marks in curves.items() for mark in marks]
+    points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, status in curves.items() for mark in status]
     return tuple(point for point in front(points) if not base or point.error < base[0])
 
 

@@ -121,7 +121,7 @@ class Section:
             yield Cell(scene, plan, own, base, costs, max(losses["psnr"], default=math.nan))
 
 
-def leaving_out_page(
+def plan_study_page(
     title: str, about: str, sections: Sequence[Section], good: Sequence[Record], drawing: Path, page: Path
 ) -> str:
     """The whole page.
@@ -172,7 +172,7 @@ def _losses(pairs: Sequence[tuple[Record, Record]], metric: str) -> list[float]:
 
 def _section(section: Section) -> Iterator[str]:
     yield f"## {section.title}\n"
-    command = "gaussian-enhancer leaving_out" + ("" if section.name == "test" else f" worlds={section.name}")
+    command = "gaussian-enhancer plan_study" + ("" if section.name == "test" else f" worlds={section.name}")
     if not section.records:
         yield f"Not measured yet: `{command}`.\n"
         return

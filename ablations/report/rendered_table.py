@@ -139,12 +139,12 @@ class Figures:
     def _cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Piece]:
         number, kind = line.numbers[metric], self.table.kind
         value = number.gain if kind == "repeats" else number.value
-        marks = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
+        status = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
         if value is None:
-            yield Piece("missing", notes=marks)
+            yield Piece("missing", notes=status)
         else:
             text = self._signed(metric, value) if kind == "repeats" else self._written(metric, value)
-            yield Piece(text, self.best(line, metric), marks)
+            yield Piece(text, self.best(line, metric), status)
         if kind in ("quality", "images"):
             yield Piece(self._gain(line, metric, number))
             yield Piece(self._p(line, metric))

@@ -87,13 +87,13 @@ def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
     by_place = {(record.scene, record.splat, record.view): record for record in cells}
     rows = []
     for name in dict.fromkeys(record.scene for record in cells):
-        marks = []
+        status = []
         for precision in PRECISIONS:
             both = (by_place.get((name, precision.name, direction)) for direction in PASSES)
-            marks.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
+            status.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
         errors = (by_place.get((name, "float32", direction)) for direction in PASSES)
         about = known[name].about if name in known else ""
-        rows.append((f"`{name}`", about, *marks, *("" if r is None else _number(r.metrics["error"]) for r in errors)))
+        rows.append((f"`{name}`", about, *status, *("" if r is None else _number(r.metrics["error"]) for r in errors)))
     heads = "case", "what", *(precision.name for precision in PRECISIONS), "float32 error", "its gradient's"
     return Table(heads, tuple(rows)).markdown()
 

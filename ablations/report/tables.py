@@ -150,7 +150,7 @@ def _csv_lines(figures: Figures) -> Iterator[tuple[str, ...]]:
             tested = ("", "", "", "") if test is None else (_full(test.p), _full(test.corrected), test.units, test.unit)
             where = (table.name, table.scale, line.block, line.dataset, line.row, table.rows[line.row].title)
             found = (number.value, number.gain, number.low, number.high, number.deviation)
-            marks = (figures.best(line, metric), figures.best(line, metric, paper=True))
+            status = (figures.best(line, metric), figures.best(line, metric, paper=True))
             yield (
                 *where,
                 line.statistic or "mean",
@@ -161,7 +161,7 @@ def _csv_lines(figures: Figures) -> Iterator[tuple[str, ...]]:
                 _full(number.paper),
                 _full(number.paper_gain),
                 *map(str, (number.scenes, number.seeds, number.views)),
-                *("yes" if mark else "" for mark in marks),
+                *("yes" if mark else "" for mark in status),
                 "; ".join(number.reasons),
             )
 

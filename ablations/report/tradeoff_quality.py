@@ -106,7 +106,7 @@ def _panels(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]]) ->
                         Mark(one.setting, one.milliseconds, error, one.low, one.high)
                     )
             named = "all scenes" if group == ALL else f"{group} scenes"
-            drawn = {name: tuple(marks) for name, marks in curves.items()}
+            drawn = {name: tuple(status) for name, status in curves.items()}
             yield Panel(f"{title}, {named}", TIME_AXIS, title, drawn, baseline)
 
 
@@ -152,7 +152,7 @@ def setting_table(found: Sequence[Summary]) -> Table:
         name = f"**{one.name}**" if one.name in best else one.name
         compiling = "" if one.compiling is None else f"{one.compiling:.0f}"
         memory = "" if one.memory is None else f"{one.memory:.0f}"
-        errors = [written("psnr", one.psnr), written("ssim", one.dissimilarity)]
+        errors = [written("psnr", one.psnr), written("ssim", one.dssim)]
         errors += [written(key, one.perceptual.get(key)) for key in distances]
         rows.append((name, f"{one.milliseconds:.0f}", f"{one.low:.0f} to {one.high:.0f}", memory, compiling, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")

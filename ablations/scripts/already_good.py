@@ -55,8 +55,8 @@ def measured(run: Path, count: int, weights: str) -> Iterator[Record]:
     pretrained, rendered = load_weights(weights), read_run(run)
     targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
     rendered = replace(rendered, targets=targets)
-    planner = Planner(Rules(references="auto"), pretrained.preparation, rendered)
-    enhancer = Enhancer(pretrained.network, pretrained.preparation)
+    planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
+    enhancer = Enhancer(pretrained.network, pretrained.reference_config)
     for view, one in zip(targets, enhancer(rendered, planner), strict=True):
         if view.read_photo is None or one.plan is None:
             continue

@@ -43,7 +43,7 @@ def loaded(candidates: list[str]) -> dict[str, Pretrained]:
 def enhancers(candidates: list[str]) -> dict[str, Enhancer]:
     """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
     return {
-        name: Enhancer(found.network, found.preparation, strength=found.strength)
+        name: Enhancer(found.network, found.reference_config, strength=found.strength)
         for name, found in loaded(candidates).items()
     }
 

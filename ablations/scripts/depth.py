@@ -29,7 +29,7 @@ from torch import Tensor
 from ablations.realism.realism import finished_runs, scene_of
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
-from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
 from gaussian_enhancer.infer.weights import load_weights
@@ -127,7 +127,7 @@ def at_one_size(enhancer: Enhancer) -> None:
         raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
 
 
-def preparations(base: Preparation, depths: Mapping[str, Depths]) -> dict[str, Preparation]:
+def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
     """The preparation with each kind of depth that is known.
 
     Raises:
@@ -197,15 +197,15 @@ def study(
         InputError: a target has no photo.
     """
     at_one_size(enhancer)
-    pool, kinds = Pool(rendered.references), preparations(enhancer.preparation, depths)
+    pool, kinds = Pool(rendered.references), preparations(enhancer.reference_config, depths)
     for view in rendered.targets[::every]:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
         raw = measure_pair(target.image, photo, distances)
         yield view, "raw", raw.metrics, raw.reasons
-        for name, preparation in kinds.items():
-            aligned = preparation.align(target, view, pool)
+        for name, reference_config in kinds.items():
+            aligned = reference_config.align(target, view, pool)
             found = measure_pair(quantised(enhancer.enhance(join(target, aligned))[0]), photo, distances)
             shown = reference_quality(aligned, target.image, photo)
             reasons = {key: "no reference is visible" for key, value in shown.items() if value is None}
@@ -262,7 +262,7 @@ def main() -> None:
     torch.set_flush_denormal(True)
     distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
     pretrained = load_weights(options.weights)
-    enhancer = Enhancer(pretrained.network, pretrained.preparation, strength=options.strength)
+    enhancer = Enhancer(pretrained.network, pretrained.reference_config, strength=options.strength)
     note = f"{PROTOCOL}; weights {Path(options.weights).name}, strength {options.strength:g}"
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:

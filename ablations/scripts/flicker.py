@@ -10,7 +10,7 @@ exactly as well: steady photos still differ, since rendered depth is not exact a
 sharper they are. A blurred render is steadier than the truth by this measure; therefore the network's change alone is
 followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
 frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
-from the frame before (`enhance steady=S`) are variants of their own.
+from the frame before (`enhance temporal_smoothing=S`) are variants of their own.
 """
 
 import argparse
@@ -33,7 +33,7 @@ from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
-from gaussian_enhancer.infer.temporal_smoothing import Carried, steadied
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.inputs import render_capture
@@ -84,7 +84,7 @@ def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
 
 
 def rendered_sequence(
-    rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = (), steady: Sequence[float] = ()
+    rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = (), temporal_smoothing: Sequence[float] = ()
 ) -> Filmed:
     """Raw, enhanced and steadied frames of a path, and photos where they are known."""
     at_one_size(enhancer)
@@ -97,7 +97,7 @@ def rendered_sequence(
         raw.append(view.read())
     images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
     images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))
-    for share in steady:
+    for share in temporal_smoothing:
         images[f"{STEADY}{share:g}"] = tuple(_steadied(rendered, [one.image for one in enhanced], share))
     if photos:
         images["photo"] = tuple(photos)
@@ -105,10 +105,10 @@ def rendered_sequence(
 
 
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
-    """Frames as the job enhance gives them with ``steady=share``."""
-    before: Carried | None = None
+    """Frames as the job enhance gives them with ``temporal_smoothing=share``."""
+    before: PreviousChange | None = None
     for view, frame in zip(rendered.targets, frames, strict=True):
-        image, before = steadied(frame, read_target(view), before, share)
+        image, before = smoothed_over_time(frame, read_target(view), before, share)
         yield image
 
 
@@ -232,11 +232,13 @@ def main() -> None:
     torch.set_flush_denormal(True)
     pretrained = load_weights(options.weights)
     strength = pretrained.strength if options.strength is None else options.strength
-    enhancer = Enhancer(pretrained.network, pretrained.preparation, strength=strength)
+    enhancer = Enhancer(pretrained.network, pretrained.reference_config, strength=strength)
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:
         cameras = path_cameras(run, options.cameras, options.frames)
-        sequence = rendered_sequence(path_renders(run, cameras), enhancer, exact_photos(run, cameras), options.steady)
+        sequence = rendered_sequence(
+            path_renders(run, cameras), enhancer, exact_photos(run, cameras), options.temporal_smoothing
+        )
         found += records(run, sequence, f"{Path(options.weights).name}, strength {strength:g}")
         if options.json:
             write_records(options.json, found)

@@ -19,7 +19,7 @@ from gaussian_enhancer.infer.weights import Pretrained
 
 LIMITS: dict[str, tuple[float | None, ...]] = {
     "agreement": (None, 0.3, 0.2, 0.15, 0.1),
-    "evidence": (0, 1, 3, 5, 9),
+    "colour_clamping": (0, 1, 3, 5, 9),
     "strength": (0.5, 0.8, 1.0),
 }
 """What is compared of each guard; None and 0 leave agreement and evidence unguarded."""
@@ -31,14 +31,16 @@ def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> Enhancer
     Raises:
         InputError: references are not warped, so that they are not checked.
     """
-    preparation = pretrained.preparation
-    if guard == "evidence":
-        return Enhancer(pretrained.network, preparation, strength=pretrained.strength, evidence=int(limit or 0))
+    reference_config = pretrained.reference_config
+    if guard == "colour_clamping":
+        return Enhancer(
+            pretrained.network, reference_config, strength=pretrained.strength, colour_clamping=int(limit or 0)
+        )
     if guard == "strength":
-        return Enhancer(pretrained.network, preparation, strength=1.0 if limit is None else limit)
-    if not isinstance(preparation.warp, Reprojected):
+        return Enhancer(pretrained.network, reference_config, strength=1.0 if limit is None else limit)
+    if not isinstance(reference_config.warp, Reprojected):
         raise InputError("weights", "do not warp their references", "give weights with alignment=reprojected")
-    checked = replace(preparation, warp=replace(preparation.warp, agreement=limit))
+    checked = replace(reference_config, warp=replace(reference_config.warp, photo_consistency=limit))
     return Enhancer(pretrained.network, checked, strength=pretrained.strength)
 
 

@@ -18,15 +18,15 @@ from pathlib import Path
 import torch
 
 from ablations.realism.realism import finished_runs, scene_of
-from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
-from gaussian_enhancer.infer.weights import load_weights, preparation_of
+from gaussian_enhancer.infer.weights import load_weights, reference_config_of
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.types import Views, quantised
+from gaussian_enhancer.types import NetworkInput, quantised
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
@@ -51,14 +51,14 @@ def enhancers(rows: Sequence[str], runs: Path) -> dict[str, Enhancer]:
         InputError: rows were trained with different preparations, so that their views could not be shared.
     """
     loaded = {row: load_weights(trained(row, runs)) for row in rows}
-    if len({preparation_key(one.preparation) for one in loaded.values()}) > 1:
+    if len({preparation_key(one.reference_config) for one in loaded.values()}) > 1:
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
-    return {row: Enhancer(one.network, one.preparation) for row, one in loaded.items()}
+    return {row: Enhancer(one.network, one.reference_config) for row, one in loaded.items()}
 
 
-def preparation_key(preparation: Preparation) -> str:
+def preparation_key(reference_config: ReferenceConfig) -> str:
     """A preparation as text, equal for equal ones."""
-    return json.dumps(preparation_of(preparation), sort_keys=True)
+    return json.dumps(reference_config_of(reference_config), sort_keys=True)
 
 
 def gains(
@@ -74,12 +74,12 @@ def gains(
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        prepared: dict[str, Views] = {}
+        prepared: dict[str, NetworkInput] = {}
         before = measure_pair(target.image, photo, distances).metrics
         for row, enhancer in made.items():
-            key = preparation_key(enhancer.preparation)
+            key = preparation_key(enhancer.reference_config)
             if key not in prepared:
-                prepared[key] = join(target, enhancer.preparation.align(target, view, pool))
+                prepared[key] = join(target, enhancer.reference_config.align(target, view, pool))
             after = measure_pair(quantised(enhancer.enhance(prepared[key])[0]), photo, distances).metrics
             gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
             where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}

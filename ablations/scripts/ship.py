@@ -28,7 +28,7 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
     if not isinstance(network, Cascade):
         raise InputError("weights", f"are of {type(network).__name__}", "give those of a cascade with --first")
     told = {name: first.card.get(name) for name in ("name", "run", "steps")}
-    return Cascade(first.network, network.second, network.evidence), told
+    return Cascade(first.network, network.second, network.colour_clamping), told
 
 
 def main() -> None:
@@ -47,7 +47,7 @@ def main() -> None:
     if options.first:
         network, first = with_first(network, load_weights(options.first))
         card |= {"first": first, "design": design_of(network)}
-    save_weights(SHIPPED / f"{options.name}.safetensors", network, found.preparation, card)
+    save_weights(SHIPPED / f"{options.name}.safetensors", network, found.reference_config, card)
     with whole_file(SHIPPED / f"{options.name}.json") as temporary:
         temporary.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
 

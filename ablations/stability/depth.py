@@ -49,7 +49,7 @@ def _warped(cameras: list[Camera], module: nn.Module | None, inputs: dict[str, T
         replace(plane(), name=name, image=inputs[name], camera=camera, render=None, depth=None)
         for name, camera in zip(("first", "second"), cameras[1:], strict=True)
     ]
-    aligned = Reprojected(match_colour=False, agreement=None)(replace(target, camera=cameras[0]), others, 2)
+    aligned = Reprojected(match_colour=False, photo_consistency=None)(replace(target, camera=cameras[0]), others, 2)
     order = [aligned.names.index(name) for name in ("first", "second")]
     return torch.cat([aligned.references, aligned.visibility], 1)[order]
 

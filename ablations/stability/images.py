@@ -16,8 +16,8 @@ from gaussian_enhancer.degrade.gates.gate import AllGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.loss.terms import (
+    DSSIM,
     Charbonnier,
-    Dissimilarity,
     FrequencyDifference,
     GradientDifference,
     Harm,
@@ -25,9 +25,9 @@ from gaussian_enhancer.loss.terms import (
     SquaredError,
     Term,
 )
-from gaussian_enhancer.loss.weighted_sum import Objective, Weighted
+from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 HEIGHT, WIDTH = 24, 40
 SIMULATED: Tolerance = {precision.name: (1.5 / 255, 1.0) for precision in PRECISIONS}
@@ -97,7 +97,7 @@ def shipped(weights: str) -> Network:
 
 def run_network(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     """The network on views."""
-    result: Tensor = module(Views(**inputs))  # type: ignore[misc, arg-type]
+    result: Tensor = module(NetworkInput(**inputs))  # type: ignore[misc, arg-type]
     return result
 
 
@@ -115,14 +115,14 @@ def _objective(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     terms: tuple[Term, ...] = (
         Charbonnier(),
         SquaredError(),
-        Dissimilarity(),
+        DSSIM(),
         GradientDifference(),
         FrequencyDifference(),
         Harm(),
         relative,
     )
-    objective = Objective({str(place): Weighted(term) for place, term in enumerate(terms)})
-    return objective(inputs["enhanced"], inputs["photo"], inputs["render"])[0]
+    loss = WeightedLoss({str(place): Weighted(term) for place, term in enumerate(terms)})
+    return loss(inputs["enhanced"], inputs["photo"], inputs["render"])[0]
 
 
 def matched(name: str) -> Problem:

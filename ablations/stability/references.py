@@ -13,10 +13,10 @@ from ablations.stability.depth import WARPED
 from ablations.stability.geometry import as_target, plane, shifted
 from ablations.stability.images import run_network, shipped, views_of
 from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, Warp
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.enhancer import Enhancer
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 ABOUT = {
     "identical": "the target's own render from the target's place",
@@ -112,4 +112,4 @@ def spoilt(part: str) -> Problem:
 def _enhanced(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     if not isinstance(module, Network):
         raise TypeError(f"{type(module).__name__} is no network")
-    return Enhancer(module, Preparation(), precision="float32").enhance(Views(**inputs))  # type: ignore[arg-type]
+    return Enhancer(module, ReferenceConfig(), precision="float32").enhance(NetworkInput(**inputs))  # type: ignore[arg-type]

@@ -8,12 +8,12 @@ from torch import Tensor, nn
 
 from ablations.stability.case import NETWORK, PRECISIONS, Case, Problem, Tolerance, UnstableError
 from ablations.stability.images import picture, views_of
-from gaussian_enhancer.loss.terms import Charbonnier, Dissimilarity, Relative
-from gaussian_enhancer.loss.weighted_sum import Objective, Weighted
+from gaussian_enhancer.loss.terms import DSSIM, Charbonnier, Relative
+from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.train.module import EnhancerModule, Optimiser
-from gaussian_enhancer.types import Batch, Views
+from gaussian_enhancer.train.module import EnhancerModule, OptimiserConfig
+from gaussian_enhancer.types import Batch, NetworkInput
 
 ANY: Tolerance = {precision.name: (math.inf, math.inf) for precision in PRECISIONS}
 FORWARD = ("forward",)
@@ -46,8 +46,8 @@ def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
         network: to train.
         share: of samples that may be dropped.
     """
-    objective = Objective({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(Dissimilarity(), 0.1)})
-    return EnhancerModule(network, objective, {}, Optimiser(warmup=0), 100, bad_share=share)
+    loss = WeightedLoss({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(DSSIM(), 0.1)})
+    return EnhancerModule(network, loss, {}, OptimiserConfig(warmup=0), 100, bad_share=share)
 
 
 def small_network() -> SIF:
@@ -77,7 +77,7 @@ def spoilt() -> Problem:
 
 
 def _loss(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    return _training(module).loss(_batch(inputs))[0]
+    return _training(module).batch_loss(_batch(inputs))[0]
 
 
 def hurried() -> Problem:
@@ -95,7 +95,7 @@ def _hurried(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
             for group in optimiser.param_groups:
                 group["lr"] = rate
             optimiser.zero_grad()
-            loss, _ = training.loss(_batch(inputs))
+            loss, _ = training.batch_loss(_batch(inputs))
             loss.backward()
             torch.nn.utils.clip_grad_norm_(training.network.parameters(), 1.0)
             optimiser.step()
@@ -118,4 +118,4 @@ def _training(module: nn.Module | None) -> EnhancerModule:
 def _batch(inputs: dict[str, Tensor]) -> Batch:
     views = {name: value for name, value in inputs.items() if name != "photo"}
     names = tuple(f"sample {place}" for place in range(len(inputs["photo"])))
-    return Batch(Views(**views), inputs["photo"], names)  # type: ignore[arg-type]
+    return Batch(NetworkInput(**views), inputs["photo"], names)  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.provenance import this_machine
 from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
-from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -81,7 +81,7 @@ def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[
     """The records of a size, measured or found measured on this machine by these very weights."""
     found = find_run(job, "cost")
     if found is None or not found.done:
-        with marks.attempt():
+        with status.attempt():
             found = open_run(job, "cost", job.size)
             records = tuple(_timed(runs, weights, job.size, tuple(job.shape), found.folder.name))
             write_records(found.folder / "records.jsonl", records)
@@ -110,7 +110,7 @@ def _call(
 ) -> Callable[[], object]:
     """One view enhanced by a file's weights; what is seen is made now."""
     pretrained = load_weights(path)
-    enhancer = Enhancer(pretrained.network, pretrained.preparation, device)
+    enhancer = Enhancer(pretrained.network, pretrained.reference_config, device)
     height, width = (side // pretrained.network.scale for side in shape)
     views = seen(height, width, pretrained.network.scale)
     return lambda: [one.image for one in enhancer(views)]

@@ -17,7 +17,7 @@ from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
 
-USUAL, FINER = "usual", "finer"
+USUAL, UPSCALE = "usual", "finer"
 """Trainings that a scale describes: at the render's own resolution, and for super-resolution."""
 
 SHORT = {"lpips": "lpips_vgg_raw", "ms": "milliseconds", "gb": "peak_memory_mb"}

@@ -14,8 +14,8 @@ from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_f
 from gaussian_enhancer.metrics.lpips import perceptual_distance
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
-from gaussian_enhancer.runs.compose import sketched
-from gaussian_enhancer.runs.high_resolution import finer_config
+from gaussian_enhancer.runs.compose import compose_job
+from gaussian_enhancer.runs.high_resolution import high_resolution_config
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -93,7 +93,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) ->
     sources = {"fit": fit.name}
     folder = raw / "renders"
     if choice.get("render") and learnt:
-        given = {"gaussians": str(fit / "splat.ply"), "scene": finer_config(_scene(cfg, cell))}
+        given = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
         folder = _enhanced(cfg, choice, sources, **given)
     elif choice.get("render"):
         folder = rendered_finer(cfg, fit, _scene(cfg, cell))
@@ -199,6 +199,6 @@ def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig
     Raises:
         InputError: the overrides are refused, or leave a mandatory value open.
     """
-    job = sketched(name, cfg, overrides)
+    job = compose_job(name, cfg, overrides)
     require(job)
     return job

@@ -23,8 +23,8 @@ from gaussian_enhancer.metrics.image_folders import Label
 from gaussian_enhancer.metrics.lpips import perceptual_distance
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
-from gaussian_enhancer.runs import status as marks
-from gaussian_enhancer.runs.compose import sketched
+from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest
 
@@ -80,7 +80,7 @@ class Runs:
         Raises:
             InputError: it is refused, or leaves a mandatory value open.
         """
-        job = sketched("train", self.cfg, [*experiment.table.rows[row].train, f"seed={seed}"])
+        job = compose_job("train", self.cfg, [*experiment.table.rows[row].train, f"seed={seed}"])
         for side, fits in self.pairs(experiment.learns[row]).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
         job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
@@ -166,7 +166,7 @@ class Runs:
 
     def _made(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None, job: DictConfig) -> None:
         choice = experiment.table.rows[row]
-        with marks.attempt():
+        with status.attempt():
             own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{row}")
             cell_fit = self._tried(job.fit, partial(self.fitted, cell.fit))
             weights = self.weights(experiment, row, seed)
@@ -198,7 +198,7 @@ class Runs:
         """A finished training, its fits before it."""
         for overrides in (one for fits in self.pairs(experiment.learns[row]).values() for one in fits):
             self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
-        with marks.attempt():
+        with status.attempt():
             train.run(job)
         found = find_run(train.with_effect(job), "train")
         if found is None or not found.done:

@@ -12,13 +12,13 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.pyramid import enlarged
-from gaussian_enhancer.runs.high_resolution import FinePhotos, finer_config
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.scene.high_resolution import FINER
+from gaussian_enhancer.scene.high_resolution import UPSCALE
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import list_images, read_photo
 from gaussian_enhancer.scene.renders import read_run
@@ -39,7 +39,7 @@ def fine_photos(cfg: DictConfig, fit: Path) -> Path:
     """
 
     def photos() -> Named:
-        for view in FinePhotos(Path(cfg.runs) / "photos")(fit, read_run(fit)).targets:
+        for view in HighResolutionPhotos(Path(cfg.runs) / "photos")(fit, read_run(fit)).targets:
             if view.read_fine_photo is None:
                 raise InputError(view.name, "has no finer photo", "give a scene with finer photos")
             yield view.name, view.read_fine_photo()
@@ -58,7 +58,7 @@ def bicubic(cfg: DictConfig, folder: Path, label: str) -> Path:
 
     def images() -> Named:
         for path in list_images(folder):
-            yield path.name, enlarged(read_photo(path)[None], FINER)[0].clamp(0, 1)
+            yield path.name, upsampled(read_photo(path)[None], UPSCALE)[0].clamp(0, 1)
 
     return _kept(cfg, "bicubic", label, {"images": str(folder)}, images)
 
@@ -71,7 +71,7 @@ def rendered_finer(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
         fit: the fit's folder.
         scene: configuration of the scene that was fitted.
     """
-    finer = finer_config(scene)
+    finer = high_resolution_config(scene)
 
     def images() -> Named:
         device = start(cfg.runtime)

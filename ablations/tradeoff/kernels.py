@@ -193,7 +193,7 @@ def networks(device: torch.device) -> Cases:
         network = pretrained.network.requires_grad_(False).to(device)
         views = plane(*SIZE)
         target = read_target(views.targets[0])
-        aligned = pretrained.preparation.align(target, views.targets[0], Pool(views.references))
+        aligned = pretrained.reference_config.align(target, views.targets[0], Pool(views.references))
         inputs = join(replace(target, image=(target.image * 255).round() / 255), aligned).to(device)
         precise, exact = copy.deepcopy(network).double(), inputs.to(torch.float64)
 

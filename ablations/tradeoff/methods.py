@@ -15,14 +15,14 @@ from ablations.suite.evaluation import composed
 from ablations.suite.method_runs import Runs
 from ablations.tradeoff.settings import NULL_NETWORKS, Setting
 from gaussian_enhancer.align.alignment import Unwarped
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import ready
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import find_run
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -66,7 +66,7 @@ class Ready:
             return setting.weights
         if setting.network:
             path = self.folder / f"{setting.network}.safetensors"
-            save_weights(path, NULL_NETWORKS[setting.network](), Preparation(references=0, candidates=0), {})
+            save_weights(path, NULL_NETWORKS[setting.network](), ReferenceConfig(references=0, candidates=0), {})
             return str(path)
         training, seed = _training(self.cfg, setting), int(self.cfg.scale.seeds[0])
         found = find_run(with_effect(self.runs.train_job(training, setting.name, seed)), "train")
@@ -92,7 +92,7 @@ class Ready:
             job.update({"weights": weights, "run": str(run)})
         enhancer, *_ = ready(job, self.device)
         if setting.warp == "none":
-            enhancer.preparation = replace(enhancer.preparation, warp=Unwarped())
+            enhancer.reference_config = replace(enhancer.reference_config, warp=Unwarped())
         if setting.compiled:
             if setting.name not in self._compiled:  # once: compiling takes a minute
                 enhancer.network.compile()
@@ -101,9 +101,9 @@ class Ready:
         rules = build(job.plan)
 
         def enhanced(view: RenderedSet) -> Float[Tensor, "3 _ _"]:
-            planner = None if rules.full else Planner(rules, enhancer.preparation, view)
+            planner = None if rules.full else Planner(rules, enhancer.reference_config, view)
             image = next(enhancer(view, planner)).image
-            return enlarged(image[None], 4)[0].clamp(0, 1) if setting.upscale else image
+            return upsampled(image[None], 4)[0].clamp(0, 1) if setting.upscale else image
 
         return enhanced
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from ablations.suite.descriptions import FINER, USUAL
+from ablations.suite.descriptions import UPSCALE, USUAL
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.baselines.bicubic import Bicubic
@@ -57,8 +57,8 @@ class Setting:
             raise InputError(self.name, f"has network {self.network!r}", f"choose {', '.join(NULL_NETWORKS)}")
         if self.warp not in ("", "none"):
             raise InputError(self.name, f"has warp {self.warp!r}", "choose none, or leave it out")
-        if self.learns not in (USUAL, FINER):
-            raise InputError(self.name, f"learns {self.learns!r}", f"choose {USUAL} or {FINER}")
+        if self.learns not in (USUAL, UPSCALE):
+            raise InputError(self.name, f"learns {self.learns!r}", f"choose {USUAL} or {UPSCALE}")
 
     @property
     def can_be_asked_for(self) -> bool:

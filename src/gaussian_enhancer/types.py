@@ -130,7 +130,7 @@ class Render(Movable):
 
 
 @dataclass(frozen=True)
-class Views(Movable):
+class NetworkInput(Movable):
     """All that an enhancement network sees of a batch of targets. H = 4 h, W = 4 w.
 
     References lie on the target's pixel grid: reprojected where alignment warps them by geometry, as they are
@@ -159,7 +159,7 @@ class Views(Movable):
     reference_renders: Float[Tensor, "b r 3 h w"] | None = None
     fine_references: Float[Tensor, "b r 3 H W"] | None = None
 
-    def mapped(self, change: Callable[[Tensor, int], Tensor]) -> "Views":
+    def mapped(self, change: Callable[[Tensor, int], Tensor]) -> "NetworkInput":
         """The views with every image changed alike: cut out, padded, flipped.
 
         Args:
@@ -182,7 +182,7 @@ class Batch(Movable):
         real: the fits' own renders, where ``views.render`` was simulated; None where nothing was.
     """
 
-    views: Views
+    views: NetworkInput
     photo: Float[Tensor, "b 3 _ _"]
     names: tuple[str, ...] = ()
     real: Float[Tensor, "b 3 h w"] | None = None

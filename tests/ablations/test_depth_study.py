@@ -19,7 +19,7 @@ from ablations.scripts.depth import (
     world_of,
 )
 from gaussian_enhancer.align.alignment import Aligned, Unwarped
-from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
 from gaussian_enhancer.metrics.records import Record
@@ -49,7 +49,7 @@ def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]
 
 def test_the_better_the_depth_the_better_the_references(misplaced):
     rendered, depths = misplaced
-    found = list(study(rendered, Enhancer(small(), Preparation(), precision="float32"), depths))
+    found = list(study(rendered, Enhancer(small(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
     for raw, expected, searched, _, surface, *_, exact in zip(*by.values(), strict=True):
@@ -63,12 +63,12 @@ def test_the_better_the_depth_the_better_the_references(misplaced):
 def test_stored_depth_given_again_changes_nothing(plane_run):
     rendered = read_run(plane_run)
     stored = {view.name: view.read_depth() for view in (*rendered.targets, *rendered.references)}
-    kinds = preparations(Preparation(), {"surface": stored})
+    kinds = preparations(ReferenceConfig(), {"surface": stored})
     default = "surface, smoothed, searched by photos too"
     assert kinds.keys() == {"surface", "surface, searched", "surface, smoothed, searched", default}
     assert isinstance(kinds["surface"].warp, Through)
     view, pool = rendered.targets[0], Pool(rendered.references)
-    given, usual = (p.align(read_target(view), view, pool) for p in (kinds[default], Preparation()))
+    given, usual = (p.align(read_target(view), view, pool) for p in (kinds[default], ReferenceConfig()))
     assert given.names == usual.names
     assert torch.equal(given.references, usual.references)
 
@@ -139,14 +139,14 @@ def test_only_procedural_runs_have_a_world(tmp_path):
 
 def test_weights_that_do_not_reproject_are_refused():
     with pytest.raises(InputError, match="reproject"):
-        preparations(Preparation(warp=Unwarped()), {})
+        preparations(ReferenceConfig(warp=Unwarped()), {})
 
 
 def test_table_states_gains_over_the_raw_render(misplaced):
     rendered, depths = misplaced
     records = [
         Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), Preparation()), depths)
+        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), ReferenceConfig()), depths)
     ]
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table(records).splitlines()]
     assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from ablations.scripts import ship
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.network.cascade import Cascade
@@ -29,7 +29,7 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
     first, second = SSIFLR(widths=(16, 8, 8), blocks=(1, 1, 1)), SSIFSR(**SMALL)
     for name, network in (("lr", first), ("sr", second), ("both", Cascade(SSIFLR(**SMALL), second))):
         save_weights(
-            tmp_path / f"{name}.safetensors", network, Preparation(fine=name != "lr"), {"run": name, "steps": 3}
+            tmp_path / f"{name}.safetensors", network, ReferenceConfig(fine=name != "lr"), {"run": name, "steps": 3}
         )
     run(monkeypatch, str(tmp_path / "both.safetensors"), "new", "--first", str(tmp_path / "lr.safetensors"))
     found = load_weights(shipped / "new.safetensors")

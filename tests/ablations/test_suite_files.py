@@ -140,9 +140,9 @@ def test_every_row_composes_and_builds_what_it_names(name, row) -> None:
         parent = compose("tables", ["table=all", "scale=smoke"])
         job = composed("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
     build(job.fusion)
-    build(job.objective)
-    preparation = build(job.preparation)
-    assert preparation.fine == (row == "gepp_sr")
+    build(job.loss)
+    reference_config = build(job.reference_config)
+    assert reference_config.fine == (row == "gepp_sr")
 
 
 def test_files_behind_rows_are_used_and_say_why_they_are_fair() -> None:

@@ -9,7 +9,7 @@ from test_sif import small
 
 from ablations.scripts import candidates, guards, renders
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import Pretrained, save_weights
 
@@ -24,7 +24,7 @@ def weights(tmp_path):
             network.decode.head.bias[:12] = shift
         files.append(tmp_path / f"{label}-0123abcd" / "weights.safetensors")
         files[-1].parent.mkdir()
-        save_weights(files[-1], network, Preparation(), {})
+        save_weights(files[-1], network, ReferenceConfig(), {})
     return [str(file) for file in files]
 
 
@@ -82,8 +82,8 @@ def test_the_more_of_a_wrong_change_the_worse(weights, plane_run, tmp_path, monk
 def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, monkeypatch, capsys):
     run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
     run.symlink_to(plane_run)
-    lines = run_guards(monkeypatch, capsys, "evidence", weights[1], "--runs", str(run), "--json", str(found))
-    assert len(lines) == len(guards.LIMITS["evidence"])
+    lines = run_guards(monkeypatch, capsys, "colour_clamping", weights[1], "--runs", str(run), "--json", str(found))
+    assert len(lines) == len(guards.LIMITS["colour_clamping"])
     rows = [json.loads(line) for line in found.read_text().splitlines()]
     losses = {row["row"]: row["psnr"] for row in rows if row["view"] == rows[0]["view"]}
     free, point, *_, wide = losses.values()
@@ -91,12 +91,14 @@ def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, monkeyp
 
 
 def test_the_limit_is_all_that_differs():
-    pretrained = Pretrained(small(), Preparation(), {})
+    pretrained = Pretrained(small(), ReferenceConfig(), {})
     for guard, limits in guards.LIMITS.items():
         made = [guards.guarded(pretrained, guard, limit) for limit in limits]
-        agreements = [one.preparation.warp.agreement for one in made]  # type: ignore[union-attr]
-        assert agreements == (list(limits) if guard == "agreement" else [Reprojected().agreement] * len(made))
-        assert [one.evidence for one in made] == (list(limits) if guard == "evidence" else [3] * len(made))
+        agreements = [one.reference_config.warp.photo_consistency for one in made]  # type: ignore[union-attr]
+        assert agreements == (list(limits) if guard == "agreement" else [Reprojected().photo_consistency] * len(made))
+        assert [one.colour_clamping for one in made] == (
+            list(limits) if guard == "colour_clamping" else [3] * len(made)
+        )
         assert [one.strength for one in made] == (list(limits) if guard == "strength" else [1.0] * len(made))
     with pytest.raises(InputError, match="do not warp"):
-        guards.guarded(Pretrained(small(), Preparation(Unwarped()), {}), "agreement", 0.2)
+        guards.guarded(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "agreement", 0.2)

@@ -103,7 +103,7 @@ def test_what_does_not_look_like_the_render_is_no_reference_there():
     mirror[:, 10:30, 20:40] = 1.0
     reference = Pixels("r", mirror, camera, torch.full((1, 40, 60), 2.0), render=image)
     settings = {"depth": "exact", "match_colour": False}
-    unchecked = Reprojected(**settings, agreement=None)(target, [reference], 1)
+    unchecked = Reprojected(**settings, photo_consistency=None)(target, [reference], 1)
     checked = Reprojected(**settings)(target, [reference], 1)
     assert bool((unchecked.visibility > 0.9).all())
     assert not bool(checked.visibility[0, :, 12:28, 22:38].any())

@@ -3,7 +3,7 @@
 import torch
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.coarse_visibility import coarse, shares, surveyed
+from gaussian_enhancer.align.coarse_visibility import coarse, coarse_visibility, shares
 from support.synthetic_runs import plane_camera, plane_view
 
 TEXTURE = torch.rand(3, 192, 192, generator=torch.Generator().manual_seed(0))
@@ -29,7 +29,7 @@ def test_a_coarse_view_is_the_same_view_with_few_pixels():
 
 def test_candidates_are_seen_as_the_full_warp_sees_them():
     target, others = view(0), [view(index) for index in (1, 3, 6)]
-    seen = surveyed(Reprojected(), coarse(target), [coarse(other) for other in others])
+    seen = coarse_visibility(Reprojected(), coarse(target), [coarse(other) for other in others])
     found = shares(seen, coarse(target).alpha)
     full = Reprojected()(target, others, 3)
     assert next(iter(found)) == full.names[0]
@@ -43,6 +43,6 @@ def test_what_is_not_there_cannot_be_missed():
     half = torch.ones(1, 192, 256)
     half[..., :128] = 0
     masked = coarse(Pixels("0.png", target.image, target.camera, target.depth, half))
-    seen = surveyed(Reprojected(), masked, [coarse(other)])
+    seen = coarse_visibility(Reprojected(), masked, [coarse(other)])
     assert shares(seen, masked.alpha)["1.png"] > 0.9
     assert shares(seen, None)["1.png"] < 0.51

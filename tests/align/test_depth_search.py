@@ -7,14 +7,14 @@ from jaxtyping import TypeCheckError
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.depth_search import SEARCHES
-from gaussian_enhancer.align.references import Preparation
-from gaussian_enhancer.infer.weights import build_preparation, preparation_of
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.infer.weights import build_reference_config, reference_config_of
 
 
 @pytest.mark.parametrize("kind", SEARCHES)
 def test_weights_name_the_kind(kind):
-    preparation = Preparation(Reprojected(depth=kind), 3, 5)
-    assert build_preparation(json.loads(json.dumps(preparation_of(preparation)))) == preparation
+    reference_config = ReferenceConfig(Reprojected(depth=kind), 3, 5)
+    assert build_reference_config(json.loads(json.dumps(reference_config_of(reference_config)))) == reference_config
 
 
 @pytest.mark.parametrize("kind", ["true", 3, None])

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.align.photo_consistency import disagreement, rank
+from gaussian_enhancer.align.photo_consistency import photometric_difference, rank
 from gaussian_enhancer.align.reproject import Warped
 
 
@@ -21,6 +21,6 @@ def test_ranking_prefers_what_agrees_and_what_is_new():
 def test_compiled_disagreement_equals_its_readable_twin(size):
     colour, image, visibility = torch.rand(3, *size), torch.rand(3, *size), torch.rand(1, *size)
     visibility[..., : size[1] // 2] = 0
-    found = disagreement(Warped(colour, visibility), image)
-    truth = disagreement(Warped(colour.double(), visibility.double()), image.double())
+    found = photometric_difference(Warped(colour, visibility), image)
+    truth = photometric_difference(Warped(colour.double(), visibility.double()), image.double())
     torch.testing.assert_close(found.double(), truth, rtol=1e-4, atol=1e-5)

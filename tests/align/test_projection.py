@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.align import projection
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.projection import Landing, Projection, depth_agreement, land, read_at
+from gaussian_enhancer.align.projection import Landing, Projection, depth_consistency, land, read_at
 from gaussian_enhancer.align.reproject import _footprint, reproject
 from gaussian_enhancer.types import Camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -45,7 +45,7 @@ def test_depth_agreement_agrees(name):
     seen[..., 10:20, 10:30] = 0  # where the reference shows nothing, nothing speaks against the target
     seen[..., 20:, :] *= 1.1
     results = [
-        depth_agreement(*maps(dtype, CAMERAS[name]), seen.to(dtype), 0.05) for dtype in (torch.float32, torch.float64)
+        depth_consistency(*maps(dtype, CAMERAS[name]), seen.to(dtype), 0.05) for dtype in (torch.float32, torch.float64)
     ]
     # A position that lies between two pixels may round to either.
     assert ((results[0] - results[1]).abs() > 1e-4).double().mean() < 0.01

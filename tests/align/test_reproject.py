@@ -80,7 +80,7 @@ def test_wrong_depth_is_refined():
 
 @pytest.mark.parametrize(
     "how",
-    [Search(0.15, 9), Search(0.15, 9, stride=2, inconsistency=1.0, agreement=0.3), Search(0.1, 5, 3, stride=3)],
+    [Search(0.15, 9), Search(0.15, 9, stride=2, inconsistency=1.0, photo_consistency=0.3), Search(0.1, 5, 3, stride=3)],
     ids=["renders", "photos too", "every third"],
 )
 @pytest.mark.parametrize("views", [1, 3])

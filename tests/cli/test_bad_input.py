@@ -306,7 +306,7 @@ def test_fit_damaged_checkpoint(capture: Path, refused: Refused) -> None:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture, a fit of it and the weights of an untrained network; copied by each case that spoils it."""
-    from gaussian_enhancer.align.references import Preparation
+    from gaussian_enhancer.align.references import ReferenceConfig
     from gaussian_enhancer.infer.weights import save_weights
     from gaussian_enhancer.network.sif import SIF
     from gaussian_enhancer.scene.transforms import load_transforms
@@ -318,7 +318,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_capture(folder / "capture")
     settings = FitSettings(steps=2, init="random", snapshots=())
     fit_splat(load_transforms(folder / "capture"), ThreeDGS(), folder / "fitted", settings, progress=False)
-    save_weights(folder / "w.safetensors", SIF(widths=(16, 16, 24), blocks=(1, 1, 1)), Preparation(), {"by": "test"})
+    save_weights(
+        folder / "w.safetensors", SIF(widths=(16, 16, 24), blocks=(1, 1, 1)), ReferenceConfig(), {"by": "test"}
+    )
     return folder
 
 

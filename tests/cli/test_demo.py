@@ -8,7 +8,7 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import demo
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -29,7 +29,7 @@ SMALL = (
 @pytest.fixture
 def weights(tmp_path: Path) -> Path:
     torch.manual_seed(0)
-    save_weights(tmp_path / "new.safetensors", SIF((8, 8), (1, 1)), Preparation(), {})
+    save_weights(tmp_path / "new.safetensors", SIF((8, 8), (1, 1)), ReferenceConfig(), {})
     return tmp_path / "new.safetensors"
 
 

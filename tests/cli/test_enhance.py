@@ -3,14 +3,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.enhance import run, with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.image_folders import pair_run
 from gaussian_enhancer.metrics.records import read_records
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.photos import read_photo
@@ -35,7 +35,7 @@ def configured(*overrides: str):
 def weights(tmp_path_factory) -> Path:
     """An untrained network, which returns the render."""
     path = tmp_path_factory.mktemp("weights") / "identity.safetensors"
-    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), Preparation(), {})
+    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {})
     return path
 
 
@@ -61,8 +61,12 @@ def test_a_run_is_enhanced_into_a_run_that_can_be_measured(plane_run, weights, t
 
 def test_frames_of_a_path_are_enhanced_by_one_process(plane_run, tmp_path):
     with pytest.raises(InputError, match="by one process"):
-        run(configured(f"run={plane_run}", "steady=0.5", "runtime.processes=2", f"output={tmp_path / 'none'}"))
-    run(configured(f"run={plane_run}", "steady=0.5", "weights=lr_tiny", f"output={tmp_path / 'path'}"))
+        run(
+            configured(
+                f"run={plane_run}", "temporal_smoothing=0.5", "runtime.processes=2", f"output={tmp_path / 'none'}"
+            )
+        )
+    run(configured(f"run={plane_run}", "temporal_smoothing=0.5", "weights=lr_tiny", f"output={tmp_path / 'path'}"))
     run(configured(f"run={plane_run}", "weights=lr_tiny", f"output={tmp_path / 'each'}"))
     names = sorted(path.name for path in (tmp_path / "path").iterdir())
     same = [(tmp_path / "path" / name).read_bytes() == (tmp_path / "each" / name).read_bytes() for name in names]
@@ -73,7 +77,7 @@ def test_strength_is_the_cards_unless_it_is_asked_for(plane_run, tmp_path):
     torch.manual_seed(0)
     network = SIF((8, 8, 8), (1, 1, 1))
     torch.nn.init.constant_(network.decode.head.bias, 0.2)
-    save_weights(tmp_path / "a.safetensors", network, Preparation(), {"strength": 0})
+    save_weights(tmp_path / "a.safetensors", network, ReferenceConfig(), {"strength": 0})
     options = [f"run={plane_run}", f"weights={tmp_path / 'a.safetensors'}"]
     run(configured(*options, f"output={tmp_path / 'card'}"))
     assert same(tmp_path / "card", plane_run / "test/ours_100/renders")
@@ -155,7 +159,7 @@ def test_input_that_cannot_be_used_is_refused(plane_run, weights, tmp_path):
 def fine_weights(tmp_path_factory) -> Path:
     """An untrained network, which returns the bicubically enlarged render."""
     path = tmp_path_factory.mktemp("weights") / "fine.safetensors"
-    save_weights(path, SSIFSR((8, 8, 8), (1, 1, 1)), Preparation(fine=True), {})
+    save_weights(path, SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(fine=True), {})
     return path
 
 
@@ -173,7 +177,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
     for view in finer.targets:
         assert torch.equal(read_photo(side / "gt" / view.name), view.read_photo())
     render = read_photo(plane_run / "test/ours_100/renders/view_000.png")
-    expected = quantised(enlarged(render[None], 4)[0])
+    expected = quantised(upsampled(render[None], 4)[0])
     torch.testing.assert_close(read_photo(side / "renders/view_000.png"), expected)
     files = pair_run(folder, None)
     assert {file.label.variant for file in files} == {"raw", "enhanced"}
@@ -236,8 +240,10 @@ def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
 
 def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
     auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
-    assert with_effect(full) == with_effect(configured(f"run={plane_run}", "plan=full", "dry_run=true", "steady=0"))
-    assert with_effect(full) != with_effect(configured(f"run={plane_run}", "plan=full", "steady=0.5"))
+    assert with_effect(full) == with_effect(
+        configured(f"run={plane_run}", "plan=full", "dry_run=true", "temporal_smoothing=0")
+    )
+    assert with_effect(full) != with_effect(configured(f"run={plane_run}", "plan=full", "temporal_smoothing=0.5"))
     assert "plan" not in with_effect(full)
     assert with_effect(auto) != with_effect(full)
     assert with_effect(auto) != with_effect(configured(f"run={plane_run}", "plan.share=0.2"))

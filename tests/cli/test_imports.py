@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.sif import SIF
 from support import paths
@@ -46,7 +46,7 @@ def printed(*words: str) -> list[str]:
 
 @pytest.mark.slow
 def test_enhance_loads_no_package_and_no_network_that_it_does_not_use(plane_run, tmp_path):
-    save_weights(tmp_path / "sif.safetensors", SIF((8, 8, 8), (1, 1, 1)), Preparation(), {})
+    save_weights(tmp_path / "sif.safetensors", SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {})
     options = [f"run={plane_run}", f"weights={tmp_path / 'sif.safetensors'}", f"output={tmp_path / 'out'}"]
     program = (
         "import sys; from gaussian_enhancer.cli.main import main;"

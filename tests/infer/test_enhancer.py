@@ -6,11 +6,11 @@ from test_sif import small, trained, views
 from test_ssif_lr import trained as trained_scales
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer, choose_precision
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
-from gaussian_enhancer.network.colour_clamping import within_evidence
+from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.encode import Encoder
 from gaussian_enhancer.scene.image_files import write_image
@@ -20,7 +20,7 @@ from gaussian_enhancer.scene.renders import read_run
 
 def test_untrained_network_returns_every_render(plane_run):
     rendered = read_run(plane_run)
-    enhanced = list(Enhancer(small(), Preparation())(rendered))
+    enhanced = list(Enhancer(small(), ReferenceConfig())(rendered))
     assert [one.name for one in enhanced] == [view.name for view in rendered.targets]
     for one, view in zip(enhanced, rendered.targets, strict=True):
         assert view.read is not None
@@ -30,7 +30,9 @@ def test_untrained_network_returns_every_render(plane_run):
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_result_is_an_image(plane_run, precision):
-    one = next(Enhancer(trained(), Preparation(references=1, candidates=2), precision=precision)(read_run(plane_run)))
+    one = next(
+        Enhancer(trained(), ReferenceConfig(references=1, candidates=2), precision=precision)(read_run(plane_run))
+    )
     assert one.image.dtype == torch.float32
     assert 0 <= float(one.image.min()) <= float(one.image.max()) <= 1
 
@@ -38,7 +40,7 @@ def test_result_is_an_image(plane_run, precision):
 def test_strength_scales_the_change(plane_run):
     rendered, network = read_run(plane_run), trained()
     none, half, full = (
-        next(Enhancer(network, Preparation(), strength=s, precision="float32", evidence=0)(rendered)).image
+        next(Enhancer(network, ReferenceConfig(), strength=s, precision="float32", colour_clamping=0)(rendered)).image
         for s in (0.0, 0.5, 1.0)
     )
     assert rendered.targets[0].read is not None
@@ -46,44 +48,46 @@ def test_strength_scales_the_change(plane_run):
     inner = (full > 0) & (full < 1)
     torch.testing.assert_close(half[inner], ((none + full) / 2)[inner], rtol=0, atol=1e-5)
     with pytest.raises(InputError, match="strength"):
-        Enhancer(network, Preparation(), strength=1.5)
+        Enhancer(network, ReferenceConfig(), strength=1.5)
 
 
 def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run):
     rendered, network = read_run(plane_run), trained()
     (view, *_), pool = rendered.targets, Pool(rendered.references)
     target = read_target(view)
-    seen = join(target, Preparation().align(target, view, pool))
-    free, near = (Enhancer(network, Preparation(), precision="float32", evidence=n).enhance(seen) for n in (0, 3))
-    assert torch.equal(near, within_evidence(free, seen, 3))
+    seen = join(target, ReferenceConfig().align(target, view, pool))
+    free, near = (
+        Enhancer(network, ReferenceConfig(), precision="float32", colour_clamping=n).enhance(seen) for n in (0, 3)
+    )
+    assert torch.equal(near, clamp_to_references(free, seen, 3))
     assert not torch.equal(near, free)
-    unwarped = Preparation(Unwarped())
+    unwarped = ReferenceConfig(Unwarped())
     beside = join(target, unwarped.align(target, view, pool))
-    free, near = (Enhancer(network, unwarped, precision="float32", evidence=n).enhance(beside) for n in (0, 3))
+    free, near = (Enhancer(network, unwarped, precision="float32", colour_clamping=n).enhance(beside) for n in (0, 3))
     assert torch.equal(near, free)
-    with pytest.raises(InputError, match="evidence"):
-        Enhancer(network, Preparation(), evidence=4)
+    with pytest.raises(InputError, match="colour_clamping"):
+        Enhancer(network, ReferenceConfig(), colour_clamping=4)
 
 
 def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):
     rendered = read_run(plane_run)
     bare = [dataclasses.replace(view, camera=None, read_depth=None, read_alpha=None) for view in rendered.targets]
     rendered = dataclasses.replace(rendered, targets=tuple(bare))
-    assert next(Enhancer(trained(), Preparation(references=0))(rendered)).references == ()
+    assert next(Enhancer(trained(), ReferenceConfig(references=0))(rendered)).references == ()
     with pytest.raises(InputError, match="no depth"):
-        next(Enhancer(trained(), Preparation())(rendered))
+        next(Enhancer(trained(), ReferenceConfig())(rendered))
 
 
 def test_wrong_values_are_refused(plane_run):
     with pytest.raises(InputError, match="references"):
-        Preparation(references=9)
+        ReferenceConfig(references=9)
     with pytest.raises(InputError, match="candidates"):
-        Preparation(references=3, candidates=2)
+        ReferenceConfig(references=3, candidates=2)
     with pytest.raises(InputError, match="precision"):
         choose_precision("int8", torch.device("cpu"))
     empty = dataclasses.replace(read_run(plane_run), targets=())
     with pytest.raises(InputError, match="no render"):
-        next(Enhancer(small(), Preparation())(empty))
+        next(Enhancer(small(), ReferenceConfig())(empty))
 
 
 def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -123,7 +127,7 @@ def count_references(network) -> list[int]:
 def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, precision):
     rendered = many_targets(plane_run)
     network = make(refine=Deformable(kernel=1))
-    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), precision=precision)
+    enhancer = Enhancer(network, ReferenceConfig(Unwarped(), 2, 2), precision=precision)
     seen = count_references(network)
     kept = list(enhancer(rendered))
     scales = len(network.encode(views()))
@@ -142,10 +146,10 @@ def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, 
 def test_warped_references_and_tiles_are_encoded_anew(plane_run):
     rendered, network = many_targets(plane_run), trained()
     seen = count_references(network)
-    warped = list(Enhancer(network, Preparation(Reprojected(), 2, 2))(rendered))
+    warped = list(Enhancer(network, ReferenceConfig(Reprojected(), 2, 2))(rendered))
     assert seen == [2] * len(warped)
     seen.clear()
-    enhancer = Enhancer(network, Preparation(Unwarped(), 2, 2), tile=64, halo=0)
+    enhancer = Enhancer(network, ReferenceConfig(Unwarped(), 2, 2), tile=64, halo=0)
     for _ in range(2):
         enhancer.enhance(views(height=64, width=96), ("a", "b"), ReferenceFeatures(network))
     assert seen == [2] * 4

@@ -7,12 +7,12 @@ import torch
 from test_sif import small, trained
 
 from gaussian_enhancer.align.alignment import Unwarped
-from gaussian_enhancer.align.references import Preparation, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.infer.enhancer import Enhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.regions import Region
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from support.synthetic_runs import plane_camera, plane_view
@@ -53,8 +53,8 @@ def behind(index: int) -> RenderedView:
     return dataclasses.replace(view, camera=dataclasses.replace(view.camera, world_to_camera=turned))
 
 
-def planned(rendered: RenderedSet, rules: Rules = AUTO, preparation: Preparation | None = None):
-    planner = Planner(rules, preparation or Preparation(), rendered)
+def planned(rendered: RenderedSet, rules: Rules = AUTO, reference_config: ReferenceConfig | None = None):
+    planner = Planner(rules, reference_config or ReferenceConfig(), rendered)
     view = rendered.targets[0]
     return planner(view, read_target(view)), planner
 
@@ -64,7 +64,7 @@ def test_background_is_passed_through_bit_for_bit_and_the_rest_is_enhanced():
     plan, planner = planned(rendered)
     assert plan.regions is not None
     assert 0.5 < plan.passed < 0.9
-    enhancer = Enhancer(network, Preparation(), precision="float32")
+    enhancer = Enhancer(network, ReferenceConfig(), precision="float32")
     (part,), (full,) = list(enhancer(rendered, planner)), list(enhancer(rendered))
     render = rendered.targets[0].read()  # type: ignore[misc]
     inside = torch.zeros(SIZE, dtype=torch.bool)
@@ -82,10 +82,10 @@ def test_an_untrained_network_returns_the_render_whatever_is_left_out():
     rendered = things()
     render = rendered.targets[0].read()  # type: ignore[misc]
     _, planner = planned(rendered)
-    (one,) = Enhancer(small(), Preparation())(rendered, planner)
+    (one,) = Enhancer(small(), ReferenceConfig())(rendered, planner)
     assert torch.equal(one.image, render)
-    (fine,) = Enhancer(SSIFSR((8, 8, 8), (1, 1, 1)), Preparation(), precision="float32")(rendered, planner)
-    expected = enlarged(render[None], 4)[0].clamp(0, 1)
+    (fine,) = Enhancer(SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(), precision="float32")(rendered, planner)
+    expected = upsampled(render[None], 4)[0].clamp(0, 1)
     inner = torch.nn.functional.max_pool2d((render != 1).any(0).float()[None], 9, 1, 4)[0] == 0
     flat = inner.repeat_interleave(4, 0).repeat_interleave(4, 1)
     assert torch.equal(fine.image[:, flat], expected[:, flat])
@@ -108,9 +108,9 @@ def test_an_image_without_background_is_enhanced_whole():
     assert planned(rendered, dataclasses.replace(AUTO, tiles="all"))[0].regions is None
     nothing = dataclasses.replace(thing(0), read=lambda: torch.ones(3, *SIZE))
     empty = RenderedSet("white", (nothing,), (), (1.0, 1.0, 1.0))
-    plan, planner = planned(empty, preparation=Preparation(references=0))
+    plan, planner = planned(empty, reference_config=ReferenceConfig(references=0))
     assert (plan.regions, plan.passed) == ((), 1.0)
-    (one,) = Enhancer(trained(), Preparation(references=0))(empty, planner)
+    (one,) = Enhancer(trained(), ReferenceConfig(references=0))(empty, planner)
     assert torch.equal(one.image, torch.ones(3, *SIZE))
 
 
@@ -119,30 +119,30 @@ def test_references_that_see_nothing_are_left_out_with_their_share():
     assert set(plan.references or ()) == {"2.png", "4.png"}
     assert plan.left_out == {"1.png": 0.0}
     assert {planner.index[name] for name in plan.references or ()} == set(planner.chosen(plan) or ())
-    (one,) = Enhancer(trained(), Preparation())(things(behind(1), thing(2), thing(4)), planner)
+    (one,) = Enhancer(trained(), ReferenceConfig())(things(behind(1), thing(2), thing(4)), planner)
     assert set(one.references) == {"2.png", "4.png"}
     every, _ = planned(things(behind(1), thing(2)), dataclasses.replace(AUTO, references="all"))
     assert (every.references, every.left_out) == (None, {})
 
 
 def test_no_more_references_are_warped_than_are_kept():
-    preparation = Preparation(references=1, candidates=3)
-    plan, _ = planned(things(thing(1), thing(2), thing(4)), preparation=preparation)
+    reference_config = ReferenceConfig(references=1, candidates=3)
+    plan, _ = planned(things(thing(1), thing(2), thing(4)), reference_config=reference_config)
     assert len(plan.references or ()) == 1
     assert len(plan.left_out) == 2
     assert min(plan.left_out.values()) > 0.5
 
 
 def test_references_that_are_not_warped_belong_to_the_whole_image():
-    plan, planner = planned(things(), preparation=Preparation(Unwarped()))
+    plan, planner = planned(things(), reference_config=ReferenceConfig(Unwarped()))
     assert (plan.regions, planner.chosen(plan)) == (None, None)
 
 
 @pytest.mark.parametrize("make", [small, trained])
 def test_rules_that_leave_nothing_out_change_no_bit(make):
     rendered = things()
-    enhancer = Enhancer(make(), Preparation())
-    planner = Planner(Rules(), enhancer.preparation, rendered)
+    enhancer = Enhancer(make(), ReferenceConfig())
+    planner = Planner(Rules(), enhancer.reference_config, rendered)
     (with_rules,), (without,) = list(enhancer(rendered, planner)), list(enhancer(rendered))
     assert torch.equal(with_rules.image, without.image)
     assert with_rules.references == without.references
@@ -151,7 +151,7 @@ def test_rules_that_leave_nothing_out_change_no_bit(make):
 def test_views_that_were_decided_before_are_not_decided_again():
     rendered = things()
     before = dataclasses.replace(planned(rendered)[0], regions=(Region(0, 0, 16, 16),))
-    planner = Planner(AUTO, Preparation(), rendered, [before])
+    planner = Planner(AUTO, ReferenceConfig(), rendered, [before])
     assert planner(rendered.targets[0], read_target(rendered.targets[0])) is before
 
 

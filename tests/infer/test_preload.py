@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from gaussian_enhancer.align.references import Preparation, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.preload import file_reads
-from gaussian_enhancer.infer.validated_inputs import Suited, suited
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
 from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import write_plane_run
 
-PREPARATION = Preparation(references=1, candidates=2)
+PREPARATION = ReferenceConfig(references=1, candidates=2)
 AUTO = Rules("auto", "auto", "auto")
 
 
@@ -21,8 +21,8 @@ def truncate(image: Path) -> None:
     image.write_bytes(image.read_bytes()[: image.stat().st_size // 2])
 
 
-def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> Suited:
-    found = suited(read_run(folder), PREPARATION, rules)
+def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> ValidatedInputs:
+    found = validate_inputs(read_run(folder), PREPARATION, rules)
     planner = found.planner(rules)
     for read in file_reads(found, keep_photos, planner, False):
         read()
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def needed(folder: Path) -> set[str]:
     """Names of the references that come into question for any target."""
-    found = suited(read_run(folder), PREPARATION, Rules())
+    found = validate_inputs(read_run(folder), PREPARATION, Rules())
     each = (PREPARATION.nearest(read_target(view), view, found.pool) for view in found.rendered.targets)
     return {found.pool.views[index].name for indices in each for index in indices}
 

@@ -74,7 +74,7 @@ def test_references_reach_a_cut_view_as_they_reach_the_whole(region):
         camera = plane_camera(index, 48, 64)
         photo, depth = plane_view(camera, texture)
         views.append(Pixels(f"{index}.png", photo, camera, depth, torch.ones_like(depth), render=photo))
-    warp = Reprojected(depth="exact", agreement=None)
+    warp = Reprojected(depth="exact", photo_consistency=None)
     whole = warp(views[0], views[1:], 2)
     part = warp(cut_pixels(views[0], region), views[1:], 2)
     order = [whole.names.index(name) for name in part.names]

@@ -7,10 +7,10 @@ import torch
 from test_sif import small
 
 from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
-from gaussian_enhancer.infer.temporal_smoothing import steadied
+from gaussian_enhancer.infer.temporal_smoothing import smoothed_over_time
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import plane_camera, plane_view
@@ -24,9 +24,9 @@ def frame(index: int) -> Pixels:
 
 def test_a_standing_camera_averages_the_changes():
     target = frame(0)
-    first, before = steadied(target.image + 0.1, target, None, 0.6)
+    first, before = smoothed_over_time(target.image + 0.1, target, None, 0.6)
     torch.testing.assert_close(first, target.image + 0.1)
-    second, _ = steadied(target.image - 0.1, target, before, 0.6)
+    second, _ = smoothed_over_time(target.image - 0.1, target, before, 0.6)
     torch.testing.assert_close(second, target.image + 0.4 * -0.1 + 0.6 * 0.1, rtol=0, atol=1e-5)
 
 
@@ -34,8 +34,8 @@ def test_a_change_follows_the_surface():
     here, there = frame(0), frame(1)
     marked = here.image.clone()
     marked[:, 20:28, 28:36] += 0.2
-    _, before = steadied(marked, here, None, 0.5)
-    found, _ = steadied(there.image, there, before, 0.5)
+    _, before = smoothed_over_time(marked, here, None, 0.5)
+    found, _ = smoothed_over_time(there.image, there, before, 0.5)
     change = (found - there.image).mean(0)
     assert change.max() == pytest.approx(0.1, abs=1e-3)
     across = (change.sum(0) * torch.arange(64)).sum() / change.sum()
@@ -46,33 +46,33 @@ def test_a_change_follows_the_surface():
 def test_what_only_one_frame_shows_is_left_alone():
     target = frame(0)
     assert target.depth is not None
-    _, before = steadied(target.image + 0.1, target, None, 0.5)
+    _, before = smoothed_over_time(target.image + 0.1, target, None, 0.5)
     nearer = dataclasses.replace(target, depth=target.depth / 2)
-    found, _ = steadied(nearer.image, nearer, before, 0.5)
+    found, _ = smoothed_over_time(nearer.image, nearer, before, 0.5)
     torch.testing.assert_close(found, nearer.image)
 
 
 @pytest.mark.parametrize("lacking", ["camera", "depth"])
 def test_what_is_needed_is_named(lacking):
     target = dataclasses.replace(frame(0), **{lacking: None})
-    with pytest.raises(InputError, match=f"no {lacking}.*steady=0"):
-        steadied(target.image, target, None, 0.5)
+    with pytest.raises(InputError, match=f"no {lacking}.*temporal_smoothing=0"):
+        smoothed_over_time(target.image, target, None, 0.5)
 
 
 def test_frames_of_a_run_are_steadied_in_their_order(plane_run):
     rendered = read_run(plane_run)
-    each = [one.image for one in Enhancer(small(), Preparation(), steady=0.0)(rendered)]
-    both = [one.image for one in Enhancer(small(), Preparation(), steady=0.5)(rendered)]
+    each = [one.image for one in Enhancer(small(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
+    both = [one.image for one in Enhancer(small(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
     assert all(torch.equal(a, b) for a, b in zip(each, both, strict=True))  # untrained: there is no change to carry
 
 
-@pytest.mark.parametrize("steady", [-0.1, 1.0])
-def test_shares_out_of_range_are_refused(steady):
-    with pytest.raises(InputError, match="steady"):
-        Enhancer(small(), Preparation(), steady=steady)
+@pytest.mark.parametrize("temporal_smoothing", [-0.1, 1.0])
+def test_shares_out_of_range_are_refused(temporal_smoothing):
+    with pytest.raises(InputError, match="temporal_smoothing"):
+        Enhancer(small(), ReferenceConfig(), temporal_smoothing=temporal_smoothing)
 
 
 def test_super_resolution_is_refused():
     network = SSIFSR(widths=(8, 8), blocks=(1, 1))
     with pytest.raises(InputError, match="own resolution"):
-        Enhancer(network, Preparation(), steady=0.5)
+        Enhancer(network, ReferenceConfig(), temporal_smoothing=0.5)

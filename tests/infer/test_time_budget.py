@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from gaussian_enhancer.cli import enhance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer import time_budget as budget
-from gaussian_enhancer.infer.presets import Offer, choose, read_offers, write_offers
+from gaussian_enhancer.infer.presets import Preset, choose, read_presets, write_presets
 from support import paths
 
 CONF = paths.CONF
-FAST = Offer("lr_tiny/0 references", "lr_tiny", ("max_references=0",), 1000.0, 28.0, "a machine", "abc")
-GOOD = Offer("lr_tiny/2 references", "lr_tiny", ("max_references=2",), 4000.0, 29.0, "a machine", "abc")
-BEST = Offer("lr_base/3 references", "lr_base", (), 16000.0, 30.0, "a machine", "abc")
+FAST = Preset("lr_tiny/0 references", "lr_tiny", ("max_references=0",), 1000.0, 28.0, "a machine", "abc")
+GOOD = Preset("lr_tiny/2 references", "lr_tiny", ("max_references=2",), 4000.0, 29.0, "a machine", "abc")
+BEST = Preset("lr_base/3 references", "lr_base", (), 16000.0, 30.0, "a machine", "abc")
 OFFERS = (FAST, GOOD, BEST)
 
 
@@ -42,27 +42,27 @@ def test_a_machine_half_as_fast_affords_half_as_much() -> None:
 
 
 def test_offers_on_disk_come_back_fastest_first(tmp_path) -> None:
-    write_offers(tmp_path / "s.json", (BEST, FAST, GOOD))
-    assert read_offers(tmp_path / "s.json") == OFFERS
+    write_presets(tmp_path / "s.json", (BEST, FAST, GOOD))
+    assert read_presets(tmp_path / "s.json") == OFFERS
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[1]", '[{"name": "x"}]'])
 def test_damaged_offers_are_refused(tmp_path, text) -> None:
     (tmp_path / "s.json").write_text(text)
     with pytest.raises(InputError, match="holds no settings"):
-        read_offers(tmp_path / "s.json")
+        read_presets(tmp_path / "s.json")
 
 
 def test_offers_without_a_time_are_refused(tmp_path) -> None:
-    write_offers(tmp_path / "s.json", (replace(FAST, milliseconds=0.0),))
+    write_presets(tmp_path / "s.json", (replace(FAST, milliseconds=0.0),))
     with pytest.raises(InputError, match="one without a time"):
-        read_offers(tmp_path / "s.json")
+        read_presets(tmp_path / "s.json")
 
 
 @pytest.fixture
 def offered(tmp_path, monkeypatch) -> Path:
     """Settings that every machine is fast enough for within an hour, and slow enough for a microsecond."""
-    write_offers(tmp_path / "settings.json", OFFERS[:2])
+    write_presets(tmp_path / "settings.json", OFFERS[:2])
     monkeypatch.setattr(budget, "OFFERS", tmp_path / "settings.json")
     return tmp_path
 
@@ -110,6 +110,6 @@ def test_without_settings_a_budget_says_how_to_measure_them(tmp_path, monkeypatc
 
 def test_shipped_settings_if_there_are_any_name_shipped_weights() -> None:
     if budget.OFFERS.is_file():
-        for one in read_offers(budget.OFFERS):
+        for one in read_presets(budget.OFFERS):
             assert (budget.OFFERS.parent / f"{one.weights}.safetensors").is_file()
             json.dumps(one.enhance)

@@ -8,10 +8,10 @@ import pytest
 import torch
 from test_planner import AUTO, TEXTURE, things
 
-from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.infer.validated_inputs import depth_doubt, suited
+from gaussian_enhancer.infer.validated_inputs import depth_doubt, validate_inputs
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from support.synthetic_runs import plane_camera
@@ -40,9 +40,9 @@ def scene(change=lambda z: z) -> RenderedSet:
 
 
 def test_true_depth_is_not_doubted():
-    assert depth_doubt(Pool(scene().references), Preparation(), scene().targets) == ""
+    assert depth_doubt(Pool(scene().references), ReferenceConfig(), scene().targets) == ""
     near = scene(lambda z: z * 1.02)
-    assert depth_doubt(Pool(near.references), Preparation(), near.targets) == ""
+    assert depth_doubt(Pool(near.references), ReferenceConfig(), near.targets) == ""
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_true_depth_is_not_doubted():
 )
 def test_depth_of_another_scale_or_kind_is_found_out(change, words):
     wrong = scene(change)
-    assert re.search(words, depth_doubt(Pool(wrong.references), Preparation(), wrong.targets))
+    assert re.search(words, depth_doubt(Pool(wrong.references), ReferenceConfig(), wrong.targets))
 
 
 def test_one_view_that_fits_is_enough_and_no_other_is_read():
@@ -66,7 +66,7 @@ def test_one_view_that_fits_is_enough_and_no_other_is_read():
         raise AssertionError("read")
 
     first, second = scene().targets
-    assert depth_doubt(Pool(scene().references), Preparation(), (first, replace(second, read=unread))) == ""
+    assert depth_doubt(Pool(scene().references), ReferenceConfig(), (first, replace(second, read=unread))) == ""
 
 
 def test_depth_files_are_doubted_unless_they_are_our_own(tmp_path):
@@ -74,9 +74,9 @@ def test_depth_files_are_doubted_unless_they_are_our_own(tmp_path):
         np.save(tmp_path / f"{index}.npy", slanted(index, lambda z: z * 2).read_depth()[0].numpy())
     kept = [replace(slanted(i), read_depth=ReadDepth(tmp_path / f"{i}.npy")) for i in (0, 5)]
     rendered = replace(scene(), targets=tuple(kept))
-    assert not part(suited(rendered, Preparation(), AUTO).parts, "depth").used
-    assert part(suited(replace(rendered, own_depth=True), Preparation(), AUTO).parts, "depth").used
-    assert part(suited(rendered, Preparation(), Rules()).parts, "depth").used
+    assert not part(validate_inputs(rendered, ReferenceConfig(), AUTO).parts, "depth").used
+    assert part(validate_inputs(replace(rendered, own_depth=True), ReferenceConfig(), AUTO).parts, "depth").used
+    assert part(validate_inputs(rendered, ReferenceConfig(), Rules()).parts, "depth").used
 
 
 def test_references_that_were_looked_at_stay_in_memory(tmp_path):
@@ -92,12 +92,12 @@ def test_references_that_were_looked_at_stay_in_memory(tmp_path):
     np.save(tmp_path / "0.npy", slanted(0).read_depth()[0].numpy())
     target = replace(slanted(0), read_depth=ReadDepth(tmp_path / "0.npy"))
     rendered = RenderedSet("planes", (target,), tuple(counted(slanted(i)) for i in (1, 2, 6)))
-    found = suited(rendered, Preparation(), AUTO)
+    found = validate_inputs(rendered, ReferenceConfig(), AUTO)
     looked_at = sorted(reads)
     assert len(looked_at) == 2
-    Preparation().align(read_target(target), target, found.pool)
+    ReferenceConfig().align(read_target(target), target, found.pool)
     assert sorted(reads) == ["1.png", "2.png", "6.png"]
-    without = suited(rendered, Preparation(), replace(AUTO, depth="none"))
+    without = validate_inputs(rendered, ReferenceConfig(), replace(AUTO, depth="none"))
     assert without.pool.views == without.rendered.references
     assert all(view.read_depth is None for view in without.pool.views)
 
@@ -107,7 +107,7 @@ def test_depth_is_not_judged_without_cameras(bare):
     wrong = scene(lambda z: z * 2)
     views = getattr(wrong, bare)
     unplaced = replace(wrong, **{bare: (replace(views[0], camera=None), *views[1:])})
-    assert depth_doubt(Pool(unplaced.references), Preparation(), unplaced.targets[:1]) == ""
+    assert depth_doubt(Pool(unplaced.references), ReferenceConfig(), unplaced.targets[:1]) == ""
 
 
 def part(parts, name):
@@ -116,20 +116,20 @@ def part(parts, name):
 
 def test_everything_is_used_where_everything_is_there():
     rendered = things()
-    found = suited(rendered, Preparation(), AUTO)
-    assert (found.rendered, found.preparation, found.lacks) == (rendered, Preparation(), ())
+    found = validate_inputs(rendered, ReferenceConfig(), AUTO)
+    assert (found.rendered, found.reference_config, found.lacks) == (rendered, ReferenceConfig(), ())
     assert {one.name: one.used for one in found.parts} == {
         "super-resolution": False,
         "cameras": True,
         "depth": True,
         "references": True,
     }
-    assert part(suited(rendered, Preparation(), AUTO, scale=4).parts, "super-resolution").used
+    assert part(validate_inputs(rendered, ReferenceConfig(), AUTO, scale=4).parts, "super-resolution").used
 
 
 def test_depth_that_is_switched_off_takes_the_references_along():
-    found = suited(things(), Preparation(), replace(AUTO, depth="none"))
-    assert found.preparation.references == 0
+    found = validate_inputs(things(), ReferenceConfig(), replace(AUTO, depth="none"))
+    assert found.reference_config.references == 0
     assert all(view.read_depth is None for view in (*found.rendered.targets, *found.rendered.references))
     assert part(found.parts, "depth").why == "switched off"
     assert "cannot be reprojected" in found.lacks[0]
@@ -139,22 +139,22 @@ def test_references_without_the_camera_that_others_have_are_left_out_by_auto_alo
     rendered = things()
     bare = replace(rendered.references[0], camera=None)
     mixed = replace(rendered, references=(bare, *rendered.references[1:]))
-    found = suited(mixed, Preparation(), AUTO)
+    found = validate_inputs(mixed, ReferenceConfig(), AUTO)
     assert [view.name for view in found.rendered.references] == ["2.png"]
-    assert found.preparation.references == 3
+    assert found.reference_config.references == 3
     assert "1 without a camera left out, 1.png" in part(found.parts, "references").why
-    full = suited(mixed, Preparation(), Rules())
-    assert full.preparation.references == 0
+    full = validate_inputs(mixed, ReferenceConfig(), Rules())
+    assert full.reference_config.references == 0
     assert "1.png has no camera" in full.lacks[0]
 
 
 def test_fine_photos_are_not_asked_for_where_they_are_not_known():
-    found = suited(things(), Preparation(fine=True), AUTO, scale=4)
-    assert not found.preparation.fine
+    found = validate_inputs(things(), ReferenceConfig(fine=True), AUTO, scale=4)
+    assert not found.reference_config.fine
     assert "enlarging without their detail" in found.lacks[0]
 
 
 def test_references_are_refused_where_there_are_none():
     with pytest.raises(InputError, match="no photo to refer to"):
-        suited(replace(things(), references=()), Preparation(), AUTO)
-    assert suited(replace(things(), references=()), Preparation(references=0), AUTO).lacks == ()
+        validate_inputs(replace(things(), references=()), ReferenceConfig(), AUTO)
+    assert validate_inputs(replace(things(), references=()), ReferenceConfig(references=0), AUTO).lacks == ()

@@ -6,7 +6,7 @@ from safetensors.torch import load_file, save_file
 from test_sif import small, trained, views
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import build_design, design_of, load_weights, save_weights
 from gaussian_enhancer.network.deform import Deformable
@@ -18,7 +18,7 @@ from gaussian_enhancer.network.fuse import Mean
 def file(tmp_path):
     path = tmp_path / "net.safetensors"
     save_weights(
-        path, trained(refine=Deformable(kernel=1)), Preparation(Reprojected(tolerance=0.1), 2, 4), {"by": "test"}
+        path, trained(refine=Deformable(kernel=1)), ReferenceConfig(Reprojected(tolerance=0.1), 2, 4), {"by": "test"}
     )
     return path
 
@@ -27,7 +27,7 @@ def test_round_trip(file):
     loaded = load_weights(file)
     network = trained(refine=Deformable(kernel=1))
     assert design_of(loaded.network) == design_of(network)
-    assert loaded.preparation == Preparation(Reprojected(tolerance=0.1), 2, 4)
+    assert loaded.reference_config == ReferenceConfig(Reprojected(tolerance=0.1), 2, 4)
     assert loaded.card == {"by": "test"}
     torch.testing.assert_close(loaded.network(views()), network(views()), rtol=0, atol=5e-3)
     assert file.stat().st_size < 2.2 * sum(p.numel() for p in network.parameters()) + 20_000
@@ -43,8 +43,8 @@ def test_design_rebuilds_the_same_network(choices):
 
 
 def test_unwarped_preparation_round_trips(tmp_path):
-    save_weights(tmp_path / "a.safetensors", small(), Preparation(Unwarped(), 2, 2), {})
-    assert load_weights(tmp_path / "a.safetensors").preparation == Preparation(Unwarped(), 2, 2)
+    save_weights(tmp_path / "a.safetensors", small(), ReferenceConfig(Unwarped(), 2, 2), {})
+    assert load_weights(tmp_path / "a.safetensors").reference_config == ReferenceConfig(Unwarped(), 2, 2)
 
 
 def test_truncated_file_is_refused(file):

@@ -3,22 +3,22 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.loss.terms import (
+    DSSIM,
     Charbonnier,
-    Dissimilarity,
     FrequencyDifference,
     GradientDifference,
     Harm,
     Relative,
     SquaredError,
     charbonnier,
-    dissimilarity,
+    dssim,
     frequency_difference,
 )
-from gaussian_enhancer.loss.weighted_sum import Objective, Weighted
+from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 
 TERMS = [
     Charbonnier(),
-    Dissimilarity(),
+    DSSIM(),
     FrequencyDifference(),
     GradientDifference(),
     Harm(),
@@ -44,7 +44,7 @@ def test_is_unreduced_zero_at_the_photo_and_has_finite_gradients(term, images):
     assert bool(torch.isfinite(at_photo.grad).all())
 
 
-@pytest.mark.parametrize("term", [Charbonnier(0.1), Dissimilarity()])
+@pytest.mark.parametrize("term", [Charbonnier(0.1), DSSIM()])
 def test_gradient(term):
     generator = torch.Generator().manual_seed(0)
     enhanced, photo = torch.rand(2, 1, 1, 6, 6, generator=generator, dtype=torch.float64)
@@ -54,7 +54,7 @@ def test_gradient(term):
 def test_known_values():
     zero, one = torch.zeros(1, 1, 16, 16), torch.ones(1, 1, 16, 16)
     torch.testing.assert_close(charbonnier(one, zero).mean(), torch.tensor(0.999), rtol=0, atol=1e-5)
-    middle = dissimilarity(one, zero)[0, 0, 8, 8]
+    middle = dssim(one, zero)[0, 0, 8, 8]
     torch.testing.assert_close(middle, torch.tensor(1 - 1e-4 / (1 + 1e-4)), rtol=0, atol=1e-4)
     assert frequency_difference(one, zero).argmax() == 0
     torch.testing.assert_close(frequency_difference(one, zero).max(), torch.tensor(16.0))
@@ -66,7 +66,7 @@ def test_ssim_equals_torchmetrics(images):
     photo = 0.7 * enhanced + 0.3 * photo
     _, theirs = functional.structural_similarity_index_measure(enhanced, photo, data_range=1.0, return_full_image=True)
     inner = (..., slice(5, -5), slice(5, -5))
-    torch.testing.assert_close(1 - dissimilarity(enhanced, photo)[inner], theirs[inner], rtol=0, atol=1e-4)
+    torch.testing.assert_close(1 - dssim(enhanced, photo)[inner], theirs[inner], rtol=0, atol=1e-4)
 
 
 def test_harm_is_counted_only_where_it_became_worse():
@@ -89,8 +89,8 @@ def test_relative_weighs_good_and_bad_renders_alike():
 
 def test_total_is_the_weighted_sum(images):
     enhanced, photo, render = images
-    objective = Objective({"a": Weighted(Charbonnier(), 2.0), "b": Weighted(Dissimilarity(), 0.5), "c": None})
-    total, parts = objective(enhanced, photo, render)
+    loss = WeightedLoss({"a": Weighted(Charbonnier(), 2.0), "b": Weighted(DSSIM(), 0.5), "c": None})
+    total, parts = loss(enhanced, photo, render)
     torch.testing.assert_close(total, 2 * parts["a"] + 0.5 * parts["b"])
     assert set(parts) == {"a", "b"}
 
@@ -98,4 +98,4 @@ def test_total_is_the_weighted_sum(images):
 @pytest.mark.parametrize("terms", [{}, {"a": None}, {"a": Weighted(Charbonnier(), -1.0)}])
 def test_useless_objectives_are_refused(terms):
     with pytest.raises(InputError, match="objective"):
-        Objective(terms)
+        WeightedLoss(terms)

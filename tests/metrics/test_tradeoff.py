@@ -104,7 +104,7 @@ def test_a_setting_is_summed_up_over_its_views() -> None:
     ]
     (a, b), reasons = summarised(records)
     assert reasons == {}
-    assert (a.name, a.milliseconds, a.low, a.high, a.psnr, a.dissimilarity) == ("a/x", 20, 19, 22, 25, 0.25)
+    assert (a.name, a.milliseconds, a.low, a.high, a.psnr, a.dssim) == ("a/x", 20, 19, 22, 25, 0.25)
     assert a.perceptual == {"lpips_alex": pytest.approx(0.3)}
     assert (a.memory, a.views, a.megapixels) == (5.0, 2, 0.5)
     assert b.perceptual == {}  # one view lacks it

@@ -6,11 +6,11 @@ import torch
 import torch.nn.functional as F
 from test_ssif_sr import views
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import build_design, design_of, load_weights, save_weights
 from gaussian_enhancer.network.cascade import Cascade
-from gaussian_enhancer.network.colour_clamping import within_evidence
+from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 
@@ -38,10 +38,10 @@ def test_untrained_returns_the_enlarged_render_bit_for_bit(size, references, fin
 def test_the_second_sees_what_the_first_makes_within_the_evidence():
     seen, first, second = views(), moved(SSIFLR(**SMALL)), moved(SSIFSR(**SMALL))
     bare = first(dataclasses.replace(seen, fine_references=None))
-    kept = within_evidence(bare, seen, 3)
+    kept = clamp_to_references(bare, seen, 3)
     assert not torch.equal(kept, bare)
-    for evidence, image in ((3, kept), (0, bare)):
-        network = Cascade(first, second, evidence)
+    for colour_clamping, image in ((3, kept), (0, bare)):
+        network = Cascade(first, second, colour_clamping)
         torch.testing.assert_close(network.stages(seen)[0], image)
         torch.testing.assert_close(network(seen), second(dataclasses.replace(seen, render=image)))
 
@@ -54,12 +54,12 @@ def test_gradients_reach_both():
 
 
 def test_survives_its_file(tmp_path):
-    network = moved(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), evidence=5)).half().float()
+    network = moved(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), colour_clamping=5)).half().float()
     path = tmp_path / "both.safetensors"
-    save_weights(path, network, Preparation(fine=True), {"name": "both"})
+    save_weights(path, network, ReferenceConfig(fine=True), {"name": "both"})
     loaded = load_weights(path).network
     assert isinstance(loaded, Cascade)
-    assert loaded.evidence == 5
+    assert loaded.colour_clamping == 5
     torch.testing.assert_close(loaded(views()), network(views()))
 
 
@@ -67,7 +67,7 @@ def test_refuses_what_does_not_follow_one_upon_the_other():
     with pytest.raises(InputError, match="enlarge 4 and 4 times"):
         Cascade(SSIFSR(**SMALL), SSIFSR(**SMALL))
     with pytest.raises(InputError, match="window"):
-        Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), evidence=2)
+        Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL), colour_clamping=2)
     design = json.loads(json.dumps(design_of(Cascade(SSIFLR(**SMALL), SSIFSR(**SMALL)))))
     assert design_of(build_design(design)) == design
     design["second"] = dict(design)

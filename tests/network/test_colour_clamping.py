@@ -2,8 +2,8 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.colour_clamping import within_evidence
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.network.colour_clamping import clamp_to_references
+from gaussian_enhancer.types import NetworkInput
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -12,17 +12,17 @@ def noise(*shape: int, seed: int = 0) -> torch.Tensor:
 
 def test_colours_within_reach_stay_and_others_go_to_the_nearest() -> None:
     render, photo = torch.full((1, 3, 4, 4), 0.5), torch.full((1, 1, 3, 4, 4), 0.8)
-    seen = Views(render, photo, torch.ones(1, 1, 1, 4, 4))
+    seen = NetworkInput(render, photo, torch.ones(1, 1, 1, 4, 4))
     values = {0.5: 0.5, 0.65: 0.65, 0.8: 0.8, 0.2: 0.5, 1.0: 0.8}
     for value, kept in values.items():
-        assert torch.equal(within_evidence(torch.full_like(render, value), seen), torch.full_like(render, kept))
+        assert torch.equal(clamp_to_references(torch.full_like(render, value), seen), torch.full_like(render, kept))
 
 
 def test_what_is_not_visible_is_no_evidence() -> None:
     render, photo = torch.full((2, 3, 4, 8), 0.5), torch.full((2, 1, 3, 4, 8), 0.8)
     visibility = torch.zeros(2, 1, 1, 4, 8)
     visibility[0, ..., 6:] = 1
-    kept = within_evidence(torch.ones_like(render), Views(render, photo, visibility))
+    kept = clamp_to_references(torch.ones_like(render), NetworkInput(render, photo, visibility))
     assert torch.equal(kept[0, :, :, :5], render[0, :, :, :5])
     assert bool((kept[0, :, :, 5:] == 0.8).all())
     assert bool((kept[1] == 1).all())  # nothing shows any of it: as where there is no reference
@@ -34,7 +34,7 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
     render, photos = noise(2, 3, height, width), noise(2, 3, 3, height, width, seed=1)
     visibility = (noise(2, 3, 1, height, width, seed=2) - 0.4).clamp(0)
     image, reach = noise(2, 3, height, width, seed=3), window // 2
-    found = within_evidence(image, Views(render, photos, visibility), window)
+    found = clamp_to_references(image, NetworkInput(render, photos, visibility), window)
     for b in range(2):
         for y in range(height):
             for x in range(width):
@@ -50,15 +50,15 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
 
 def test_the_render_itself_is_never_changed() -> None:
     render = noise(1, 3, 8, 8)
-    seen = Views(render, noise(1, 2, 3, 8, 8, seed=1), noise(1, 2, 1, 8, 8, seed=2))
-    assert torch.equal(within_evidence(render, seen), render)
+    seen = NetworkInput(render, noise(1, 2, 3, 8, 8, seed=1), noise(1, 2, 1, 8, 8, seed=2))
+    assert torch.equal(clamp_to_references(render, seen), render)
 
 
 def test_order_of_references_does_not_matter() -> None:
     render, photos, visibility = noise(1, 3, 6, 6), noise(1, 3, 3, 6, 6, seed=1), noise(1, 3, 1, 6, 6, seed=2).round()
     image, order = noise(1, 3, 6, 6, seed=3), [2, 0, 1]
-    one = within_evidence(image, Views(render, photos, visibility))
-    assert torch.equal(one, within_evidence(image, Views(render, photos[:, order], visibility[:, order])))
+    one = clamp_to_references(image, NetworkInput(render, photos, visibility))
+    assert torch.equal(one, clamp_to_references(image, NetworkInput(render, photos[:, order], visibility[:, order])))
     assert not torch.equal(one, image)
 
 
@@ -66,7 +66,7 @@ def test_order_of_references_does_not_matter() -> None:
 def test_windows_without_a_middle_are_refused(window: int) -> None:
     render = noise(1, 3, 4, 4)
     with pytest.raises(InputError, match="odd"):
-        within_evidence(render, Views(render, render[:, None], torch.ones(1, 1, 1, 4, 4)), window)
+        clamp_to_references(render, NetworkInput(render, render[:, None], torch.ones(1, 1, 1, 4, 4)), window)
 
 
 def test_gradients_pass_where_the_limits_do_not_hold() -> None:
@@ -75,7 +75,7 @@ def test_gradients_pass_where_the_limits_do_not_hold() -> None:
         torch.tensor([0.0, 0.5]).expand(1, 3, 1, 2).clone(),
     )
     image.requires_grad_()
-    seen = Views(render.requires_grad_(), render[:, None].detach(), torch.ones(1, 1, 1, 1, 2))
-    within_evidence(image, seen, 3).sum().backward()
+    seen = NetworkInput(render.requires_grad_(), render[:, None].detach(), torch.ones(1, 1, 1, 1, 2))
+    clamp_to_references(image, seen, 3).sum().backward()
     assert torch.equal(image.grad, torch.tensor([1.0, 0.0]).expand(1, 3, 1, 2))
     assert render.grad is None

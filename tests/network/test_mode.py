@@ -5,7 +5,7 @@ from omegaconf import DictConfig, OmegaConf
 from test_sif import views
 
 from gaussian_enhancer.align.alignment import Unwarped
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.network.deform import Deformation
 from gaussian_enhancer.network.fuse import PairFusion
 from gaussian_enhancer.network.output_head import Residual
@@ -15,18 +15,30 @@ from support import paths
 
 CONF = paths.ROOT / "conf"
 ROWS = {
-    "agreement": {"alignment.warp.agreement", "preparation.warp.agreement", "data.preparation.warp.agreement"},
-    "alignment": {"alignment", "fusion.refine", "preparation.warp", "data.preparation.warp"},
+    "agreement": {
+        "alignment.warp.photo_consistency",
+        "reference_config.warp.photo_consistency",
+        "data.reference_config.warp.photo_consistency",
+    },
+    "alignment": {"alignment", "fusion.refine", "reference_config.warp", "data.reference_config.warp"},
     "coarse": {"coarse"},
-    "colour": {"alignment.warp.match_colour", "preparation.warp.match_colour", "data.preparation.warp.match_colour"},
-    "depth": {"alignment.warp.depth", "preparation.warp.depth", "data.preparation.warp.depth"},
-    "fusion": {"fusion.fusion", "preparation.references", "data.preparation.references"},
-    "objective": {"objective.terms"},
-    "occlusion": {"alignment.warp.tolerance", "preparation.warp.tolerance", "data.preparation.warp.tolerance"},
+    "colour": {
+        "alignment.warp.match_colour",
+        "reference_config.warp.match_colour",
+        "data.reference_config.warp.match_colour",
+    },
+    "depth": {"alignment.warp.depth", "reference_config.warp.depth", "data.reference_config.warp.depth"},
+    "fusion": {"fusion.fusion", "reference_config.references", "data.reference_config.references"},
+    "objective": {"loss.terms"},
+    "occlusion": {
+        "alignment.warp.tolerance",
+        "reference_config.warp.tolerance",
+        "data.reference_config.warp.tolerance",
+    },
     "output": {"fusion.output"},
-    "ranking": {"preparation.candidates", "data.preparation.candidates"},
+    "ranking": {"reference_config.candidates", "data.reference_config.candidates"},
     "reference_renders": {"fusion.reference_renders"},
-    "references": {"preparation.references", "data.preparation.references"},
+    "references": {"reference_config.references", "data.reference_config.references"},
 }
 """What each row may change beside its label; a name covers what lies below it."""
 
@@ -69,9 +81,9 @@ def test_each_row_changes_what_it_names_alone_and_builds(row, fusion):
     assert all(below.values()), "a named difference is none"
     assert changed == set().union(*below.values())
     assert other.label == f"mode_{row}"
-    preparation = build(other.preparation)
-    build(other.objective)
-    seen = views(height=16, width=16, references=preparation.references)
+    reference_config = build(other.reference_config)
+    build(other.loss)
+    seen = views(height=16, width=16, references=reference_config.references)
     assert torch.equal(build(other.fusion)(seen), seen.render)
 
 
@@ -85,8 +97,8 @@ def test_paper_mode_is_the_papers(fusion):
         assert isinstance(gather.align.narrow, torch.nn.Identity)
         assert not gather.reference_renders
     assert isinstance(network.output, Residual)
-    assert build(cfg.preparation) == Preparation(Unwarped(), 2, 2)
-    assert list(build(cfg.objective).terms) == ["charbonnier"]
+    assert build(cfg.reference_config) == ReferenceConfig(Unwarped(), 2, 2)
+    assert list(build(cfg.loss).terms) == ["charbonnier"]
     seen = views(height=16, width=16)
     assert torch.equal(network(seen), seen.render)
 

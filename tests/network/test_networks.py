@@ -8,15 +8,15 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import NETWORKS, build_design, design_of, load_weights, save_weights
 from gaussian_enhancer.network.deform import Deformable, Deformation
 from gaussian_enhancer.network.depth_modulation import DepthModulation
 from gaussian_enhancer.network.fuse import Mean, Pair, Trust
-from gaussian_enhancer.network.network import Network, Remembering
-from gaussian_enhancer.network.pyramid import enlarged
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.network.network import CachesReferences, Network
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.types import NetworkInput
 
 SIZES = {"widths": (8, 8, 16), "blocks": (1, 1, 1)}
 NULL = {"Identity", "Bicubic"}
@@ -42,14 +42,14 @@ def trained(name: str, **choices) -> Network:
     return network
 
 
-def views(height: int = 32, width: int = 48, references: int = 2, batch: int = 1, fine: bool = False) -> Views:
+def views(height: int = 32, width: int = 48, references: int = 2, batch: int = 1, fine: bool = False) -> NetworkInput:
     """All that may be known, the unit of depth included, so that padding and cutting do not change it."""
     generator = torch.Generator().manual_seed(0)
 
     def rand(*shape):
         return torch.rand(*shape, generator=generator)
 
-    return Views(
+    return NetworkInput(
         rand(batch, 3, height, width),
         rand(batch, references, 3, height, width),
         rand(batch, references, 1, height, width),
@@ -61,16 +61,16 @@ def views(height: int = 32, width: int = 48, references: int = 2, batch: int = 1
     )
 
 
-def views_for(network: Network, *args, **kwargs) -> Views:
+def views_for(network: Network, *args, **kwargs) -> NetworkInput:
     return views(*args, fine=network.scale > 1, **kwargs)
 
 
-def start(network: Network, seen: Views) -> torch.Tensor:
+def start(network: Network, seen: NetworkInput) -> torch.Tensor:
     """What an untrained network returns."""
-    return enlarged(seen.render, network.scale)
+    return upsampled(seen.render, network.scale)
 
 
-def picked(seen: Views, order: list[int]) -> Views:
+def picked(seen: NetworkInput, order: list[int]) -> NetworkInput:
     """The views with these references alone, in this order."""
 
     def pick(images: torch.Tensor | None) -> torch.Tensor | None:
@@ -185,7 +185,7 @@ def test_a_batch_is_its_samples(learning):
     seen = views_for(network, batch=2)
     images = {f.name: getattr(seen, f.name) for f in dataclasses.fields(seen)}
     for sample in range(2):
-        alone = Views(**{n: None if v is None else v[sample : sample + 1] for n, v in images.items()})
+        alone = NetworkInput(**{n: None if v is None else v[sample : sample + 1] for n, v in images.items()})
         torch.testing.assert_close(network(alone), network(seen)[sample : sample + 1], rtol=0, atol=1e-5)
 
 
@@ -270,7 +270,7 @@ def test_stages_end_in_the_result(name):
     assert sides == sorted(sides)
 
 
-@pytest.mark.parametrize("kind", sorted(n for n, kind in NETWORKS.items() if issubclass(kind, Remembering)))
+@pytest.mark.parametrize("kind", sorted(n for n, kind in NETWORKS.items() if issubclass(kind, CachesReferences)))
 def test_known_features_are_used_and_give_the_same(kind):
     network = trained(kind)
     seen = views_for(network)
@@ -286,7 +286,7 @@ def test_design_and_weights_make_the_round_trip(name, tmp_path):
     assert design_of(build_design(design)) == design_of(network)
     path = tmp_path / "network.safetensors"
     network.load_state_dict({key: value.half().float() for key, value in network.state_dict().items()})
-    save_weights(path, network, Preparation(), {})
+    save_weights(path, network, ReferenceConfig(), {})
     seen = views_for(network)
     assert torch.equal(load_weights(path).network(seen), network(seen))
 

@@ -8,16 +8,16 @@ from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
 from gaussian_enhancer.network.fuse import Mean, Trust
 from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
-def views(height: int = 24, width: int = 40, references: int = 2, batch: int = 1, seed: int = 0) -> Views:
+def views(height: int = 24, width: int = 40, references: int = 2, batch: int = 1, seed: int = 0) -> NetworkInput:
     generator = torch.Generator().manual_seed(seed)
 
     def rand(*shape):
         return torch.rand(*shape, generator=generator)
 
-    return Views(
+    return NetworkInput(
         rand(batch, 3, height, width),
         rand(batch, references, 3, height, width),
         rand(batch, references, 1, height, width),

@@ -10,16 +10,16 @@ from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.fuse import Mean, Trust
 from gaussian_enhancer.network.output_head import Gated, Residual
 from gaussian_enhancer.network.ssif_sr import SSIFSR, merged, pooled
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
-def views(height: int = 16, width: int = 24, references: int = 2, seed: int = 0, fine: bool = True) -> Views:
+def views(height: int = 16, width: int = 24, references: int = 2, seed: int = 0, fine: bool = True) -> NetworkInput:
     generator = torch.Generator().manual_seed(seed)
 
     def rand(*shape):
         return torch.rand(*shape, generator=generator)
 
-    return Views(
+    return NetworkInput(
         rand(1, 3, height, width),
         rand(1, references, 3, height, width),
         rand(1, references, 1, height, width),
@@ -39,7 +39,7 @@ def trained(**choices) -> SSIFSR:
     return network.eval()
 
 
-def part(seen: Views, order: list[int]) -> Views:
+def part(seen: NetworkInput, order: list[int]) -> NetworkInput:
     index = torch.tensor(order, dtype=torch.long)
     names = ("references", "visibility", "reference_renders", "fine_references")
     return dataclasses.replace(seen, **{name: getattr(seen, name)[:, index] for name in names})

@@ -13,7 +13,7 @@ import torch
 from hydra import compose, initialize_config_dir
 from safetensors.torch import load_file
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -39,7 +39,7 @@ def configured(job: str, *overrides: str):
 def options(train: Path, validation: Path, runs: Path) -> list[str]:
     places = [f"data.train=[{train}]", f"data.validation=[{validation}]", f"runs={runs}", "logger=csv"]
     small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=4"]
-    quick = ["optimiser.rate=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2"]
+    quick = ["optimiser.lr=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2"]
     return [*places, *small, *quick, "trainer=smoke", "trainer.max_steps=4", "save_every=3"]
 
 
@@ -51,7 +51,7 @@ def three_views(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("renders_known", [True, False])
 def test_shares_make_the_whole_batch(renders_known, plane_run, tmp_path):
-    samples = prepare_samples(read_run(plane_run), Preparation(), tmp_path, "a")
+    samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
     if not renders_known:  # of one sample: then the whole batch goes without
         samples[0] = type(samples[0])(**{**vars(samples[0]), "has_reference_renders": False})
     augmentation = Augmentation(crop=32, drop_renders=0.5)
@@ -115,7 +115,7 @@ def test_two_processes_enhance_as_one_does(three_views, tmp_path):
     torch.manual_seed(0)
     network = SIF((8, 8, 8), (1, 1, 1))
     torch.nn.init.normal_(network.decode.head.weight, std=0.1)
-    save_weights(tmp_path / "a.safetensors", network, Preparation(), {})
+    save_weights(tmp_path / "a.safetensors", network, ReferenceConfig(), {})
     folders = []
     for name, more in (("one", []), ("two", ["runtime.processes=2"])):
         given = [f"run={three_views}", f"weights={tmp_path / 'a.safetensors'}", f"runs={tmp_path / name}"]

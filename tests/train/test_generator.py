@@ -5,8 +5,8 @@ from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.generator import DiffusedModule, GeneratorLoss, PairedModule
-from gaussian_enhancer.train.module import Optimiser
-from gaussian_enhancer.types import Batch, Views
+from gaussian_enhancer.train.module import OptimiserConfig
+from gaussian_enhancer.types import Batch, NetworkInput
 
 PIXELS_ALONE = GeneratorLoss(pixels=10.0, texture=0.0, size=0.0, noise=0.0)
 
@@ -18,7 +18,7 @@ def batch(count: int = 2, side: int = 16) -> Batch:
     error = torch.rand(count, 3, side // 8, side // 8, generator=generator) * 0.4 - 0.2
     real = photo + torch.nn.functional.interpolate(error, scale_factor=8, mode="nearest")
     empty = torch.zeros(count, 0, 3, side, side), torch.zeros(count, 0, 1, side, side)
-    return Batch(Views(photo, *empty), photo, tuple("ab"[:count]), real)
+    return Batch(NetworkInput(photo, *empty), photo, tuple("ab"[:count]), real)
 
 
 def model() -> FactorModel:
@@ -31,8 +31,8 @@ def quiet(module):
     return module
 
 
-def train(module, steps: int, rate: float = 3e-3) -> list[float]:
-    optimiser = torch.optim.Adam([p for p in module.parameters() if p.requires_grad], lr=rate)
+def train(module, steps: int, lr: float = 3e-3) -> list[float]:
+    optimiser = torch.optim.Adam([p for p in module.parameters() if p.requires_grad], lr=lr)
     losses = []
     for step in range(steps):
         torch.manual_seed(step)
@@ -49,7 +49,7 @@ def difference(made: torch.Tensor) -> float:
 
 
 def test_paired_step_overfits_to_nearly_no_error():
-    module = quiet(PairedModule(model(), PIXELS_ALONE, Optimiser(), 400))
+    module = quiet(PairedModule(model(), PIXELS_ALONE, OptimiserConfig(), 400))
     before = difference(batch().photo)
     train(module, 400)
     manual, real, generators = module.prepared(batch(), 0)
@@ -60,9 +60,9 @@ def test_paired_step_overfits_to_nearly_no_error():
 
 def test_diffused_step_learns_the_codes_of_its_views():
     """With one pair a code is determined by M, so that samples come near R, and nearer with training."""
-    module = quiet(PairedModule(model(), GeneratorLoss(pixels=10.0, texture=0.0, noise=0.05), Optimiser(), 300))
+    module = quiet(PairedModule(model(), GeneratorLoss(pixels=10.0, texture=0.0, noise=0.05), OptimiserConfig(), 300))
     train(module, 300)
-    second = quiet(DiffusedModule(module.model, GeneratorLoss(noise=0.05), Optimiser(), 400, Sampler(4)))
+    second = quiet(DiffusedModule(module.model, GeneratorLoss(noise=0.05), OptimiserConfig(), 400, Sampler(4)))
     before = difference(sampled(second)), unknown(second)
     train(second, 400)
     assert difference(sampled(second)) < before[0]
@@ -84,7 +84,7 @@ def sampled(module) -> torch.Tensor:
 
 
 def test_second_step_trains_the_denoiser_alone():
-    module = quiet(DiffusedModule(model(), GeneratorLoss(), Optimiser(), 10, Sampler(2)))
+    module = quiet(DiffusedModule(model(), GeneratorLoss(), OptimiserConfig(), 10, Sampler(2)))
     module.training_step(batch(), 0).backward()
     assert all(p.grad is not None for p in module.model.denoiser.parameters())
     others = (*module.model.extractor.parameters(), *module.model.combiner.parameters())
@@ -92,7 +92,7 @@ def test_second_step_trains_the_denoiser_alone():
 
 
 def test_scale_follows_the_size_of_codes():
-    module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), Optimiser(), 10))
+    module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), OptimiserConfig(), 10))
     manual, real, _ = module.prepared(batch(), 0)
     factors = module.model.extractor(manual, real)
     for _ in range(1500):
@@ -102,7 +102,7 @@ def test_scale_follows_the_size_of_codes():
 
 
 def test_batches_without_real_renders_are_refused():
-    module = quiet(PairedModule(model(), GeneratorLoss(), Optimiser(), 10))
+    module = quiet(PairedModule(model(), GeneratorLoss(), OptimiserConfig(), 10))
     plain = Batch(batch().views, batch().photo, ("a", "b"))
     with pytest.raises(InputError, match="simulates nothing"):
         module.training_step(plain, 0)

@@ -24,7 +24,7 @@ SMALL = (
     "data.batch_size=2",
     "data.steps_per_epoch=2",
 )
-QUICK = ("optimiser.rate=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2")
+QUICK = ("optimiser.lr=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2")
 SHORT = ("trainer=smoke", "trainer.max_steps=4", "save_every=3", "runtime.progress=false", "runtime.threads=1")
 
 

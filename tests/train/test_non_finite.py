@@ -7,16 +7,16 @@ import pytest
 import torch
 from test_train import configured, settings
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.loss.terms import Charbonnier, Dissimilarity
-from gaussian_enhancer.loss.weighted_sum import Objective, Weighted
+from gaussian_enhancer.loss.terms import DSSIM, Charbonnier
+from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.train.module import EnhancerModule, Optimiser
-from gaussian_enhancer.train.non_finite import FEWEST, Dropped, emptied, finite_samples, refuse_bad
+from gaussian_enhancer.train.module import EnhancerModule, OptimiserConfig
+from gaussian_enhancer.train.non_finite import FEWEST, NonFiniteFilter, emptied, finite_samples, refuse_bad
 from gaussian_enhancer.train.samples import Sample, prepare_samples
-from gaussian_enhancer.types import Batch, Views
+from gaussian_enhancer.types import Batch, NetworkInput
 
 
 def batch(size: int = 4) -> Batch:
@@ -25,7 +25,7 @@ def batch(size: int = 4) -> Batch:
     def image(*shape: int) -> torch.Tensor:
         return torch.rand(size, *shape, 16, 16, generator=draw)
 
-    views = Views(image(3), image(2, 3), image(2, 1), 1 + image(1), image(1), torch.ones(size), image(2, 3))
+    views = NetworkInput(image(3), image(2, 3), image(2, 1), 1 + image(1), image(1), torch.ones(size), image(2, 3))
     return Batch(views, image(3), tuple(f"sample {i}" for i in range(size)))
 
 
@@ -33,8 +33,8 @@ def module(share: float = 1.0) -> EnhancerModule:
     torch.manual_seed(0)
     network = SIF((8, 8), (1, 1))
     torch.nn.init.normal_(network.decode.head.weight, std=0.1)
-    terms = {"photo": Weighted(Charbonnier()), "shape": Weighted(Dissimilarity(), 0.2)}
-    return EnhancerModule(network, Objective(terms), {}, Optimiser(), 10, bad_share=share)
+    terms = {"photo": Weighted(Charbonnier()), "shape": Weighted(DSSIM(), 0.2)}
+    return EnhancerModule(network, WeightedLoss(terms), {}, OptimiserConfig(), 10, bad_share=share)
 
 
 def gradients(training: EnhancerModule, given: Batch) -> tuple[torch.Tensor, torch.Tensor]:
@@ -63,7 +63,7 @@ def test_a_bad_sample_weighs_nothing_and_is_named(part, value, capsys):
     rest = [gradients(training, _only(good, place)) for place in (0, 1, 3)]
     assert total == pytest.approx(float(sum(one for one, _ in rest)) / 4, rel=1e-5)
     torch.testing.assert_close(slope, sum(one for _, one in rest) / 4, rtol=1e-4, atol=1e-7)
-    assert training.dropped.counts == {"sample 2": 1}
+    assert training.non_finite.counts == {"sample 2": 1}
     assert "sample 2" in capsys.readouterr().err
 
 
@@ -73,7 +73,7 @@ def test_a_good_batch_is_what_it_was_bit_for_bit():
     total, found = training.loss(good)
     assert torch.equal(total, expected)
     assert all(torch.equal(found[name], value) for name, value in parts.items())
-    assert training.dropped.counts == {}
+    assert training.non_finite.counts == {}
 
 
 def test_depth_that_is_not_finite_is_no_reason_to_drop():
@@ -107,18 +107,18 @@ def test_emptying_keeps_the_others():
 
 
 def test_too_large_a_share_fails():
-    dropped = Dropped(0.01)
-    dropped.add(["a"] * 10)
-    dropped.refuse_many(4)  # ten of the first thousand may be
-    dropped.add(["b"])
+    non_finite = NonFiniteFilter(0.01)
+    non_finite.add(["a"] * 10)
+    non_finite.refuse_many(4)  # ten of the first thousand may be
+    non_finite.add(["b"])
     with pytest.raises(InputError, match=r"dropped 11 of 4 crops that are not finite, most often a .10."):
-        dropped.refuse_many(4)
-    dropped.refuse_many(FEWEST + 100)
-    dropped.refuse_many_of_all(1100)
+        non_finite.refuse_many(4)
+    non_finite.refuse_many(FEWEST + 100)
+    non_finite.refuse_many_of_all(1100)
     with pytest.raises(InputError, match="11 of 1000"):
-        dropped.refuse_many_of_all(1000)
+        non_finite.refuse_many_of_all(1000)
     with pytest.raises(InputError, match="bad_share"):
-        Dropped(1.5)
+        NonFiniteFilter(1.5)
 
 
 def test_a_view_that_is_not_finite_is_prepared_by_name_alone(plane_run, tmp_path, capsys):
@@ -132,7 +132,7 @@ def test_a_view_that_is_not_finite_is_prepared_by_name_alone(plane_run, tmp_path
 
     bad = replace(rendered, targets=(replace(first, read_photo=photo), *others))
     for _ in range(2):  # made, then found in the cache
-        samples = prepare_samples(bad, Preparation(references=1), tmp_path, "a")
+        samples = prepare_samples(bad, ReferenceConfig(references=1), tmp_path, "a")
         assert [sample.bad for sample in samples] == ["photo", *[""] * len(others)]
     index = next(tmp_path.glob("*/index.json"))
     assert ["bad" in entry for entry in json.loads(index.read_text())] == [True, *[False] * len(others)]
@@ -176,4 +176,4 @@ def _only(given: Batch, place: int) -> Batch:
     one = torch.tensor([place])
     views = given.views
     names = ("render", "references", "visibility", "depth", "alpha", "depth_unit", "reference_renders")
-    return Batch(Views(**{n: getattr(views, n)[one] for n in names}), given.photo[one], (given.names[place],))
+    return Batch(NetworkInput(**{n: getattr(views, n)[one] for n in names}), given.photo[one], (given.names[place],))

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.alignment import Unwarped
-from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.weights import preparation_of
+from gaussian_enhancer.infer.weights import reference_config_of
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -21,12 +21,12 @@ from support.synthetic_runs import write_plane_run
 
 
 def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):
-    rendered, preparation = read_run(plane_run), Preparation()
-    samples = prepare_samples(rendered, preparation, tmp_path, "a")
-    batch = batch_of([samples[0].planes()], samples[:1], preparation.references)
+    rendered, reference_config = read_run(plane_run), ReferenceConfig()
+    samples = prepare_samples(rendered, reference_config, tmp_path, "a")
+    batch = batch_of([samples[0].planes()], samples[:1], reference_config.references)
     view = rendered.targets[0]
     target = read_target(view)
-    seen = join(target, preparation.align(target, view, Pool(rendered.references)))
+    seen = join(target, reference_config.align(target, view, Pool(rendered.references)))
     assert view.read_photo is not None
     torch.testing.assert_close(batch.photo[0], view.read_photo())
     torch.testing.assert_close(batch.views.render, seen.render)
@@ -40,20 +40,22 @@ def test_a_sample_is_what_the_enhancer_sees(plane_run, tmp_path):
 
 def test_samples_are_prepared_once_for_each_preparation(plane_run, tmp_path):
     rendered, done = read_run(plane_run), []
-    first = prepare_samples(rendered, Preparation(), tmp_path, "a", progress=lambda: done.append(1))
-    again = prepare_samples(rendered, Preparation(), tmp_path, "a", progress=lambda: done.append(1))
+    first = prepare_samples(rendered, ReferenceConfig(), tmp_path, "a", progress=lambda: done.append(1))
+    again = prepare_samples(rendered, ReferenceConfig(), tmp_path, "a", progress=lambda: done.append(1))
     assert first == again
     assert len(done) == len(rendered.targets)
-    other = prepare_samples(rendered, Preparation(Unwarped(), 2, 2), tmp_path, "a")
+    other = prepare_samples(rendered, ReferenceConfig(Unwarped(), 2, 2), tmp_path, "a")
     assert other[0].path != first[0].path
-    assert prepare_samples(rendered, Preparation(), tmp_path, "b")[0].path != first[0].path
+    assert prepare_samples(rendered, ReferenceConfig(), tmp_path, "b")[0].path != first[0].path
 
 
 def test_of_two_trainings_that_begin_together_one_prepares(plane_run, tmp_path):
     rendered, done = read_run(plane_run), []
     with ThreadPoolExecutor(2) as executor:
         both = [
-            executor.submit(prepare_samples, rendered, Preparation(), tmp_path, "a", progress=lambda: done.append(1))
+            executor.submit(
+                prepare_samples, rendered, ReferenceConfig(), tmp_path, "a", progress=lambda: done.append(1)
+            )
             for _ in range(2)
         ]
     assert both[0].result() == both[1].result()
@@ -64,7 +66,7 @@ def test_missing_parts_stay_missing(plane_run, tmp_path):
     rendered = read_run(plane_run)
     bare = [dataclasses.replace(view, read_depth=None, read_alpha=None) for view in rendered.targets]
     rendered = dataclasses.replace(rendered, targets=tuple(bare))
-    samples = prepare_samples(rendered, Preparation(references=0), tmp_path, "a")
+    samples = prepare_samples(rendered, ReferenceConfig(references=0), tmp_path, "a")
     batch = batch_of([samples[0].planes()], samples[:1], references=2)
     assert batch.views.depth is not None
     assert batch.views.depth.abs().max() == 0
@@ -73,7 +75,7 @@ def test_missing_parts_stay_missing(plane_run, tmp_path):
 
 
 def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_run, tmp_path):
-    samples = prepare_samples(read_run(plane_run), Preparation(), tmp_path, "a")
+    samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
     augmentation = Augmentation(crop=64)
     planes = samples[0].planes()
     one, same, other = (augmentation.cut(planes, torch.Generator().manual_seed(s)) for s in (1, 1, 2))
@@ -89,7 +91,7 @@ def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_
 
 
 def test_light_is_shared_and_references_differ(plane_run, tmp_path):
-    samples = prepare_samples(read_run(plane_run), Preparation(), tmp_path, "a")
+    samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
     batch = batch_of([samples[0].planes()], samples[:1], 3)
     batch = dataclasses.replace(batch, views=dataclasses.replace(batch.views, render=batch.photo))
     lit = Augmentation(light=0.2).relight(batch, torch.Generator().manual_seed(0))
@@ -110,22 +112,22 @@ def fine_set(tmp_path_factory):
 
 
 def test_a_fine_sample_is_what_the_enhancer_sees(fine_set, tmp_path):
-    preparation = Preparation(fine=True)
-    samples = prepare_samples(fine_set, preparation, tmp_path, "a")
+    reference_config = ReferenceConfig(fine=True)
+    samples = prepare_samples(fine_set, reference_config, tmp_path, "a")
     batch = batch_of([samples[0].planes()], samples[:1], 3, [samples[0].fine_planes()])
     view = fine_set.targets[0]
     target = read_target(view)
-    seen = join(target, preparation.align(target, view, Pool(fine_set.references)))
+    seen = join(target, reference_config.align(target, view, Pool(fine_set.references)))
     torch.testing.assert_close(batch.photo[0], view.read_fine_photo())
     assert seen.fine_references is not None
     assert batch.views.fine_references is not None
     assert batch.views.fine_references.shape == (1, 3, 3, 192, 256)
     torch.testing.assert_close(batch.views.fine_references, seen.fine_references, rtol=0, atol=0.5 / 255 + 1e-6)
-    assert prepare_samples(fine_set, preparation, tmp_path, "a") == samples
+    assert prepare_samples(fine_set, reference_config, tmp_path, "a") == samples
 
 
 def test_fine_crops_lie_where_the_crops_lie(fine_set, tmp_path):
-    samples = prepare_samples(fine_set, Preparation(fine=True), tmp_path, "a")
+    samples = prepare_samples(fine_set, ReferenceConfig(fine=True), tmp_path, "a")
     calm = Augmentation(crop=32, light=0.0, exposure=0.0)
     crops, counts = Crops(samples, calm), set()
     for seed in range(12):
@@ -147,27 +149,32 @@ def test_fine_crops_lie_where_the_crops_lie(fine_set, tmp_path):
 
 
 def test_ordinary_samples_keep_their_names_and_their_index(plane_run, tmp_path):
-    content = {"layout": 5, "identity": "a", "preparation": preparation_of(Preparation()), "held_out": True}
-    assert set(content["preparation"]) == {"warp", "references", "candidates"}
+    content = {
+        "layout": 5,
+        "identity": "a",
+        "reference_config": reference_config_of(ReferenceConfig()),
+        "held_out": True,
+    }
+    assert set(content["reference_config"]) == {"warp", "references", "candidates"}
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
-    (sample, *_) = prepare_samples(read_run(plane_run), Preparation(), tmp_path, "a")
+    (sample, *_) = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
     assert digest in sample.path
     (index,) = tmp_path.glob("*/index.json")
     assert "fine" not in json.loads(index.read_text())[0]
     assert sample.fine_planes() is None
-    assert preparation_of(Preparation(fine=True))["fine"] is True
+    assert reference_config_of(ReferenceConfig(fine=True))["fine"] is True
 
 
 def test_a_fine_preparation_needs_fine_photos(plane_run, tmp_path):
     with pytest.raises(InputError, match="no photo finer"):
-        prepare_samples(read_run(plane_run), Preparation(fine=True), tmp_path, "a")
+        prepare_samples(read_run(plane_run), ReferenceConfig(fine=True), tmp_path, "a")
     with pytest.raises(InputError, match="finer="):
-        RunsData([], [], Preparation(fine=True), tmp_path)
+        RunsData([], [], ReferenceConfig(fine=True), tmp_path)
 
 
 def test_a_run_gives_at_most_so_many_views_spread_evenly(tmp_path_factory, other_plane_run, tmp_path):
     many = write_plane_run(tmp_path_factory.mktemp("runs") / "many", views=20, size=(16, 16))
-    bare = Preparation(references=0)
+    bare = ReferenceConfig(references=0)
     data = RunsData([str(many)], [str(other_plane_run)], bare, tmp_path, progress=False, views_per_run=2)
     data.setup()
     names = [sample.name.split("/")[1] for sample in data.sources[0]]

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 import torch
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.degrade.gates.gate import NoGate, Step
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
@@ -51,13 +51,13 @@ class Blurry:
 
 @pytest.fixture(scope="module")
 def samples(plane_run, tmp_path_factory):
-    return prepare_samples(read_run(plane_run), Preparation(), tmp_path_factory.mktemp("cache"), "a")
+    return prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path_factory.mktemp("cache"), "a")
 
 
 @pytest.fixture(scope="module")
 def photos(plane_run, tmp_path_factory):
     rendered = training_targets(read_run(plane_run))
-    return prepare_samples(rendered, Preparation(), tmp_path_factory.mktemp("cache"), "a", held_out=False)
+    return prepare_samples(rendered, ReferenceConfig(), tmp_path_factory.mktemp("cache"), "a", held_out=False)
 
 
 def items(samples, seeds):
@@ -149,13 +149,13 @@ def test_the_fits_own_renders_are_kept_and_lit_like_the_rest(samples):
 
 def test_a_simulators_training_validates_on_simulated_renders_of_held_out_views(plane_run, other_plane_run, tmp_path):
     choices = {"simulator": Simulator(NoGate(), Noisy()), "simulated": 1.0, "simulate_validation": True}
-    data = RunsData([str(plane_run)], [str(other_plane_run)], Preparation(), tmp_path, progress=False, **choices)
+    data = RunsData([str(plane_run)], [str(other_plane_run)], ReferenceConfig(), tmp_path, progress=False, **choices)
     data.setup()
     batches, again = list(data.val_dataloader()), list(data.val_dataloader())
     assert all(not torch.equal(batch.real, batch.views.render) for batch in batches)
     assert all(torch.equal(a.views.render, b.views.render) for a, b in zip(batches, again, strict=True))
     with pytest.raises(InputError, match="training_views"):
-        RunsData([], [], Preparation(), tmp_path, training_views=True, **choices)
+        RunsData([], [], ReferenceConfig(), tmp_path, training_views=True, **choices)
 
 
 def test_training_views_are_simulated_always_and_never_a_pair(samples, photos):
@@ -242,16 +242,16 @@ def test_whether_a_crop_is_simulated_says_nothing_of_how(samples):
 @pytest.mark.parametrize("share", [-0.1, 1.5])
 def test_shares_out_of_range_are_refused(share, tmp_path):
     with pytest.raises(InputError, match="share"):
-        RunsData([], [], Preparation(), tmp_path, simulator=Simulator(NoGate()), simulated=share)
+        RunsData([], [], ReferenceConfig(), tmp_path, simulator=Simulator(NoGate()), simulated=share)
     with pytest.raises(InputError, match="without a simulator"):
-        RunsData([], [], Preparation(), tmp_path, simulated=0.5)
+        RunsData([], [], ReferenceConfig(), tmp_path, simulated=0.5)
 
 
 def loaded(plane_run, other_plane_run, cache, **options):
     data = RunsData(
         [str(plane_run)],
         [str(other_plane_run)],
-        Preparation(),
+        ReferenceConfig(),
         cache,
         Augmentation(crop=32),
         batch_size=2,

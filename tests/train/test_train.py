@@ -21,7 +21,7 @@ from gaussian_enhancer.runs.run import effective
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
 from gaussian_enhancer.train.data import RunsData, find_runs
-from gaussian_enhancer.train.module import Optimiser, psnr
+from gaussian_enhancer.train.module import OptimiserConfig, psnr
 from support import paths
 
 CONF = paths.CONF
@@ -62,16 +62,16 @@ def test_every_alignment_trains_and_its_weights_enhance(alignment, plane_run, ot
     (weights,) = tmp_path.glob("train/*/weights.safetensors")
     loaded = load_weights(weights)
     assert loaded.card["steps"] == 2
-    one = next(Enhancer(loaded.network, loaded.preparation)(read_run(other_plane_run)))
+    one = next(Enhancer(loaded.network, loaded.reference_config)(read_run(other_plane_run)))
     assert bool(torch.isfinite(one.image).all())
     assert run(configured(*options)) == pytest.approx(gain)
 
 
 @pytest.mark.parametrize("objective", ["balanced", "charbonnier", "frequency"])
-def test_every_objective_builds(objective):
-    cfg = configured(f"objective={objective}", "data.train=[]", "data.validation=[]")
+def test_every_objective_builds(loss):
+    cfg = configured(f"loss={loss}", "data.train=[]", "data.validation=[]")
     image = torch.rand(1, 3, 16, 16)
-    total, _ = build(cfg.objective)(image, image.flip(-1), image)
+    total, _ = build(cfg.loss)(image, image.flip(-1), image)
     assert float(total) > 0
 
 
@@ -150,7 +150,7 @@ def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, othe
     with pytest.raises(InputError, match="widths"):
         run(configured(*options, "fusion.widths=[16,24,40]"))
     # Too small a rate to leave them: what comes out is what was put in.
-    run(configured(*options, "trainer.max_steps=1", "optimiser.rate=1.0e-12", "label=kept"))
+    run(configured(*options, "trainer.max_steps=1", "optimiser.lr=1.0e-12", "label=kept"))
     (written,) = tmp_path.glob("train/kept-*/weights.safetensors")
     kept = load_weights(written)
     for name, value in begun.network.state_dict().items():
@@ -242,18 +242,20 @@ def test_draws_go_on_where_training_was_killed(seen):
 def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):
     with pytest.raises(InputError, match="no run"):
         find_runs(str(tmp_path / "absent-*"))
-    preparation = build(configured("data.train=[]", "data.validation=[]").preparation)
-    data = RunsData([str(plane_run)], [str(plane_run)], preparation, tmp_path, progress=False)
+    reference_config = build(configured("data.train=[]", "data.validation=[]").reference_config)
+    data = RunsData([str(plane_run)], [str(plane_run)], reference_config, tmp_path, progress=False)
     with pytest.raises(InputError, match="both trained and validated"):
         data.setup()
 
 
 def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, other_plane_run, tmp_path):
-    preparation = build(configured("data.train=[]", "data.validation=[]", "preparation.references=0").preparation)
+    reference_config = build(
+        configured("data.train=[]", "data.validation=[]", "reference_config.references=0").reference_config
+    )
     counts = []
     for snapshots in (True, False):
         data = RunsData(
-            [str(plane_run)], [str(other_plane_run)], preparation, tmp_path, snapshots=snapshots, progress=False
+            [str(plane_run)], [str(other_plane_run)], reference_config, tmp_path, snapshots=snapshots, progress=False
         )
         data.setup()
         counts.append(sum(map(len, data.sources)))
@@ -261,7 +263,7 @@ def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, o
 
 
 def test_rate_rises_then_falls_to_zero():
-    optimiser = Optimiser(warmup=10)
+    optimiser = OptimiserConfig(warmup=10)
     factors = [optimiser.factor(step, 100) for step in range(101)]
     assert factors[0] == pytest.approx(0.1)
     assert max(factors) > 0.95

@@ -28,4 +28,4 @@ def test_a_variant_is_what_the_paper_calls_so(variant, recipe, network, second, 
     assert cfg.data.simulated == 1.0
     assert cfg.generator._target_.endswith(second)
     assert cfg.gate.types.colour is colour
-    assert bool(cfg.preparation.get("fine", False)) is (built.scale == 4)
+    assert bool(cfg.reference_config.get("fine", False)) is (built.scale == 4)

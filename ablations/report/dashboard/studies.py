@@ -28,7 +28,7 @@ NOTES = {
         "Every case in five precisions, forward and backward, held against float64. Open the matrix to read its cells.",
     ),
     "plan": (
-        "gaussian-enhancer leaving_out",
+        "gaussian-enhancer plan_study",
         "What a plan leaves out of each scene: the time that this saves, and what it costs.",
     ),
 }

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour
-from gaussian_enhancer.align.photo_consistency import agreeing, rank
+from gaussian_enhancer.align.photo_consistency import photo_consistent, rank
 from gaussian_enhancer.align.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
@@ -130,9 +130,9 @@ class Reprojected:
         match_colour: bring each reference's exposure to the splat's (`fit_colour`).
         tolerance: relative depth difference that the occlusion check forgives (`reproject`).
         softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
-        agreement: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference does not
-            count as showing the same: glass that mirrors the sky from one place and not from another, or what the depth
-            check missed. None leaves that unchecked.
+        photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference
+            does not count as showing the same: glass that mirrors the sky from one place and not from another, or what
+            the depth check missed. None leaves that unchecked.
         smooth: fit planes to depth that is the splat's surface before it is searched (`smooth_depth`).
         consistent: where that is searched, ask photos to agree with each other, not only renders with the target's.
     """
@@ -141,7 +141,7 @@ class Reprojected:
     match_colour: bool = True
     tolerance: float = 0.05
     softness: float = 0.08
-    agreement: float | None = 0.2
+    photo_consistency: float | None = 0.2
     smooth: bool = True
     consistent: bool = True
 
@@ -184,7 +184,9 @@ class Reprojected:
             if self.match_colour and exposures[i] is None:
                 exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
-            warped.append(one if self.agreement is None else agreeing(one, target.image, self.agreement))
+            warped.append(
+                one if self.photo_consistency is None else photo_consistent(one, target.image, self.photo_consistency)
+            )
         order = rank(target.image, warped, keep, self.softness)
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]

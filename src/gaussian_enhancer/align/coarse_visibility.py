@@ -17,7 +17,7 @@ EDGE = 64
 """Longer side of the coarse grid in pixels."""
 
 
-def surveyed(warp: Reprojected, target: Pixels, candidates: Sequence[Pixels]) -> Aligned:
+def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pixels]) -> Aligned:
     """All candidates on the target's coarse grid, in the order in which the warp would take them.
 
     Args:
@@ -32,7 +32,7 @@ def shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, flo
     """What each candidate shows of what there is to see of the target, in [0, 1], best first.
 
     Args:
-        seen: what `surveyed` gives.
+        seen: what `coarse_visibility` gives.
         alpha: the target's opacity on the same grid; None counts every pixel.
     """
     height, width = seen.visibility.shape[-2:]

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_smoothing import smooth_depth
 from gaussian_enhancer.align.exposure import fit_colour
-from gaussian_enhancer.align.photo_consistency import disagreement
+from gaussian_enhancer.align.photo_consistency import photometric_difference
 from gaussian_enhancer.align.projection import Projection, array, arrays, compiled, land, look_up, read_at
 from gaussian_enhancer.align.reproject import Warped, fill_depth
 from gaussian_enhancer.types import Camera, usable
@@ -38,8 +38,8 @@ class Search:
         penalty: cost of the largest change, in colour units.
         stride: pixels between samples; between them the change is interpolated.
         inconsistency: what the photos' difference from each other counts beside their renders' from the target's.
-        agreement: mean colour difference to the render over 7x7 samples beyond which a reference, read at the depth
-            that is there, has no say; None lets all speak, as it must be where that depth may be far off.
+        photo_consistency: mean colour difference to the render over 7x7 samples beyond which a reference, read at the
+            depth that is there, has no say; None lets all speak, as it must be where that depth may be far off.
     """
 
     span: float
@@ -48,14 +48,14 @@ class Search:
     penalty: float = 0.005
     stride: int = 1
     inconsistency: float = 0.0
-    agreement: float | None = None
+    photo_consistency: float | None = None
 
 
 DepthKind = Literal["surface", "expected", "exact"]
 """What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (Search(0.03, 13, window=7, penalty=0.002, stride=2, inconsistency=1.0, agreement=0.1),),
+    "surface": (Search(0.03, 13, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
@@ -203,9 +203,9 @@ def _seen(
     there = read_at(render, landing, (height, width), landing.inside)
     colours = fit_colour(there, image, landing.inside).to(photo)
     counts = landing.inside
-    if how.agreement is not None:
+    if how.photo_consistency is not None:
         fitted = Warped(_coloured(there, colours), counts)
-        counts = counts * (disagreement(fitted, image) < how.agreement)
+        counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
     return _Seen(projection, _coloured(photo, colours), _coloured(render, colours), counts)
 
 

@@ -33,7 +33,9 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
     """
     if not warped:
         return []
-    worth = torch.stack([o.visibility * torch.exp(-disagreement(o, image) / softness) for o in warped]).flatten(1)
+    worth = torch.stack(
+        [o.visibility * torch.exp(-photometric_difference(o, image) / softness) for o in warped]
+    ).flatten(1)
     order: list[int] = []
     best = torch.zeros_like(worth[0])
     while len(order) < min(keep, len(warped)):
@@ -44,7 +46,7 @@ def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, sof
     return order
 
 
-def disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """Mean absolute colour difference of a reference to the render where it is visible, over 7x7 pixels.
 
     Args:
@@ -63,16 +65,18 @@ def disagreement(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor,
 
 def _compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """The same by a compiled kernel."""
-    from gaussian_enhancer.align.reproject_kernels import disagree
+    from gaussian_enhancer.align.reproject_kernels import window_difference
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
     with kernel_lock:
-        disagree(array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy())
+        window_difference(
+            array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy()
+        )
     return result
 
 
-def agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
+def photo_consistent(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
     """The reference without what differs from the render by more than a limit.
 
     Args:
@@ -80,6 +84,6 @@ def agreeing(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> War
         image: the render.
         limit: of the mean colour difference over 7x7 pixels, in [0, 1].
     """
-    kept = disagreement(warped, image) <= limit
+    kept = photometric_difference(warped, image) <= limit
     render = None if warped.render is None else warped.render * kept
     return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)

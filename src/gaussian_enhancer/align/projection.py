@@ -103,7 +103,7 @@ def land(projection: Projection, depth: Float[Tensor, "m h w"]) -> Landing:
     return Landing(x, y, inside)
 
 
-def depth_agreement(
+def depth_consistency(
     projection: Projection, depth: Float[Tensor, "1 h w"], seen: Float[Tensor, "1 _ _"], tolerance: float
 ) -> Float[Tensor, "1 h w"]:
     """exp(-((z - z') / (tolerance z))^2 / 2), z being a point's depth in the reference and z' what that renders there.

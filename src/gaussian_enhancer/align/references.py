@@ -15,11 +15,11 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedView
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 @dataclass(frozen=True)
-class Preparation:
+class ReferenceConfig:
     """How targets are prepared: the same in training and in use, and therefore kept with the weights.
 
     Args:
@@ -116,7 +116,7 @@ def read_target(view: RenderedView) -> Pixels:
     return Pixels(view.name, image, view.camera, depth, alpha)
 
 
-def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> Views:
+def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> NetworkInput:
     """A batch of one for the network.
 
     Args:
@@ -125,7 +125,7 @@ def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = Non
         unit: the length that counts as 1 in depth; None takes that of the target's own depth.
     """
     depth = None if target.depth is None else target.depth[None]
-    return Views(
+    return NetworkInput(
         target.image[None],
         aligned.references[None],
         aligned.visibility[None],

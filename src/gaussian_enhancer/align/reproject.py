@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import Landing, Projection, depth_agreement, land, read_at
+from gaussian_enhancer.align.projection import Landing, Projection, depth_consistency, land, read_at
 from gaussian_enhancer.types import Camera
 
 FAINTEST = 1 / 255
@@ -103,7 +103,7 @@ def reproject(
         visibility = visibility * alpha.to(dtype).clamp(0, 1)
     if reference_depth is not None:
         checked = fill_depth(depth if rendered_depth is None else rendered_depth.to(dtype))
-        visibility = visibility * depth_agreement(projection, checked, reference_depth.to(dtype), tolerance)
+        visibility = visibility * depth_consistency(projection, checked, reference_depth.to(dtype), tolerance)
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
     footprint = _footprint(landing)

@@ -84,7 +84,7 @@ def read(image, columns, rows, across, down, where, result):
 
 @kernel
 @no_type_check
-def disagree(colour, image, visibility, radius, result):
+def window_difference(colour, image, visibility, radius, result):
     """Write the mean absolute colour difference, weighted by visibility, over squares of 2 ``radius`` + 1 pixels."""
     channels, height, width = image.shape
     weighted = np.empty((height, width), np.float32)

@@ -14,7 +14,7 @@ from gaussian_enhancer.cli.pipeline import enhanced, finished_fit, measured
 from gaussian_enhancer.cli.report import open_measured, write_page
 from gaussian_enhancer.metrics.comparison import compare, paired
 from gaussian_enhancer.report.terminal import comparison_table, reasons
-from gaussian_enhancer.runs.compose import sketched
+from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.run import find_run, open_run
 
 
@@ -31,9 +31,9 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     fit_folder = _fit(cfg, console)
     console.rule("2 of 3  enhance the held-out views", align="left")
-    folder = enhanced(sketched("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
+    folder = enhanced(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
     console.rule("3 of 3  measure and show", align="left")
-    measuring = sketched("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
+    measuring = compose_job("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
     records, folder = measured(measuring, fit_folder)
     shown = open_measured(folder)
     own = open_run(cfg, "demo", measuring.scene_name)
@@ -50,7 +50,7 @@ def run(cfg: DictConfig) -> float | None:
 
 def _fit(cfg: DictConfig, console: Console) -> Path:
     """Fit the splat, or find it fitted."""
-    job = sketched("fit", cfg, scene=cfg.scene, splat=cfg.splat)
+    job = compose_job("fit", cfg, scene=cfg.scene, splat=cfg.splat)
     with open_dict(job):  # settings that fit.yaml leaves at their defaults may be given, too
         job.settings.update(cfg.settings)
     before = find_run(job, "fit")

@@ -50,7 +50,7 @@ def predicted(
     """Enhance this process's part of a set's targets and write the images.
 
     Args:
-        enhancer: the network with its preparation.
+        enhancer: the network with its reference_config.
         rendered: the whole set, of at least as many targets as there are processes.
         folder: where images are written.
         place: of this process.

@@ -15,7 +15,7 @@ from rich.progress import track
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
@@ -23,10 +23,10 @@ from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.tiles import check_tiles
 from gaussian_enhancer.infer.time_budget import within_budget
-from gaussian_enhancer.infer.validated_inputs import Suited, suited
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.runs.inputs import Task, read_task
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
@@ -98,29 +98,29 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     """
     kept = copy.deepcopy(cfg)
     with open_dict(kept):
-        unset = {name: not kept.get(name) for name in ("budget_ms", "steady")}
+        unset = {name: not kept.get(name) for name in ("budget_ms", "temporal_smoothing")}
         for name, idle in {"dry_run": True, **unset, "plan": build(cfg.plan).full}.items():
             if idle:
                 kept.pop(name, None)
     return kept
 
 
-def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited]:
+def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, ValidatedInputs]:
     """What enhances, what is enhanced of what was given, and what of it is used."""
     pretrained = load_weights(cfg.weights)
-    task = read_task(cfg, device.type, pretrained.preparation.fine)
+    task = read_task(cfg, device.type, pretrained.reference_config.fine)
     asked = _asked(pretrained, cfg, task.depth)
-    found = suited(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
+    found = validate_inputs(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
     strength = pretrained.strength if cfg.strength is None else float(cfg.strength)
     enhancer = Enhancer(
         pretrained.network,
-        found.preparation,
+        found.reference_config,
         device,
         cfg.precision,
         cfg.tile,
         strength=strength,
-        steady=float(cfg.steady),
-        evidence=int(cfg.evidence),
+        temporal_smoothing=float(cfg.temporal_smoothing),
+        colour_clamping=int(cfg.colour_clamping),
     )
     check_tiles(enhancer.tile, enhancer.halo)
     return enhancer, replace(task, rendered=found.rendered), found
@@ -146,15 +146,19 @@ def _processes(cfg: DictConfig) -> int:
     count = cfg.runtime.get("processes", 1)
     if not isinstance(count, int) or count < 1:
         raise InputError("runtime.processes", f"is {count!r}", "give a positive number")
-    if count > 1 and cfg.steady:
-        raise InputError("runtime.processes", f"is {count} with steady={cfg.steady}", "enhance a path by one process")
+    if count > 1 and cfg.temporal_smoothing:
+        raise InputError(
+            "runtime.processes",
+            f"is {count} with temporal_smoothing={cfg.temporal_smoothing}",
+            "enhance a path by one process",
+        )
     if count > 1 and choose_device(cfg.runtime.device).type == "cuda" and count > torch.cuda.device_count():
         received = f"is {count} on {torch.cuda.device_count()} graphics cards"
         raise InputError("runtime.processes", received, "give at most one process a card")
     return count
 
 
-def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Preparation:
+def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> ReferenceConfig:
     """The preparation that the network was trained with, for the depth and the number of references that there are.
 
     Args:
@@ -168,13 +172,13 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Prepara
     kind = depth if cfg.depth_kind == "auto" else cfg.depth_kind
     if kind not in SEARCHES:
         raise InputError("depth_kind", f"is {kind!r}", f"choose auto, {', '.join(SEARCHES)}")
-    preparation = pretrained.preparation
-    if isinstance(preparation.warp, Reprojected):
-        preparation = replace(preparation, warp=replace(preparation.warp, depth=kind))
+    reference_config = pretrained.reference_config
+    if isinstance(reference_config.warp, Reprojected):
+        reference_config = replace(reference_config, warp=replace(reference_config.warp, depth=kind))
     if cfg.max_references is None:
-        return preparation
+        return reference_config
     count = cfg.max_references
-    return replace(preparation, references=count, candidates=max(count, preparation.candidates))
+    return replace(reference_config, references=count, candidates=max(count, reference_config.candidates))
 
 
 def _write(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
@@ -204,7 +208,7 @@ def _keep_fine_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
     """Put renders, enlarged bicubically, and photos that are as fine beside images that are finer than the renders."""
     for view in rendered.targets:
         if view.read is not None:
-            write_image(side / "renders" / view.name, enlarged(view.read()[None], scale)[0])
+            write_image(side / "renders" / view.name, upsampled(view.read()[None], scale)[0])
         if view.read_fine_photo is not None:
             write_image(side / "gt" / view.name, view.read_fine_photo())
 

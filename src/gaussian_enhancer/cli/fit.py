@@ -10,7 +10,7 @@ from rich.console import Console
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -92,7 +92,7 @@ def _held_out(folder: Path) -> float | None:
 def _discard(job: Run) -> None:
     """Remove the folder of a fit that was refused before it wrote anything of its own."""
     files = list(job.folder.iterdir())
-    if {path.name for path in files} <= {"config.yaml", marks.RUNNING}:
+    if {path.name for path in files} <= {"config.yaml", status.RUNNING}:
         for path in files:
             path.unlink()
         job.folder.rmdir()

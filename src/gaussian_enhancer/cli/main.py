@@ -28,7 +28,7 @@ JOBS = {
     "quality": "every method on every held-out scene: the table of docs/quality.md, and whether its aims are met",
     "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
     "stability": "stiff and extreme cases in every precision against float64: docs/stability.md",
-    "leaving_out": "what the plan leaves out of each scene, what that saves and what it costs",
+    "plan_study": "what the plan leaves out of each scene, what that saves and what it costs",
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",
     "report": "make a page to look at from a measured run",
@@ -36,7 +36,7 @@ JOBS = {
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
-LAB = ("quality", "tradeoff", "stability", "leaving_out", "tables", "status", "dashboard")
+LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard")
 """Jobs of the experiment suite."""
 
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)

@@ -73,7 +73,7 @@ def run(cfg: DictConfig) -> float | None:
     rendered = _rendered(cfg)
     photo = _photo(cfg, rendered).to(device)
     console = Console(stderr=True)
-    marks = _fingerprint(rendered, console)
+    status = _fingerprint(rendered, console)
     cfg, gate = _gate(cfg, rendered)
     second: SecondStage = build(cfg.generator)
     if isinstance(second, PairedGenerator | DiffusedGenerator):
@@ -99,8 +99,8 @@ def run(cfg: DictConfig) -> float | None:
         if number < PICTURED:
             pictures.append((drawn.file, drawn.steps, reduced(view)))
     sections.append(sample_section(pictures, draws))
-    _write_pages(job.folder, photo, sections, _provenance(photo, cfg, marks, gate))
-    _write_record(job.folder, seed, samples, marks, gate)
+    _write_pages(job.folder, photo, sections, _provenance(photo, cfg, status, gate))
+    _write_record(job.folder, seed, samples, status, gate)
     job.finish()
     page = job.folder / "simulation.html"
     console.print(f"{page}: {draws} samples of {photo.name}", highlight=False, soft_wrap=True)
@@ -194,10 +194,10 @@ def _write(path: Path, view: View) -> None:
         write_image(path.with_name(f"{path.stem}_alpha.png"), view.alpha[0].expand(3, -1, -1))
 
 
-def _provenance(photo: Photographed, cfg: DictConfig, marks: Fingerprint | None, gate: Gate) -> dict[str, str]:
+def _provenance(photo: Photographed, cfg: DictConfig, status: Fingerprint | None, gate: Gate) -> dict[str, str]:
     words = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
-    if marks is not None:
-        words["Fingerprint"] = marks.table()
+    if status is not None:
+        words["Fingerprint"] = status.table()
     if isinstance(gate, AdaptiveGate):
         words["Calibrated"] = gate.table()
     return {**words, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
@@ -214,12 +214,12 @@ def _write_pages(folder: Path, photo: Photographed, sections: Sequence[Section],
     write_page(folder / "simulation.html", f"Simulated renders of {photo.name}", subtitle, sections, provenance)
 
 
-def _write_record(folder: Path, seed: int, samples: Sequence[Sample], marks: Fingerprint | None, gate: Gate) -> None:
+def _write_record(folder: Path, seed: int, samples: Sequence[Sample], status: Fingerprint | None, gate: Gate) -> None:
     """Write what determines the samples; a calibrated gate and its fingerprint also as files that other jobs read."""
     record: dict[str, Any] = {"seed": seed, "samples": [asdict(sample) for sample in samples]}
-    record["fingerprint"] = None if marks is None else asdict(marks)
-    if marks is not None:
-        marks.to_json(folder / "fingerprint.json")
+    record["fingerprint"] = None if status is None else asdict(status)
+    if status is not None:
+        status.to_json(folder / "fingerprint.json")
     if isinstance(gate, AdaptiveGate):
         gate.to_file(folder / "gate.json")
     write_text(folder / "simulation.json", json.dumps(record, indent=1) + "\n")

@@ -12,8 +12,8 @@ from omegaconf import DictConfig, open_dict
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.weights import count_parameters, design_of, load_weights, preparation_of, save_weights
-from gaussian_enhancer.runs.high_resolution import FinePhotos
+from gaussian_enhancer.infer.weights import count_parameters, design_of, load_weights, reference_config_of, save_weights
+from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -65,7 +65,7 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
     metrics = {"psnr": psnr, "ssim": ssim}
     module = EnhancerModule(
         _network(cfg),
-        build(cfg.objective),
+        build(cfg.loss),
         metrics,
         build(cfg.optimiser),
         cfg.trainer.max_steps,
@@ -82,15 +82,15 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
             return None
         gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
-    dropped = module.dropped.of_all()
+    non_finite = module.non_finite.of_all()
     if not trainer.is_global_zero:
         return None
-    preparation = build(cfg.preparation)
+    reference_config = build(cfg.reference_config)
     card = {
         **plain(cfg.card),
-        "design": design_of(module.average),  # type: ignore[arg-type]
-        "preparation": preparation_of(preparation),
-        "parameters": count_parameters(module.average),
+        "design": design_of(module.ema),  # type: ignore[arg-type]
+        "reference_config": reference_config_of(reference_config),
+        "parameters": count_parameters(module.ema),
         "steps": trainer.global_step,
         "minutes": round((time.time() - started) / 60, 1),
         "waiting": round(waiting.share, 4),
@@ -102,9 +102,9 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         "seed": int(cfg.seed),
         "run": job.digest,
         **_told(cfg),
-        **({"dropped": dropped} if dropped else {}),
+        **({"dropped": non_finite} if non_finite else {}),
     }
-    save_weights(job.folder / "weights.safetensors", module.average, preparation, card)  # type: ignore[arg-type]
+    save_weights(job.folder / "weights.safetensors", module.ema, reference_config, card)  # type: ignore[arg-type]
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
     print(f"steps waited for data {waiting.share:.1%} of the time, and {waiting.first:.1f} s for epochs' first batches")
@@ -151,7 +151,7 @@ def _told(cfg: DictConfig) -> dict[str, Any]:
 
 
 def _data(cfg: DictConfig) -> "RunsData":
-    finer = FinePhotos(Path(cfg.runs) / "photos")
+    finer = HighResolutionPhotos(Path(cfg.runs) / "photos")
     data: RunsData = build(
         cfg.data,
         cache=str(Path(cfg.runs) / "samples"),

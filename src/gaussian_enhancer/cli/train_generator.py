@@ -95,5 +95,5 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
         if trainer.interrupted or trainer.global_step < steps:
             return None
         found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
-    save_model(job.folder / f"{step}.safetensors", module.average, {})
+    save_model(job.folder / f"{step}.safetensors", module.ema, {})
     return found

@@ -14,20 +14,20 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.align.depth_normalisation import depth_unit
-from gaussian_enhancer.align.references import Pool, Preparation, join, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.regions import cut_pixels
-from gaussian_enhancer.infer.temporal_smoothing import Carried, steadied
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.tiles import enhance_tiled
-from gaussian_enhancer.network.colour_clamping import check_window, within_evidence
-from gaussian_enhancer.network.network import Network, Remembering
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
+from gaussian_enhancer.network.network import CachesReferences, Network
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.types import Views, usable
+from gaussian_enhancer.types import NetworkInput, usable
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Enhancer:
 
     Args:
         network: maps views to enhanced images.
-        preparation: how references are chosen and aligned.
+        reference_config: how references are chosen and aligned.
         device: where the network runs.
         precision: of the network's convolutions; "auto" is bfloat16 on processors and float16 on graphics cards
             that compute in it, float32 elsewhere.
@@ -66,9 +66,9 @@ class Enhancer:
         halo: pixels around a tile that are computed and thrown away, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         steady: share of the change that each target takes over from the one before it, in [0, 1): for frames of a path,
-            at the render's own resolution (`steadied`).
+            at the render's own resolution (`smoothed_over_time`).
         evidence: side of the window within whose colours, the render's and the warped references', an enhanced pixel
-            stays (`within_evidence`); 0 sets no limit. None is set at finer resolutions, where references are not
+            stays (`clamp_to_references`); 0 sets no limit. None is set at finer resolutions, where references are not
             warped, or where there are none.
 
     Raises:
@@ -78,29 +78,35 @@ class Enhancer:
     def __init__(
         self,
         network: Network,
-        preparation: Preparation,
+        reference_config: ReferenceConfig,
         device: torch.device | None = None,
         precision: str = "auto",
         tile: int = 1024,
         halo: int = 96,
         strength: float = 1.0,
-        steady: float = 0.0,
-        evidence: int = 3,
+        temporal_smoothing: float = 0.0,
+        colour_clamping: int = 3,
     ) -> None:
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
-        if not 0 <= steady < 1:
-            raise InputError("steady", f"is {steady}", "use a number from 0 (each view by itself) to below 1")
-        if steady and network.scale > 1:
-            raise InputError("steady", "is for weights at the render's own resolution", "choose others, or steady=0")
-        if evidence:
-            check_window(evidence)
+        if not 0 <= temporal_smoothing < 1:
+            raise InputError(
+                "temporal_smoothing", f"is {temporal_smoothing}", "use a number from 0 (each view by itself) to below 1"
+            )
+        if temporal_smoothing and network.scale > 1:
+            raise InputError(
+                "temporal_smoothing",
+                "is for weights at the render's own resolution",
+                "choose others, or temporal_smoothing=0",
+            )
+        if colour_clamping:
+            check_window(colour_clamping)
         self.device = torch.device("cpu") if device is None else device
         self.network = network.eval().to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.preparation = preparation
+        self.reference_config = reference_config
         self.dtype = choose_precision(precision, self.device)
-        self.tile, self.halo, self.strength, self.steady = tile, halo, strength, steady
-        self.evidence = evidence
+        self.tile, self.halo, self.strength, self.temporal_smoothing = tile, halo, strength, temporal_smoothing
+        self.colour_clamping = colour_clamping
 
     def __call__(
         self, rendered: RenderedSet, planner: Planner | None = None, pool: Pool | None = None
@@ -115,12 +121,12 @@ class Enhancer:
         Raises:
             InputError: a view cannot be read, or lacks what the preparation or carrying changes needs.
         """
-        before: Carried | None = None
+        before: PreviousChange | None = None
         for one, target in self._each(rendered, planner, pool):
-            if not self.steady:
+            if not self.temporal_smoothing:
                 yield one
                 continue
-            image, before = steadied(one.image, target, before, self.steady)
+            image, before = smoothed_over_time(one.image, target, before, self.temporal_smoothing)
             yield dataclasses.replace(one, image=image)
 
     def _each(
@@ -134,7 +140,7 @@ class Enhancer:
         elif pool is None:
             pool = Pool(rendered.references)
         kept = None
-        if isinstance(self.network, Remembering) and isinstance(self.preparation.warp, Unwarped):
+        if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
             kept = ReferenceFeatures(self.network)
         for view in rendered.targets:
             started = time.perf_counter()
@@ -145,7 +151,7 @@ class Enhancer:
                 continue
             chosen = None if planner is None or plan is None else planner.chosen(plan)
             moved = target.on(self.device)
-            aligned = self.preparation.align(moved, view, pool, chosen)
+            aligned = self.reference_config.align(moved, view, pool, chosen)
             prepared = time.perf_counter()
             image = self.enhance(join(moved, aligned), aligned.names, kept)[0]
             ended = time.perf_counter()
@@ -159,14 +165,16 @@ class Enhancer:
         height, width = plan.size
         scale, chosen = self.network.scale, planner.chosen(plan)
         unit = None if target.depth is None else depth_unit(target.depth[None])
-        image = enlarged(target.image[None], scale)[0].clamp(0, 1)
+        image = upsampled(target.image[None], scale)[0].clamp(0, 1)
         image = image.clone() if scale == 1 else image  # what was read may be kept by its reader
         names: tuple[str, ...] = ()
         enhancing = 0.0
         for region in plan.regions or ():
             seen = region.grown(planner.rules.margin, height, width)
             part = cut_pixels(target, seen).on(self.device)
-            aligned = self.preparation.align(part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen)
+            aligned = self.reference_config.align(
+                part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen
+            )
             prepared = time.perf_counter()
             enhanced = self.enhance(join(part, aligned, unit), aligned.names)[0]
             enhancing += time.perf_counter() - prepared
@@ -177,7 +185,7 @@ class Enhancer:
 
     @torch.inference_mode()
     def enhance(
-        self, views: Views, names: Sequence[str] = (), kept: ReferenceFeatures | None = None
+        self, views: NetworkInput, names: Sequence[str] = (), kept: ReferenceFeatures | None = None
     ) -> Float[Tensor, "b 3 H W"]:
         """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1].
 
@@ -197,11 +205,11 @@ class Enhancer:
                 enhanced = enhance_tiled(self.network, views, self.tile, self.halo, scale=self.network.scale)
         enhanced = enhanced.float()
         if self.strength < 1:
-            start = enlarged(views.render, self.network.scale)
+            start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
-        warped = isinstance(self.preparation.warp, Reprojected)
-        if self.evidence and warped and self.network.scale == 1:
-            enhanced = within_evidence(enhanced, views, self.evidence)
+        warped = isinstance(self.reference_config.warp, Reprojected)
+        if self.colour_clamping and warped and self.network.scale == 1:
+            enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
         return enhanced.clamp(0, 1).cpu()
 
 

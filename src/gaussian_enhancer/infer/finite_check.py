@@ -5,10 +5,10 @@ import dataclasses
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
-def refuse_not_finite(views: Views) -> None:
+def refuse_not_finite(views: NetworkInput) -> None:
     """Refuse views with numbers that are not finite, which a network would spread over the image.
 
     Depth that is not finite counts as unknown and is left to the network.

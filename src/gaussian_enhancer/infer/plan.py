@@ -86,7 +86,7 @@ class ViewPlan:
         name: the render's file name.
         size: height and width of the render, in pixels.
         regions: what is enhanced; the rest of the render is passed through. None means all of it.
-        references: the references that are warped, by name; None leaves them to the preparation.
+        references: the references that are warped, by name; None leaves them to the reference_config.
         left_out: candidates that were looked at and left out, with the share of the view that each sees.
     """
 

@@ -11,8 +11,8 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
-from gaussian_enhancer.align.coarse_visibility import coarse, shares, surveyed
-from gaussian_enhancer.align.references import Pool, Preparation
+from gaussian_enhancer.align.coarse_visibility import coarse, coarse_visibility, shares
+from gaussian_enhancer.align.references import Pool, ReferenceConfig
 from gaussian_enhancer.infer.plan import Rules, ViewPlan
 from gaussian_enhancer.infer.regions import Region, background_blocks, regions_of
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -35,12 +35,12 @@ class Planner:
     def __init__(
         self,
         rules: Rules,
-        preparation: Preparation,
+        reference_config: ReferenceConfig,
         rendered: RenderedSet,
         known: Iterable[ViewPlan] = (),
         pool: Pool | None = None,
     ) -> None:
-        self.rules, self.preparation, self.background = rules, preparation, rendered.background
+        self.rules, self.reference_config, self.background = rules, reference_config, rendered.background
         self.pool = Pool(rendered.references) if pool is None else pool
         self.index = {view.name: number for number, view in enumerate(rendered.references)}
         self.known = {view.name: view for view in known}
@@ -58,22 +58,22 @@ class Planner:
         return self.known[view.name]
 
     def chosen(self, plan: ViewPlan) -> tuple[int, ...] | None:
-        """The references of a view's plan as indices into the pool; None leaves them to the preparation."""
+        """The references of a view's plan as indices into the pool; None leaves them to the reference_config."""
         return None if plan.references is None else tuple(self.index[name] for name in plan.references)
 
     def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
         height, width = target.image.shape[-2:]
-        plan, warp, seen, needed = ViewPlan(view.name, (height, width)), self.preparation.warp, None, None
-        if self.preparation.references and not isinstance(warp, Reprojected):
+        plan, warp, seen, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
+        if self.reference_config.references and not isinstance(warp, Reprojected):
             return plan  # references that are not warped belong to the whole image
         if self.rules.tiles == "auto":
             found = ~background_blocks(target.image, self.background, self.rules.tolerance)
             needed = None if bool(found.all()) else found
         looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
-        if isinstance(warp, Reprojected) and self.preparation.references and looking:
-            indices = self.preparation.nearest(target, view, self.pool)
+        if isinstance(warp, Reprojected) and self.reference_config.references and looking:
+            indices = self.reference_config.nearest(target, view, self.pool)
             small = coarse(target)
-            seen = surveyed(warp, small, [self._reference(index) for index in indices])
+            seen = coarse_visibility(warp, small, [self._reference(index) for index in indices])
             if self.rules.references == "auto":
                 plan = self._with_references(plan, shares(seen, small.alpha))
         return plan if needed is None else replace(plan, regions=self._regions(needed, seen, height, width))
@@ -81,13 +81,13 @@ class Planner:
     def _reference(self, index: int) -> Pixels:
         """A reference on a coarse grid; it is small, and stays in memory."""
         if index not in self._small:
-            self._small[index] = coarse(self.pool.read(index, self.preparation.fine))
+            self._small[index] = coarse(self.pool.read(index, self.reference_config.fine))
         return self._small[index]
 
     def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:
         """The plan with the best candidates that see enough."""
         enough = [name for name, share in found.items() if share >= self.rules.share]
-        taken = tuple(enough[: self.preparation.references])
+        taken = tuple(enough[: self.reference_config.references])
         left = {name: round(share, 4) for name, share in found.items() if name not in taken}
         return replace(plan, references=taken, left_out=left)
 

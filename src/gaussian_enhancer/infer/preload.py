@@ -7,14 +7,14 @@ from torch import Tensor
 
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.infer.validated_inputs import Suited
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedView
 
 
 def file_reads(
-    found: Suited, keep_photos: bool, planner: Planner | None, rendering: bool
+    found: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
 ) -> list[Callable[[], object]]:
     """All that will be read from files: read once before the first image is written, so that a damaged one is found.
 
@@ -35,20 +35,20 @@ def file_reads(
             reads += _from_files([view.read_depth, view.read_alpha])
         reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
     drawn = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
-    for view in found.rendered.references if drawn and found.preparation.references else ():
+    for view in found.rendered.references if drawn and found.reference_config.references else ():
         reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
 
 
-def _look(found: Suited, view: RenderedView, planner: Planner | None) -> None:
+def _look(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
     """Read a target, plan it where it is to be planned, and read what it may refer to."""
     target = read_target(view)
     plan = None if planner is None else planner(view, target)
     if plan is not None and plan.regions == ():
         return
     chosen = None if planner is None or plan is None else planner.chosen(plan)
-    for index in found.preparation.nearest(target, view, found.pool) if chosen is None else chosen:
-        found.pool.read(index, found.preparation.fine)
+    for index in found.reference_config.nearest(target, view, found.pool) if chosen is None else chosen:
+        found.pool.read(index, found.reference_config.fine)
 
 
 def _from_files(reads: Iterable[Callable[[], Tensor] | None]) -> list[Callable[[], Tensor]]:

@@ -11,7 +11,7 @@ from gaussian_enhancer.metrics.tradeoff import Point, best_within, mean_squared
 
 
 @dataclass(frozen=True)
-class Offer:
+class Preset:
     """A setting of the job enhance with what it was measured to cost and to reach.
 
     Args:
@@ -38,16 +38,16 @@ class Offer:
         return Point(self.name, self.milliseconds, mean_squared(self.psnr))
 
 
-def write_offers(path: Path, offers: Sequence[Offer]) -> None:
-    """Write what `read_offers` reads.
+def write_presets(path: Path, presets: Sequence[Preset]) -> None:
+    """Write what `read_presets` reads.
 
     Raises:
         InputError: the file cannot be written.
     """
-    write_text(path, json.dumps([asdict(one) for one in offers], indent=1, ensure_ascii=False) + "\n")
+    write_text(path, json.dumps([asdict(one) for one in presets], indent=1, ensure_ascii=False) + "\n")
 
 
-def read_offers(path: Path) -> tuple[Offer, ...]:
+def read_presets(path: Path) -> tuple[Preset, ...]:
     """The settings that a budget can choose from, at least one, the fastest first.
 
     Raises:
@@ -56,21 +56,21 @@ def read_offers(path: Path) -> tuple[Offer, ...]:
     remedy = f"measure them: gaussian-enhancer tradeoff kind=quality settings={path}"
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-        offers = [Offer(**{**one, "enhance": tuple(one["enhance"])}) for one in values]
-        if not offers or not all(one.milliseconds > 0 for one in offers):
+        presets = [Preset(**{**one, "enhance": tuple(one["enhance"])}) for one in values]
+        if not presets or not all(one.milliseconds > 0 for one in presets):
             raise ValueError("no setting, or one without a time")
     except FileNotFoundError:
         raise InputError("budget_ms", f"has no settings to choose from ({path} does not exist)", remedy) from None
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(path, f"holds no settings ({error})", remedy) from None
-    return tuple(sorted(offers, key=lambda one: one.milliseconds))
+    return tuple(sorted(presets, key=lambda one: one.milliseconds))
 
 
-def choose(offers: Sequence[Offer], budget: float, megapixels: float, speed: float) -> tuple[Offer, str]:
+def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: float) -> tuple[Preset, str]:
     """The best setting within a budget, and what was chosen and why in words.
 
     Args:
-        offers: at least one, the fastest first.
+        presets: at least one, the fastest first.
         budget: milliseconds an image.
         megapixels: of the image.
         speed: times of this machine over recorded ones; above 1 where this one is slower.
@@ -78,8 +78,8 @@ def choose(offers: Sequence[Offer], budget: float, megapixels: float, speed: flo
     Raises:
         InputError: nothing keeps within the budget.
     """
-    best = best_within((one.point for one in offers), budget / (megapixels * speed))
-    chosen = offers[0] if best is None else next(one for one in offers if one.name == best.name)
+    best = best_within((one.point for one in presets), budget / (megapixels * speed))
+    chosen = presets[0] if best is None else next(one for one in presets if one.name == best.name)
     expected = chosen.milliseconds * megapixels * speed
     if best is None:
         received = f"is {budget:g}, and the fastest setting, {chosen.name}, takes {expected:.0f} ms for this size here"

@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.network.network import Remembering
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.network.network import CachesReferences
+from gaussian_enhancer.types import NetworkInput
 
 
 class ReferenceFeatures:
@@ -26,11 +26,11 @@ class ReferenceFeatures:
         capacity: of how many references features are kept; one target never needs more than 8.
     """
 
-    def __init__(self, network: Remembering, capacity: int = 24) -> None:
+    def __init__(self, network: CachesReferences, capacity: int = 24) -> None:
         self.network, self.capacity = network, max(8, capacity)
         self.kept: OrderedDict[tuple[object, ...], tuple[Tensor, ...]] = OrderedDict()
 
-    def __call__(self, views: Views, names: Sequence[str]) -> tuple[Float[Tensor, "b r c _ _"], ...] | None:
+    def __call__(self, views: NetworkInput, names: Sequence[str]) -> tuple[Float[Tensor, "b r c _ _"], ...] | None:
         """What the network's ``encode`` gives for the views; None where there is no reference.
 
         Args:
@@ -42,7 +42,7 @@ class ReferenceFeatures:
         own = [self._features(views, index, name) for index, name in enumerate(names)]
         return tuple(torch.cat(scale, dim=1) for scale in zip(*own, strict=True))
 
-    def _features(self, views: Views, index: int, name: str) -> tuple[Float[Tensor, "b 1 c _ _"], ...]:
+    def _features(self, views: NetworkInput, index: int, name: str) -> tuple[Float[Tensor, "b 1 c _ _"], ...]:
         known = views.reference_renders is not None, views.fine_references is not None
         key = (name, tuple(views.render.shape[-2:]), *known)
         if key not in self.kept:
@@ -53,7 +53,7 @@ class ReferenceFeatures:
         return self.kept[key]
 
 
-def _alone(views: Views, index: int) -> Views:
+def _alone(views: NetworkInput, index: int) -> NetworkInput:
     """The views with one of the references, and of the target only what its size is told by."""
 
     def one(images: Tensor | None) -> Tensor | None:

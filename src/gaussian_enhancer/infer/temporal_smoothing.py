@@ -17,7 +17,7 @@ TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
-class Carried:
+class PreviousChange:
     """What is handed on from one frame to the next.
 
     Args:
@@ -29,9 +29,9 @@ class Carried:
     target: Pixels
 
 
-def steadied(
-    image: Float[Tensor, "3 h w"], target: Pixels, before: Carried | None, share: float
-) -> tuple[Float[Tensor, "3 h w"], Carried]:
+def smoothed_over_time(
+    image: Float[Tensor, "3 h w"], target: Pixels, before: PreviousChange | None, share: float
+) -> tuple[Float[Tensor, "3 h w"], PreviousChange]:
     """A frame whose change is mixed with that of the frame before, warped onto it through the rendered depth.
 
     change <- change + share v (warped change - change), where v is how surely both frames show the same surface: an
@@ -49,11 +49,11 @@ def steadied(
     """
     if target.camera is None or target.depth is None:
         lacking = "camera" if target.camera is None else "depth"
-        raise InputError(target.name, f"has no {lacking} to carry changes by", "give it, or steady=0")
+        raise InputError(target.name, f"has no {lacking} to carry changes by", "give it, or temporal_smoothing=0")
     render = target.image.to(image)
     change = image - render
     if before is not None and before.target.camera is not None:
         how = before.target.depth, target.alpha, TOLERANCE
         old = reproject(target.camera, target.depth, before.target.camera, before.change.to(target.depth), *how)
         change = change + share * (old.visibility * (old.colour - change.to(old.colour))).to(change)
-    return (render + change).clamp(0, 1), Carried(change, target)
+    return (render + change).clamp(0, 1), PreviousChange(change, target)

@@ -10,14 +10,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
-Network = Callable[[Views], Float[Tensor, "b 3 H W"]]
+Network = Callable[[NetworkInput], Float[Tensor, "b 3 H W"]]
 
 
 def enhance_tiled(
     network: Network,
-    views: Views,
+    views: NetworkInput,
     tile: int = 768,
     halo: int = 64,
     blend: int = 32,
@@ -94,5 +94,5 @@ def _ramp(start: int, end: int, length: int, halo: int, blend: int) -> Float[Ten
     return torch.minimum(before, after)
 
 
-def _crop(views: Views, top: int, bottom: int, left: int, right: int) -> Views:
+def _crop(views: NetworkInput, top: int, bottom: int, left: int, right: int) -> NetworkInput:
     return views.mapped(lambda image, n: image[..., n * top : n * bottom, n * left : n * right])

@@ -18,7 +18,7 @@ from rich.console import Console
 from gaussian_enhancer.checkpoint import SHIPPED
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
-from gaussian_enhancer.infer.presets import Offer, choose, read_offers
+from gaussian_enhancer.infer.presets import Preset, choose, read_presets
 from gaussian_enhancer.metrics.cost import timed
 from gaussian_enhancer.scene.in_memory import single
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -51,11 +51,11 @@ def within_budget(
     if isinstance(budget, bool) or not isinstance(budget, int | float) or not 0 < budget < math.inf:
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_given(cfg)
-    offers = read_offers(OFFERS)
-    enhancer, task, *_ = ready(_with(cfg, offers[0]), device)
+    presets = read_presets(OFFERS)
+    enhancer, task, *_ = ready(_with(cfg, presets[0]), device)
     milliseconds, megapixels = calibrated(enhancer, task.rendered)
-    speed = milliseconds / (offers[0].milliseconds * megapixels)
-    chosen, told = choose(offers, float(budget), megapixels, speed)
+    speed = milliseconds / (presets[0].milliseconds * megapixels)
+    chosen, told = choose(presets, float(budget), megapixels, speed)
     console.print(told, highlight=False, soft_wrap=True)
     return _with(cfg, chosen)
 
@@ -78,7 +78,7 @@ def calibrated(enhancer: Enhancer, rendered: RenderedSet) -> tuple[float, float]
     return timing.milliseconds, height * width / 1e6
 
 
-def _with(cfg: DictConfig, offer: Offer) -> DictConfig:
+def _with(cfg: DictConfig, offer: Preset) -> DictConfig:
     """The configuration with an offer's setting, as if the user had asked for it."""
     chosen = OmegaConf.merge(cfg, OmegaConf.from_dotlist(list(offer.enhance)))
     if not isinstance(chosen, DictConfig):

@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarse
-from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Part, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
@@ -27,18 +27,18 @@ Of six training fits of all families and methods, the plane's is 1.15 to 2.1 tim
 
 
 @dataclass(frozen=True)
-class Suited:
+class ValidatedInputs:
     """What remains of a scene's input.
 
     Args:
         rendered: the set without what cannot be used.
-        preparation: how references reach the target, as far as the input allows.
+        reference_config: how references reach the target, as far as the input allows.
         parts: what is used, and what is not and why.
         pool: the set's references; those that were looked at are in memory.
     """
 
     rendered: RenderedSet
-    preparation: Preparation
+    reference_config: ReferenceConfig
     parts: tuple[Part, ...]
     pool: Pool
 
@@ -49,7 +49,7 @@ class Suited:
             rules: what may be left out.
             known: views that were decided before.
         """
-        return None if rules.full else Planner(rules, self.preparation, self.rendered, known, self.pool)
+        return None if rules.full else Planner(rules, self.reference_config, self.rendered, known, self.pool)
 
     @property
     def lacks(self) -> tuple[str, ...]:
@@ -57,12 +57,14 @@ class Suited:
         return tuple(one.why for one in self.parts if not one.used and one.name in ("references", "fine photos"))
 
 
-def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale: int = 1) -> Suited:
+def validate_inputs(
+    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, scale: int = 1
+) -> ValidatedInputs:
     """The input and the preparation as far as they can be used.
 
     Args:
         rendered: targets and references.
-        preparation: what the network was trained with.
+        reference_config: what the network was trained with.
         rules: with ``depth`` "auto", depth that is no depth of the render is left out, and with ``references`` "auto"
             references that lack the camera that others have.
         scale: how many times finer the enhanced images are than the renders.
@@ -70,7 +72,7 @@ def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale:
     Raises:
         InputError: there is no photo to refer to where references are asked for.
     """
-    if preparation.references and not rendered.references:
+    if reference_config.references and not rendered.references:
         remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
         raise InputError(rendered.name, "has no photo to refer to", remedy)
     finer = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
@@ -79,23 +81,23 @@ def suited(rendered: RenderedSet, preparation: Preparation, rules: Rules, scale:
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
     pool = Pool(rendered.references)
-    rendered, depth = _depth_part(rendered, preparation, rules, pool)
+    rendered, depth = _depth_part(rendered, reference_config, rules, pool)
     if rendered.references is not pool.views:
         pool = Pool(rendered.references)
     parts += [_camera_part(rendered), depth]
-    if preparation.fine:
+    if reference_config.fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
         why = "" if fine else "photos 4 times as fine as the renders are not known: enlarging without their detail"
-        preparation = replace(preparation, fine=fine)
+        reference_config = replace(reference_config, fine=fine)
         parts.append(Part("fine photos", fine, why))
-    if preparation.references:
-        preparation, references = _reference_part(rendered, preparation)
+    if reference_config.references:
+        reference_config, references = _reference_part(rendered, reference_config)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
         parts.append(replace(references, why=references.why + left))
-    return Suited(rendered, preparation, tuple(parts), pool)
+    return ValidatedInputs(rendered, reference_config, tuple(parts), pool)
 
 
-def depth_doubt(pool: Pool, preparation: Preparation, views: Sequence[RenderedView]) -> str:
+def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
     """Why the depth of some views is none of what they show; empty where nothing speaks against it.
 
     The two nearest references' renders are brought to the view on a coarse grid: through the depth, through the same
@@ -104,10 +106,10 @@ def depth_doubt(pool: Pool, preparation: Preparation, views: Sequence[RenderedVi
 
     Args:
         pool: where references come from.
-        preparation: how they are warped.
+        reference_config: how they are warped.
         views: targets with cameras and depth.
     """
-    better, warp = "", preparation.warp
+    better, warp = "", reference_config.warp
     for view in views:
         target = read_target(view)
         if target.depth is None or not bool(usable(target.depth).any()):
@@ -134,7 +136,7 @@ def depth_doubt(pool: Pool, preparation: Preparation, views: Sequence[RenderedVi
 def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
     """Mean colour difference of references to the render where they are seen; infinite where less than a tenth is."""
     exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
-    how = replace(warp, depth="exact", agreement=None, match_colour=warp.match_colour and exposed)
+    how = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
     seen = how(target, references, len(references))
     colours = seen.references if seen.renders is None else seen.renders
     difference = (colours - target.image).abs().mean(1, keepdim=True) * seen.visibility
@@ -156,9 +158,11 @@ def _camera_part(rendered: RenderedSet) -> Part:
     return Part("cameras", not bare, f"{bare[0]} has none" if bare else "")
 
 
-def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules, pool: Pool) -> tuple[RenderedSet, Part]:
+def _depth_part(
+    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool
+) -> tuple[RenderedSet, Part]:
     """The set without depth where it is not to be used, and what is said of it."""
-    kind = preparation.warp.depth if isinstance(preparation.warp, Reprojected) else "as given"
+    kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     known = [view for view in rendered.targets if view.read_depth is not None]
     if not known:
         return rendered, Part("depth", False, "not given")
@@ -166,7 +170,7 @@ def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules, p
     if rules.depth == "auto" and not rendered.own_depth:
         # Nor does depth need doubt that is rendered when it is asked for, and rendering costs more than looking at it.
         files = [view for view in known if isinstance(view.read_depth, ReadDepth)]
-        why = depth_doubt(pool, preparation, files[:: max(1, (len(files) + 1) // 2)][:2])
+        why = depth_doubt(pool, reference_config, files[:: max(1, (len(files) + 1) // 2)][:2])
     if not why:
         return rendered, Part("depth", True, kind)
     targets, references = (
@@ -175,14 +179,16 @@ def _depth_part(rendered: RenderedSet, preparation: Preparation, rules: Rules, p
     return replace(rendered, targets=targets, references=references), Part("depth", False, why)
 
 
-def _reference_part(rendered: RenderedSet, preparation: Preparation) -> tuple[Preparation, Part]:
+def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, Part]:
     """The preparation without references where they cannot be brought to the targets."""
-    found = f"{len(rendered.references)} photos, at most {preparation.references} a view"
-    if not isinstance(preparation.warp, Reprojected):
-        return preparation, Part("references", True, found)
+    found = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
+    if not isinstance(reference_config.warp, Reprojected):
+        return reference_config, Part("references", True, found)
     bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
     bare += [view.name for view in rendered.references if view.camera is None]
     if not bare:
-        return preparation, Part("references", True, found)
+        return reference_config, Part("references", True, found)
     lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(preparation, references=0), Part("references", False, f"{lack}: enhancing from the renders alone")
+    return replace(reference_config, references=0), Part(
+        "references", False, f"{lack}: enhancing from the renders alone"
+    )

@@ -16,7 +16,7 @@ from typing import Any
 from torch import nn
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped, Warp
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.combine import Combined, Uncombined
@@ -26,7 +26,7 @@ from gaussian_enhancer.network.fuse import Mean, Pair, Trust
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.output_head import Gated, Residual
 
-FORMAT = "gaussian-enhancer 1"
+FORMAT = "gaussian-enhancer 2"
 WARPS = (Reprojected, Unwarped)
 STAGES: dict[str, tuple[type[Any], ...]] = {
     "refine": (Deformable, Unrefined),
@@ -81,12 +81,12 @@ class Pretrained:
 
     Args:
         network: in evaluation mode, single precision, on the CPU.
-        preparation: how references were brought to it in training.
+        reference_config: how references were brought to it in training.
         card: where the weights come from.
     """
 
     network: Network
-    preparation: Preparation
+    reference_config: ReferenceConfig
     card: dict[str, Any]
 
     @property
@@ -103,13 +103,13 @@ class Pretrained:
         return float(value)
 
 
-def save_weights(path: Path, network: Network, preparation: Preparation, card: Mapping[str, Any]) -> None:
+def save_weights(path: Path, network: Network, reference_config: ReferenceConfig, card: Mapping[str, Any]) -> None:
     """Write weights, whole or not at all, in half precision.
 
     Args:
         path: file to write, ending in .safetensors.
         network: what was trained.
-        preparation: how its references were prepared.
+        reference_config: how its references were prepared.
         card: plain values that say where the weights come from.
 
     Raises:
@@ -118,7 +118,7 @@ def save_weights(path: Path, network: Network, preparation: Preparation, card: M
     metadata = {
         "format": FORMAT,
         "design": json.dumps(design_of(network)),
-        "preparation": json.dumps(preparation_of(preparation)),
+        "reference_config": json.dumps(reference_config_of(reference_config)),
         "card": json.dumps(dict(card)),
     }
     write_checkpoint(path, network, metadata)
@@ -137,12 +137,12 @@ def load_weights(source: str | Path) -> Pretrained:
     tensors, metadata = read_checkpoint(path, FORMAT)
     try:
         network = build_design(json.loads(metadata["design"]))
-        preparation = build_preparation(json.loads(metadata["preparation"]))
+        reference_config = build_reference_config(json.loads(metadata["reference_config"]))
         card = json.loads(metadata["card"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
     fill(network, tensors, path)
-    return Pretrained(network.eval(), preparation, card)
+    return Pretrained(network.eval(), reference_config, card)
 
 
 def design_of(network: Network) -> dict[str, Any]:
@@ -190,15 +190,15 @@ def _value(name: str, value: Any) -> Any:
     return whole_number(value, 0, 1024)
 
 
-def preparation_of(preparation: Preparation) -> dict[str, Any]:
-    """The plain values of a preparation."""
-    counts = {"references": preparation.references, "candidates": preparation.candidates}
+def reference_config_of(reference_config: ReferenceConfig) -> dict[str, Any]:
+    """The plain values of a reference_config."""
+    counts = {"references": reference_config.references, "candidates": reference_config.candidates}
     # Only where they say something: samples and weights from before they were there keep their names.
-    fine = {"fine": True} if preparation.fine else {}
-    return {"warp": _plain(preparation.warp), **counts, **fine}
+    fine = {"fine": True} if reference_config.fine else {}
+    return {"warp": _plain(reference_config.warp), **counts, **fine}
 
 
-def build_preparation(values: Mapping[str, Any]) -> Preparation:
+def build_reference_config(values: Mapping[str, Any]) -> ReferenceConfig:
     """The preparation of plain values.
 
     Raises:
@@ -209,7 +209,7 @@ def build_preparation(values: Mapping[str, Any]) -> Preparation:
     fine = values.get("fine", False)
     if not isinstance(fine, bool):
         raise ValueError(f"fine is {fine!r}")
-    return Preparation(warp, *counts, fine)
+    return ReferenceConfig(warp, *counts, fine)
 
 
 def _plain(part: Any) -> dict[str, Any]:

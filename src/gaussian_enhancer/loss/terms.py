@@ -38,7 +38,7 @@ def squared_error(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c 
     return (enhanced - photo).square()
 
 
-def dissimilarity(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+def dssim(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
     """1 - SSIM (`ssim_map`).
 
     Args:
@@ -129,12 +129,12 @@ class SquaredError:
 
 
 @dataclass(frozen=True)
-class Dissimilarity:
-    """Term: `dissimilarity`, 1 - SSIM."""
+class DSSIM:
+    """Term: `dssim`, 1 - SSIM."""
 
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
         """Cost per pixel."""
-        return dissimilarity(enhanced, photo)
+        return dssim(enhanced, photo)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class Weighted:
     weight: float = 1.0
 
 
-class Objective:
+class WeightedLoss:
     """total = sum_k weight_k mean(term_k(enhanced, photo, render)).
 
     Args:

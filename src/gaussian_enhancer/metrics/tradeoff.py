@@ -99,7 +99,7 @@ class Summary:
     low: float
     high: float
     psnr: float
-    dissimilarity: float
+    dssim: float
     perceptual: Mapping[str, float] = field(default_factory=dict)
     memory: float | None = None
     compiling: float | None = None
@@ -119,7 +119,7 @@ class Summary:
         """
         if metric == "mse":
             return mean_squared(self.psnr)
-        return self.dissimilarity if metric == "dissimilarity" else self.perceptual.get(metric)
+        return self.dssim if metric == "dissimilarity" else self.perceptual.get(metric)
 
 
 def summarised(records: Iterable[Record]) -> tuple[tuple[Summary, ...], dict[str, str]]:

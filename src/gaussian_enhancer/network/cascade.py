@@ -10,9 +10,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.colour_clamping import check_window, within_evidence
+from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 class Cascade(Network):
@@ -25,7 +25,7 @@ class Cascade(Network):
     Args:
         first: enhances at the render's own resolution.
         second: enhances to 4 times the resolution.
-        evidence: side of the window within whose colours the first one's pixels stay (`within_evidence`); 0 sets no
+        evidence: side of the window within whose colours the first one's pixels stay (`clamp_to_references`); 0 sets no
             limit, as it must be where references are not warped.
 
     Raises:
@@ -34,27 +34,27 @@ class Cascade(Network):
 
     scale = 4
 
-    def __init__(self, first: Network, second: Network, evidence: int = 3) -> None:
+    def __init__(self, first: Network, second: Network, colour_clamping: int = 3) -> None:
         super().__init__()
         if (first.scale, second.scale) != (1, self.scale):
             received = f"is made of networks that enlarge {first.scale} and {second.scale} times"
             raise InputError(
                 "fusion", received, f"give one that keeps the size, and one that enlarges {self.scale} times"
             )
-        if evidence:
-            check_window(evidence)
+        if colour_clamping:
+            check_window(colour_clamping)
         self.design = {
             "network": type(self).__name__,
             "first": first.design,
             "second": second.design,
-            "evidence": evidence,
+            "colour_clamping": colour_clamping,
         }
-        self.first, self.second, self.evidence = first, second, evidence
+        self.first, self.second, self.colour_clamping = first, second, colour_clamping
         self.stride = math.lcm(first.stride, second.stride)
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """The first network's image, then the second one's of all its scales."""
         enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
-        if self.evidence:
-            enhanced = within_evidence(enhanced, views, self.evidence)
+        if self.colour_clamping:
+            enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
         return enhanced, *self.second.stages(dataclasses.replace(views, render=enhanced))

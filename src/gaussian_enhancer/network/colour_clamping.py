@@ -10,10 +10,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
-def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int = 3) -> Float[Tensor, "b 3 h w"]:
+def clamp_to_references(
+    image: Float[Tensor, "b 3 h w"], views: NetworkInput, window: int = 3
+) -> Float[Tensor, "b 3 h w"]:
     """The image with each channel clamped to what the render and the references reach around the pixel.
 
     The limits are the least and the greatest value in the window of the render and, where they are visible, of the
@@ -45,7 +47,7 @@ def within_evidence(image: Float[Tensor, "b 3 h w"], views: Views, window: int =
 
 @torch.no_grad()
 def _limits(
-    views: Views, hidden: Bool[Tensor, "b r 1 h w"], channel: int, reach: int
+    views: NetworkInput, hidden: Bool[Tensor, "b r 1 h w"], channel: int, reach: int
 ) -> tuple[Float[Tensor, "b h w"], Float[Tensor, "b h w"]]:
     """The least and the greatest value of a channel around each pixel."""
     low = views.render[:, channel].clone()
@@ -66,7 +68,7 @@ def check_window(window: int) -> None:
         InputError: the side is not odd, or not positive.
     """
     if window < 1 or window % 2 == 0:
-        raise InputError("evidence", f"is a window of {window} pixels", "use an odd number, or 0 for no limit")
+        raise InputError("colour_clamping", f"is a window of {window} pixels", "use an odd number, or 0 for no limit")
 
 
 def _spread(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 class Network(nn.Module, abc.ABC):
@@ -38,27 +38,27 @@ class Network(nn.Module, abc.ABC):
         self.design = {"network": type(self).__name__, **plain}
 
     @abc.abstractmethod
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """Enhanced images of all the network's scales, coarse to fine; the last is the result."""
 
-    def forward(self, views: Views) -> Float[Tensor, "b 3 H W"]:
+    def forward(self, views: NetworkInput) -> Float[Tensor, "b 3 H W"]:
         """Enhance."""
         return self.stages(views)[-1]
 
 
-class Remembering(Network):
+class CachesReferences(Network):
     """A network that reads references through features of their own, which may be kept and given again.
 
     Where references are not warped to the target, a photo's features are the same for every target.
     """
 
     @abc.abstractmethod
-    def encode(self, views: Views) -> tuple[Float[Tensor, "b r _ _ _"], ...]:
+    def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r _ _ _"], ...]:
         """Features of the references, each of which depends on nothing but the reference, at all the scales."""
 
     @abc.abstractmethod
     def forward(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r _ _ _"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r _ _ _"], ...] | None = None
     ) -> Float[Tensor, "b 3 H W"]:
         """Enhance.
 

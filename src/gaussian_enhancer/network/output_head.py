@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 OUTPUTS = 6
 
@@ -26,14 +26,14 @@ class Output(Protocol):
         ...
 
     def __call__(
-        self, decoded: Float[Tensor, "b o h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+        self, decoded: Float[Tensor, "b o h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
     ) -> Float[Tensor, "b 3 h w"]:
         """Compose the image; see `compose` for the arguments."""
         ...
 
 
 def compose(
-    decoded: Float[Tensor, "b 6 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+    decoded: Float[Tensor, "b 6 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
 ) -> Float[Tensor, "b 3 h w"]:
     """Render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
@@ -70,7 +70,7 @@ class Gated:
     outputs: ClassVar[int] = OUTPUTS
 
     def __call__(
-        self, decoded: Float[Tensor, "b 6 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+        self, decoded: Float[Tensor, "b 6 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
     ) -> Float[Tensor, "b 3 h w"]:
         """Compose the image."""
         return compose(decoded, views, trust)
@@ -83,7 +83,7 @@ class Residual:
     outputs: ClassVar[int] = 3
 
     def __call__(
-        self, decoded: Float[Tensor, "b 3 h w"], views: Views, trust: Float[Tensor, "b r 1 i j"]
+        self, decoded: Float[Tensor, "b 3 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
     ) -> Float[Tensor, "b 3 h w"]:
         """Add what was decoded."""
         return views.render + decoded.to(views.render.dtype)

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
-from gaussian_enhancer.types import Views, usable
+from gaussian_enhancer.types import NetworkInput, usable
 
 
-def padded(views: Views, stride: int) -> Views:
+def padded(views: NetworkInput, stride: int) -> NetworkInput:
     """Views whose last row and column are repeated until both sides are multiples of a stride."""
     height, width = views.render.shape[-2:]
     bottom, right = -height % stride, -width % stride
@@ -30,7 +30,7 @@ def padded(views: Views, stride: int) -> Views:
     return views.mapped(grown)
 
 
-def shrunk(views: Views, factor: int) -> Views:
+def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
     """Views averaged over squares of pixels; sides are multiples of the factor.
 
     References and their renders are averaged by visibility, depth as inverse depth where it is known. The unit of
@@ -57,7 +57,7 @@ def shrunk(views: Views, factor: int) -> Views:
         inverse = torch.where(known, 1 / torch.where(known, depth, torch.ones_like(depth)), torch.zeros_like(depth))
         mean, covered = _averaged(inverse, factor, size), _averaged(known.to(depth.dtype), factor, size)
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
-    return Views(
+    return NetworkInput(
         _averaged(views.render, factor, size),
         seen(views.references),  # type: ignore[arg-type]
         share,
@@ -68,7 +68,7 @@ def shrunk(views: Views, factor: int) -> Views:
     )
 
 
-def enlarged(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
+def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
     """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
     if scale == 1:
         return image

@@ -12,14 +12,14 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
-from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
 from gaussian_enhancer.network.pyramid import padded
 from gaussian_enhancer.network.stem import Choice, Gather
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
-class SIF(Remembering):
+class SIF(CachesReferences):
     """Enhanced = compose(decode(gather(views))): one fusion at one scale.
 
     Residual and gates are zero at birth: the untrained network returns the render bit for bit. GaussianEnhancer's SIF,
@@ -56,12 +56,12 @@ class SIF(Remembering):
         self.decode = Decoder(widths, blocks, output.outputs)
         self.output = output
 
-    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c i j"], ...]:
+    def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c i j"], ...]:
         """Features of the references, for `forward` to use again with other targets where they are not warped."""
         return (self.gather.encode(padded(views, self.stride)),)
 
     def forward(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
     ) -> Float[Tensor, "b 3 h w"]:
         """Enhance renders of any size with any number of references, none included.
 
@@ -74,6 +74,6 @@ class SIF(Remembering):
         features, trust = self.gather(views, None if encoded is None else encoded[0])
         return self.output(self.decode(features), views, trust)[..., :height, :width]
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         return (self(views),)

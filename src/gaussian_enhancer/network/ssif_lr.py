@@ -16,16 +16,16 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
-from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
 from gaussian_enhancer.network.pyramid import padded, shrunk
 from gaussian_enhancer.network.stem import Choice, Gather
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 FACTORS = (4, 2, 1)
 
 
-class SSIFLR(Remembering):
+class SSIFLR(CachesReferences):
     """GaussianEnhancer++'s SSIF-LR (algorithm 3), coarse to fine.
 
     At each scale T = output(decode(gather(views))). At 1/4, references are aligned once more, to T in place of the
@@ -81,12 +81,12 @@ class SSIFLR(Remembering):
         self.settle = Decoder(widths[:1], blocks[:1], handed)
         self.combine = nn.ModuleList(combine.build(widths[0], coarser) for coarser in (1, 2))
 
-    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c _ _"], ...]:
+    def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
         return tuple(self._gather(level).encode(seen) for level, seen in enumerate(self._pyramid(views)))
 
     def forward(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> Float[Tensor, "b 3 h w"]:
         """Enhance renders of any size with any number of references, none included.
 
@@ -97,7 +97,7 @@ class SSIFLR(Remembering):
         return self.stages(views, encoded)[-1]
 
     def stages(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """Enhanced images at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up."""
         sides = views.render.shape[-2:]
@@ -114,7 +114,7 @@ class SSIFLR(Remembering):
             images.append(image[..., : -(-sides[0] // factor), : -(-sides[1] // factor)])
         return tuple(images)
 
-    def _pyramid(self, views: Views) -> tuple[Views, Views, Views]:
+    def _pyramid(self, views: NetworkInput) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
         """The views at 1/4, 1/2 and 1."""
         whole = padded(views, self.stride)
         half = shrunk(whole, 2)
@@ -124,7 +124,7 @@ class SSIFLR(Remembering):
         return cast(Gather, self.gather[min(level, len(self.gather) - 1)])
 
     def _scale(
-        self, level: int, views: Views, encoded: Float[Tensor, "b r c i j"], decode: nn.Module
+        self, level: int, views: NetworkInput, encoded: Float[Tensor, "b r c i j"], decode: nn.Module
     ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b _ h w"]]:
         """One scale by itself: its image, and what its decoder hands on to finer scales."""
         features, trust = self._gather(level)(views, encoded)

@@ -15,16 +15,16 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
-from gaussian_enhancer.network.network import Remembering
+from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
-from gaussian_enhancer.network.pyramid import enlarged, padded
+from gaussian_enhancer.network.pyramid import padded, upsampled
 from gaussian_enhancer.network.stem import Choice, Gather
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
-FINER = (2, 4)
+UPSCALE = (2, 4)
 
 
-class SSIFSR(Remembering):
+class SSIFSR(CachesReferences):
     """GaussianEnhancer++'s SSIF-SR (algorithm 2): what is found at 1x once, refined by fine references at 2x and 4x.
 
     S1 = output(T1), T1 and features from decode(gather(views)), all of it at the render's resolution. S2 = output(T2)
@@ -73,13 +73,13 @@ class SSIFSR(Remembering):
         self.tail = Tail(few, blocks[0], output.outputs)
         self.output = output
 
-    def encode(self, views: Views) -> tuple[Float[Tensor, "b r c _ _"], ...]:
+    def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
         views = padded(views, self.stride)
         return self._encode(views, pooled(views))
 
     def forward(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> Float[Tensor, "b 3 H W"]:
         """Enhance renders of any size with any number of references, none included.
 
@@ -90,7 +90,7 @@ class SSIFSR(Remembering):
         return self.stages(views, encoded)[-1]
 
     def stages(
-        self, views: Views, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """Enhanced images of 1, 2 and 4 times the render's size."""
         height, width = views.render.shape[-2:]
@@ -102,16 +102,16 @@ class SSIFSR(Remembering):
         images = [self.output(self.decode.outputs(features), views, trust)]
         seen, twice = _seen(views, fine)
         features, decoded, trust = self.middle(F.pixel_shuffle(self.grow(features), 2), known[1], seen)
-        base = enlarged(images[0], 2)
+        base = upsampled(images[0], 2)
         images.append(self.output(decoded, *merged(base, fine[1], fine[0], seen, trust)))
-        base = enlarged(images[0], 4) + enlarged(images[1] - base, 2)
+        base = upsampled(images[0], 4) + upsampled(images[1] - base, 2)
         trust = _bilinear(trust) * (twice > 0)
         only, trust = merged(base, fine[2], fine[1], twice, trust)
         decoded = self.tail(F.pixel_shuffle(self.grow_again(features), 2), only, trust)
         images.append(self.output(decoded, only, trust))
-        return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *FINER), images, strict=True))
+        return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *UPSCALE), images, strict=True))
 
-    def _encode(self, views: Views, fine: Sequence[Tensor]) -> tuple[Tensor, ...]:
+    def _encode(self, views: NetworkInput, fine: Sequence[Tensor]) -> tuple[Tensor, ...]:
         return self.gather.encode(views), self.middle.encode(fine[1], _seen(views, fine)[0])
 
 
@@ -186,7 +186,7 @@ class Tail(nn.Module):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
     def forward(
-        self, features: Float[Tensor, "b c i j"], views: Views, trust: Float[Tensor, "b _ 1 i j"]
+        self, features: Float[Tensor, "b c i j"], views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]
     ) -> Float[Tensor, "b o h w"]:
         """Decoded values.
 
@@ -204,7 +204,7 @@ class Tail(nn.Module):
         return F.pixel_shuffle(self.head(self.blocks(features + x)), 2)
 
 
-def pooled(views: Views) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
+def pooled(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
     """The fine references at 1, 2 and 4 times the render's size, averaged over squares; none where there are none.
 
     Visibility is of the render's pixels, so that no square holds what is visible and what is not.
@@ -212,7 +212,7 @@ def pooled(views: Views) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
     fine = views.fine_references
     if fine is None or fine.shape[1] == 0:
         batch, _, height, width = views.render.shape
-        return tuple(views.render.new_zeros(batch, 0, 3, n * height, n * width) for n in (1, *FINER))
+        return tuple(views.render.new_zeros(batch, 0, 3, n * height, n * width) for n in (1, *UPSCALE))
     half = F.avg_pool2d(fine.flatten(0, 1), 2)
     return F.avg_pool2d(half, 2).unflatten(0, fine.shape[:2]), half.unflatten(0, fine.shape[:2]), fine
 
@@ -223,7 +223,7 @@ def merged(
     halved: Float[Tensor, "b r 3 i j"],
     visibility: Float[Tensor, "b r 1 i j"],
     trust: Float[Tensor, "b r 1 i j"],
-) -> tuple[Views, Float[Tensor, "b _ 1 i j"]]:
+) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
     """One reference in place of several: their mean by trust, and how far all of them together are trusted.
 
     Its ``reference_renders`` are what its own half size holds of it, so that `compose`'s term of photo minus render
@@ -237,7 +237,7 @@ def merged(
         trust: how far each reference is trusted; 0 where it is not visible.
     """
     if photos.shape[1] == 0:
-        return Views(base, photos, photos[:, :, :1]), trust
+        return NetworkInput(base, photos, photos[:, :, :1]), trust
     trust = trust.to(base.dtype)
     weight = _bilinear(trust) * _repeated(visibility > 0, 2)
     total = weight.sum(1)
@@ -245,7 +245,9 @@ def merged(
     together = trust.sum(1, keepdim=True)
     soft = _bilinear(torch.cat([_weighted(trust, halved), together[:, 0]], dim=1)[:, None])[:, 0]
     soft = soft[:, :3] / soft[:, 3:].clamp_min(1e-6)
-    return Views(base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]), together
+    return NetworkInput(
+        base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]
+    ), together
 
 
 def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
@@ -256,7 +258,7 @@ def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h
     return total
 
 
-def _seen(views: Views, fine: Sequence[Float[Tensor, "b r 3 _ _"]]) -> tuple[Float[Tensor, "b r 1 _ _"], ...]:
+def _seen(views: NetworkInput, fine: Sequence[Float[Tensor, "b r 3 _ _"]]) -> tuple[Float[Tensor, "b r 1 _ _"], ...]:
     """Visibility of the fine references at half of the finer scales' resolutions."""
     visibility = views.visibility[:, : fine[0].shape[1]]
     return visibility, _repeated(visibility, 2)

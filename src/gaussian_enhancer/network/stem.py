@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.network.encode import Encoder
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 @runtime_checkable
@@ -55,7 +55,7 @@ class Gather(nn.Module):
         self.fuse = fusion.build(channels)
         self.modulate = modulation.build(channels)
 
-    def encode(self, views: Views) -> Float[Tensor, "b r c i j"]:
+    def encode(self, views: NetworkInput) -> Float[Tensor, "b r c i j"]:
         """Features of the references as they are given, not yet aligned to the target's."""
         references, visibility = views.references, views.visibility
         if references.shape[1] == 0:
@@ -71,7 +71,7 @@ class Gather(nn.Module):
         return features.unflatten(0, references.shape[:2])
 
     def forward(
-        self, views: Views, encoded: Float[Tensor, "b r c i j"] | None = None
+        self, views: NetworkInput, encoded: Float[Tensor, "b r c i j"] | None = None
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b r 1 i j"]]:
         """Fused, depth-modulated features, and how far each reference was trusted at each pixel.
 

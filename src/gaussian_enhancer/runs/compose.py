@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from gaussian_enhancer.errors import InputError
 
 
-def sketched(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **values: object) -> DictConfig:
+def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **values: object) -> DictConfig:
     """Another job's configuration, in which mandatory values may still be open.
 
     Args:

@@ -17,7 +17,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.run import digest_of
-from gaussian_enhancer.scene.high_resolution import FINER, attach_fine_photos
+from gaussian_enhancer.scene.high_resolution import UPSCALE, attach_fine_photos
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_header, read_photo
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -27,7 +27,7 @@ from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 PROCEDURAL = "gaussian_enhancer.scene.procedural."
 
 
-class FinePhotos:
+class HighResolutionPhotos:
     """Attaches fine photos to the views of fitted runs.
 
     Args:
@@ -47,14 +47,14 @@ class FinePhotos:
         Raises:
             InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
         """
-        finer = finer_values(read_scene_values(run / "config.yaml"))
+        finer = high_resolution_values(read_scene_values(run / "config.yaml"))
         if not _is_procedural(finer):
             return attach_fine_photos(rendered, scene_from_values(finer))
         folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(finer)}"
         return _drawn(rendered, cache(lambda: scene_from_values(finer)), folder)
 
 
-def finer_config(scene: DictConfig) -> DictConfig:
+def high_resolution_config(scene: DictConfig) -> DictConfig:
     """A scene's configuration on a grid 4 times as fine.
 
     Args:
@@ -63,10 +63,10 @@ def finer_config(scene: DictConfig) -> DictConfig:
     Raises:
         InputError: the photos are not that large.
     """
-    return OmegaConf.create(finer_values(plain(scene)))
+    return OmegaConf.create(high_resolution_values(plain(scene)))
 
 
-def finer_values(values: Mapping[str, Any]) -> dict[str, Any]:
+def high_resolution_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """The same of plain values.
 
     Args:
@@ -76,13 +76,15 @@ def finer_values(values: Mapping[str, Any]) -> dict[str, Any]:
         InputError: the photos are not that large, or a size is no number.
     """
     if _is_procedural(values):
-        size = {"height": FINER * _number(values, "height", 192), "width": FINER * _number(values, "width", 256)}
+        size = {"height": UPSCALE * _number(values, "height", 192), "width": UPSCALE * _number(values, "width", 256)}
         return {**values, **size, "points": 0}
-    downscale = _number(values, "downscale", 1) / FINER
+    downscale = _number(values, "downscale", 1) / UPSCALE
     if downscale < 1:
         received = f"is rendered at 1/{values.get('downscale', 1)} of its photos' size"
         subject = values.get("path", values.get("_target_"))
-        raise InputError(subject, received, f"fit it with scene.downscale={FINER} or more, so that finer photos exist")
+        raise InputError(
+            subject, received, f"fit it with scene.downscale={UPSCALE} or more, so that finer photos exist"
+        )
     return {**values, "downscale": int(downscale) if downscale == int(downscale) else downscale}
 
 
@@ -102,7 +104,7 @@ def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> R
         if view.camera is None:
             raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")
         stem = Path(view.name).stem
-        size = FINER * view.camera.height, FINER * view.camera.width
+        size = UPSCALE * view.camera.height, UPSCALE * view.camera.width
         return replace(view, read_fine_photo=ReadDrawn(scene, stem, folder / f"{stem}.png", *size))
 
     return replace(

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.high_resolution import FinePhotos, finer_config
+from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.high_resolution import attach_fine_photos
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -63,8 +63,8 @@ def _finely(task: Task, cfg: DictConfig) -> Task:
     """The task with photos 4 times as fine: of the scene that was given, else of the one that the run names."""
     try:
         if cfg.get("scene"):
-            return replace(task, rendered=attach_fine_photos(task.rendered, build(finer_config(cfg.scene))))
-        return replace(task, rendered=FinePhotos(Path(cfg.runs) / "photos")(Path(cfg.run), task.rendered))
+            return replace(task, rendered=attach_fine_photos(task.rendered, build(high_resolution_config(cfg.scene))))
+        return replace(task, rendered=HighResolutionPhotos(Path(cfg.runs) / "photos")(Path(cfg.run), task.rendered))
     except InputError as missing:
         return replace(task, note=str(missing))
 

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import require
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
@@ -42,7 +42,7 @@ class Run:
     def finish(self) -> None:
         """Mark the run as completed; the last thing that a job does."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
-        marks.end(self.folder)
+        status.end(self.folder)
 
 
 def open_run(cfg: DictConfig, job: str, label: str) -> Run:
@@ -67,7 +67,7 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
         )
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     if finished is None:
-        marks.begin(folder)
+        status.begin(folder)
     return Run(folder, digest)
 
 

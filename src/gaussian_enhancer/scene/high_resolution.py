@@ -17,7 +17,7 @@ from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
 
-FINER = 4
+UPSCALE = 4
 SLACK = 3
 """Pixels by which a fine photo may miss 4 times the render's size: rounding when both were downscaled."""
 
@@ -62,7 +62,7 @@ def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
 
 def is_finer(size: tuple[int, int], render: tuple[int, int]) -> bool:
     """Whether a height and width are 4 times a render's, but for rounding."""
-    return all(abs(have - FINER * side) <= SLACK for have, side in zip(size, render, strict=True))
+    return all(abs(have - UPSCALE * side) <= SLACK for have, side in zip(size, render, strict=True))
 
 
 def resized_reader(read: Callable[[], Float[Tensor, "3 _ _"]], height: int, width: int) -> Callable[[], Tensor]:
@@ -77,10 +77,10 @@ def _fine(view: RenderedView, photo: Photo) -> Callable[[], Float[Tensor, "3 _ _
         return photo.read
     sizes = [_size(source.camera, source.read) for source in (view, photo)]
     if not is_finer(sizes[1], sizes[0]):
-        wanted = "x".join(str(FINER * side) for side in reversed(sizes[0]))
+        wanted = "x".join(str(UPSCALE * side) for side in reversed(sizes[0]))
         received = f"is {sizes[1][1]}x{sizes[1][0]} where 4 times its render {view.name} is {wanted}"
         raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
-    return resized_reader(photo.read, FINER * sizes[0][0], FINER * sizes[0][1])
+    return resized_reader(photo.read, UPSCALE * sizes[0][0], UPSCALE * sizes[0][1])
 
 
 def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]

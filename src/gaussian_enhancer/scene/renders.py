@@ -13,7 +13,7 @@ from typing import Literal
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import ListedCamera, read_cameras, write_cameras, write_scene_cameras
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
-from gaussian_enhancer.scene.high_resolution import FINER, is_finer
+from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer
 from gaussian_enhancer.scene.photos import list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -236,7 +236,7 @@ def _view(
     if photo is not None:
         found = read_header(photo).height, read_header(photo).width
         if finer and is_finer(found, size):
-            fine = ReadPhoto(photo, FINER * size[0], FINER * size[1], background)
+            fine = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
         else:
             _same_size(render, size, photo, found)
     if depth is not None:

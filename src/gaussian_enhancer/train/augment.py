@@ -103,8 +103,8 @@ class Augmentation:
 
         drawn = views.reference_renders
         if drawn is not None:
-            dropped = float(torch.rand((), generator=generator)) < self.drop_renders
-            drawn = None if dropped else lit(drawn, light[:, None])
+            non_finite = float(torch.rand((), generator=generator)) < self.drop_renders
+            drawn = None if non_finite else lit(drawn, light[:, None])
         gain, fine = light[:, None] * exposure, views.fine_references
         views = dataclasses.replace(
             views,

@@ -8,7 +8,7 @@ from torch.utils.data import Dataset, Sampler
 
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.samples import FINE, Sample, batch_of
-from gaussian_enhancer.train.share import Share
+from gaussian_enhancer.train.share import ProcessShare
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
@@ -56,7 +56,7 @@ class Collate:
     augmentation: Augmentation
     simulation: Simulation | None = None
 
-    def __call__(self, items: list[tuple], share: Share | None = None, has_renders: bool = True) -> Batch:
+    def __call__(self, items: list[tuple], share: ProcessShare | None = None, has_renders: bool = True) -> Batch:
         """A batch, or a share of one.
 
         Args:
@@ -88,7 +88,7 @@ class SharedCollate:
     collate: Collate
     samples: Sequence[Sample]
 
-    def __call__(self, items: list[tuple[tuple, Share]]) -> Batch:
+    def __call__(self, items: list[tuple[tuple, ProcessShare]]) -> Batch:
         """A batch.
 
         Args:

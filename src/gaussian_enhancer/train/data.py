@@ -9,7 +9,7 @@ from typing import Any
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -32,7 +32,7 @@ class RunsData(LightningDataModule):
         train: patterns of run folders. Each pattern is one source and is drawn from equally often, however many
             runs and views it names, so that a large source does not drown the others.
         validation: patterns of run folders that are only measured on.
-        preparation: how references are aligned; each (target, reference) pair is warped once and cached.
+        reference_config: how references are aligned; each (target, reference) pair is warped once and cached.
         cache: folder for prepared samples.
         augmentation: what training varies.
         batch_size: crops in a step, of all processes together.
@@ -59,7 +59,7 @@ class RunsData(LightningDataModule):
         self,
         train: Sequence[str],
         validation: Sequence[str],
-        preparation: Preparation,
+        reference_config: ReferenceConfig,
         cache: str | Path,
         augmentation: Augmentation | None = None,
         batch_size: int = 4,
@@ -79,7 +79,7 @@ class RunsData(LightningDataModule):
     ) -> None:
         super().__init__()
         self.patterns = {"train": list(train), "validation": list(validation)}
-        self.preparation, self.cache = preparation, Path(cache)
+        self.reference_config, self.cache = reference_config, Path(cache)
         self.augmentation = Augmentation() if augmentation is None else augmentation
         self.batch_size, self.steps_per_epoch = batch_size, steps_per_epoch
         self.snapshots, self.validation_views = snapshots, validation_views
@@ -94,8 +94,8 @@ class RunsData(LightningDataModule):
             # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
             raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
         self.validated = self.simulation if simulate_validation else None
-        if preparation.fine and finer is None:
-            raise InputError("preparation.fine", "is asked for", "tell with finer= where fine photos come from")
+        if reference_config.fine and finer is None:
+            raise InputError("reference_config.fine", "is asked for", "tell with finer= where fine photos come from")
         if views_per_run is not None and views_per_run < 1:
             raise InputError("views_per_run", f"is {views_per_run}", "give at least 1")
         self.views_per_run, self.finer, self.bad_share = views_per_run, finer, bad_share
@@ -123,7 +123,7 @@ class RunsData(LightningDataModule):
         simulated = never if self.simulation is None else self.simulation.drawn
         count = self.batch_size * self.steps_per_epoch
         draw = BalancedDraw(pairs, count, self.seed, photos, simulated, self._drawn)
-        collate = Collate(self.preparation.references, self.augmentation, self.simulation)
+        collate = Collate(self.reference_config.references, self.augmentation, self.simulation)
         rank, ranks = self._place()
         if ranks > 1:
             shares = SharedBatches(draw, self.batch_size, rank, ranks)
@@ -137,7 +137,7 @@ class RunsData(LightningDataModule):
         """Whole images, one by one."""
         every = max(1, -(-len(self.held_out) // max(1, self.validation_views)))
         chosen = self.held_out[::every]
-        references, simulation = self.preparation.references, self.validated
+        references, simulation = self.reference_config.references, self.validated
 
         def collate(items: list[tuple[int, Sample]]) -> Batch:
             ((seed, sample),) = items
@@ -211,7 +211,7 @@ class RunsData(LightningDataModule):
 
     def _read(self, run: Path, step: int) -> RenderedSet:
         views = read_run(run, step)
-        return self.finer(run, views) if self.preparation.fine and self.finer is not None else views
+        return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
 
     def _thinned(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
         """The views that a run gives, and what tells them from another choice of them."""
@@ -224,7 +224,9 @@ class RunsData(LightningDataModule):
     def _prepared(
         self, views: RenderedSet, identity: str, held_out: bool, progress: Callable[[], None]
     ) -> list[Sample]:
-        return prepare_samples(views, self.preparation, self.cache, identity, max(1, self.workers), progress, held_out)
+        return prepare_samples(
+            views, self.reference_config, self.cache, identity, max(1, self.workers), progress, held_out
+        )
 
 
 def _identity(run: Path, step: int) -> str:

@@ -19,7 +19,7 @@ from gaussian_enhancer.degrade.generative.second_stage import SCHEDULES, FactorM
 from gaussian_enhancer.degrade.generative.texture import texture_difference
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.ema import follow
-from gaussian_enhancer.train.module import Optimiser
+from gaussian_enhancer.train.module import OptimiserConfig
 from gaussian_enhancer.types import Batch
 
 
@@ -43,10 +43,12 @@ class GeneratorLoss:
 class _GeneratorModule(LightningModule):
     """What both steps share: what a batch holds, the optimiser, a running mean of the weights."""
 
-    def __init__(self, model: FactorModel, loss: GeneratorLoss, optimiser: Optimiser, steps: int, seed: int) -> None:
+    def __init__(
+        self, model: FactorModel, loss: GeneratorLoss, optimiser: OptimiserConfig, steps: int, seed: int
+    ) -> None:
         super().__init__()
         self.model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = copy.deepcopy(model).requires_grad_(False)
+        self.ema = copy.deepcopy(model).requires_grad_(False)
         self.loss, self.optimiser, self.steps, self.seed = loss, optimiser, steps, seed
 
     def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
@@ -59,12 +61,12 @@ class _GeneratorModule(LightningModule):
     def optimizer_step(self, *arguments: Any, **named: Any) -> None:
         """Step, and move the average towards the weights before a checkpoint can be written."""
         super().optimizer_step(*arguments, **named)
-        follow(self.average, self.model, self.optimiser.average, self.global_step + 1)
+        follow(self.ema, self.model, self.optimiser.ema, self.global_step + 1)
 
     def configure_optimizers(self) -> Any:
         """Adam on what is trained in this step."""
         parameters = [p for p in self.parameters() if p.requires_grad]
-        adam = torch.optim.Adam(parameters, lr=self.optimiser.rate, betas=(0.9, 0.99))
+        adam = torch.optim.Adam(parameters, lr=self.optimiser.lr, betas=(0.9, 0.99))
         schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: self.optimiser.factor(step, self.steps))
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
@@ -84,7 +86,7 @@ class PairedModule(_GeneratorModule):
     """
 
     def __init__(
-        self, model: FactorModel, loss: GeneratorLoss, optimiser: Optimiser, steps: int, seed: int = 0
+        self, model: FactorModel, loss: GeneratorLoss, optimiser: OptimiserConfig, steps: int, seed: int = 0
     ) -> None:
         super().__init__(model, loss, optimiser, steps, seed)
         model.denoiser.requires_grad_(False)
@@ -109,7 +111,7 @@ class PairedModule(_GeneratorModule):
     def validation_step(self, batch: Batch, index: int) -> None:
         """How much nearer L is to R than M: in dB of PSNR, and as the share of the texture's difference left."""
         manual, real, generators = self.prepared(batch, index)
-        made = self.average.combine(manual, self.average.extractor(manual, real), generators).float().clamp(0, 1)
+        made = self.ema.combine(manual, self.ema.extractor(manual, real), generators).float().clamp(0, 1)
         self.log("gain/paired", _nearer(manual, made, real), prog_bar=True, batch_size=1)
         self.log("texture/paired", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
 
@@ -144,7 +146,7 @@ class DiffusedModule(_GeneratorModule):
         self,
         model: FactorModel,
         loss: GeneratorLoss,
-        optimiser: Optimiser,
+        optimiser: OptimiserConfig,
         steps: int,
         sampler: Sampler,
         seed: int = 0,
@@ -166,9 +168,9 @@ class DiffusedModule(_GeneratorModule):
         manual, real, generators = self.prepared(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
-            self.log("left/denoising", self._denoising(manual, real, self.average), batch_size=1)
-        sampled = self.average.sample(manual, self.sampler, generators)
-        made = self.average.combine(manual, sampled, generators).float().clamp(0, 1)
+            self.log("left/denoising", self._denoising(manual, real, self.ema), batch_size=1)
+        sampled = self.ema.sample(manual, self.sampler, generators)
+        made = self.ema.combine(manual, sampled, generators).float().clamp(0, 1)
         self.log("gain/diffused", _nearer(manual, made, real), prog_bar=True, batch_size=1)
         self.log("texture/diffused", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
 

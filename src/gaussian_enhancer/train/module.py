@@ -12,31 +12,31 @@ from lightning import LightningModule
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.loss.weighted_sum import Objective
+from gaussian_enhancer.loss.weighted_sum import WeightedLoss
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import enlarged
+from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.ssim import ssim_map
 from gaussian_enhancer.train.ema import follow
-from gaussian_enhancer.train.non_finite import BAD_SHARE, Dropped, emptied, finite_samples
+from gaussian_enhancer.train.non_finite import BAD_SHARE, NonFiniteFilter, emptied, finite_samples
 from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch, precise, quantised
 
 
 @dataclass(frozen=True)
-class Optimiser:
+class OptimiserConfig:
     """AdamW with linear warm-up and a cosine down to zero.
 
     Args:
         rate: largest learning rate.
         decay: weight decay of AdamW.
         warmup: steps of rising rate.
-        average: decay of the running mean of the weights, which is what is kept; 0 keeps the last.
+        ema: decay of the running mean of the weights, which is what is kept; 0 keeps the last.
     """
 
-    rate: float = 8e-4
+    lr: float = 8e-4
     decay: float = 1e-4
     warmup: int = 200
-    average: float = 0.999
+    ema: float = 0.999
 
     def factor(self, step: int, steps: int) -> float:
         """Share of the largest learning rate at a step."""
@@ -45,7 +45,7 @@ class Optimiser:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ValidationMetrics:
     """What a validation found of one view.
 
     Args:
@@ -60,17 +60,17 @@ class Judged:
 
 
 class EnhancerModule(LightningModule):
-    """Trains a network; keeps the running mean of its weights as ``average`` and validates with that.
+    """Trains a network; keeps the running mean of its weights as ``ema`` and validates with that.
 
     Several processes that share a training log what one would: means over all their crops and views.
 
     Args:
         network: maps views to enhanced images.
-        objective: what is minimised.
+        loss: what is minimised.
         metrics: figures of enhanced image against photo by name; their gain over the raw render is logged.
         optimiser: how.
         steps: length of the training, for the schedule.
-        coarse: weight of the objective at each coarser scale of a network that has several (NeRFLiX++'s
+        coarse: weight of the loss at each coarser scale of a network that has several (NeRFLiX++'s
             intermediate supervision).
         bad_share: share of the crops that may be dropped for not being finite, before the training fails.
 
@@ -81,20 +81,20 @@ class EnhancerModule(LightningModule):
     def __init__(
         self,
         network: Network,
-        objective: Objective,
+        loss: WeightedLoss,
         metrics: Mapping[str, Any],
-        optimiser: Optimiser,
+        optimiser: OptimiserConfig,
         steps: int,
         coarse: float = 0.1,
         bad_share: float = BAD_SHARE,
     ) -> None:
         super().__init__()
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = copy.deepcopy(network).requires_grad_(False)
-        self.objective, self.metrics, self.optimiser, self.steps = objective, dict(metrics), optimiser, steps
+        self.ema = copy.deepcopy(network).requires_grad_(False)
+        self.loss, self.metrics, self.optimiser, self.steps = loss, dict(metrics), optimiser, steps
         self.coarse = coarse
-        self.judged: list[Judged] = []
-        self.dropped = Dropped(bad_share)
+        self.judged: list[ValidationMetrics] = []
+        self.non_finite = NonFiniteFilter(bad_share)
         self.crops = 0  # of a step, in this process
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
@@ -103,13 +103,13 @@ class EnhancerModule(LightningModule):
         Raises:
             InputError: too many crops were dropped, or the weights are no longer finite.
         """
-        total, parts = self.loss(batch)
+        total, parts = self.batch_loss(batch)
         size = len(batch.names)
         self.log("train/total", total, prog_bar=True, batch_size=size, sync_dist=True)
         self.log_dict({f"train/{name}": value for name, value in parts.items()}, batch_size=size, sync_dist=True)
         return total
 
-    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def batch_loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """Objective of a batch, and the means of its terms.
 
         Samples that are not finite, before the network or after it, are dropped: they weigh nothing, and the batch
@@ -124,9 +124,9 @@ class EnhancerModule(LightningModule):
             images = self.network.stages(batch.views)
             kept = torch.stack([image.detach().flatten(1).float().sum(1).isfinite() for image in images]).all(0)
             if bool(kept.all()):
-                return self._objective(images, batch.views.render, batch.photo)
-        self.dropped.add([name for name, good in zip(batch.names, kept.tolist(), strict=True) if not good])
-        self.dropped.refuse_many((self.global_step + 1) * self.crops)
+                return self._loss_at_all_scales(images, batch.views.render, batch.photo)
+        self.non_finite.add([name for name, good in zip(batch.names, kept.tolist(), strict=True) if not good])
+        self.non_finite.refuse_many((self.global_step + 1) * self.crops)
         batch = emptied(batch, kept)
         images = self.network.stages(batch.views)
         if not all(bool(image.isfinite().all()) for image in images):
@@ -135,44 +135,46 @@ class EnhancerModule(LightningModule):
         if not bool(kept.any()):
             nothing = images[-1].detach().new_zeros(())
             return torch.stack([0.0 * image.float().sum() for image in images]).sum(), dict.fromkeys(
-                self.objective.terms, nothing
+                self.loss.terms, nothing
             )
         chosen = tuple(image[kept] for image in images)
-        total, parts = self._objective(chosen, batch.views.render[kept], batch.photo[kept])
+        total, parts = self._loss_at_all_scales(chosen, batch.views.render[kept], batch.photo[kept])
         return total * kept.float().mean(), parts
 
-    def _objective(self, images: tuple[Tensor, ...], drawn: Tensor, truth: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
-        """The objective of enhanced images at all scales, coarse to fine, given renders and photos."""
+    def _loss_at_all_scales(
+        self, images: tuple[Tensor, ...], drawn: Tensor, truth: Tensor
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss of enhanced images at all scales, coarse to fine, given renders and photos."""
         *coarser, enhanced = images
         with torch.autocast(self.device.type, enabled=False):
-            start = enlarged(drawn, self.network.scale).clamp(0, 1)
-            total, parts = self.objective(precise(enhanced), truth, start)
+            start = upsampled(drawn, self.network.scale).clamp(0, 1)
+            total, parts = self.loss(precise(enhanced), truth, start)
             for image in coarser:
                 photo, render = (
                     F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (truth, start)
                 )
-                total = total + self.coarse * self.objective(precise(image), photo, render)[0]
+                total = total + self.coarse * self.loss(precise(image), photo, render)[0]
         return total, parts
 
     def on_train_end(self) -> None:
         """Judge how many crops were dropped, by all processes together."""
-        self.dropped.refuse_many_of_all(self.global_step * self.crops * self.trainer.world_size)
+        self.non_finite.refuse_many_of_all(self.global_step * self.crops * self.trainer.world_size)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep what was dropped; a checkpoint without such samples is what it was before they were counted."""
-        counts = self.dropped.of_all()
+        counts = self.non_finite.of_all()
         if counts:
             checkpoint["dropped"] = counts
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on counting; the first process takes what all had dropped."""
         if self.trainer.is_global_zero:
-            self.dropped.counts = dict(checkpoint.get("dropped", {}))
+            self.non_finite.counts = dict(checkpoint.get("dropped", {}))
 
     def optimizer_step(self, *arguments: Any, **named: Any) -> None:
-        """Step, and move the average towards the weights before a checkpoint can be written."""
+        """Step, and move the running mean towards the weights before a checkpoint can be written."""
         super().optimizer_step(*arguments, **named)
-        follow(self.average, self.network, self.optimiser.average, self.global_step + 1)
+        follow(self.ema, self.network, self.optimiser.ema, self.global_step + 1)
 
     def on_validation_epoch_start(self) -> None:
         """Forget the last validation."""
@@ -180,15 +182,15 @@ class EnhancerModule(LightningModule):
 
     def validation_step(self, batch: Batch, index: int) -> dict[str, Any]:
         """Gain over the raw render on a whole image, both quantised to 8 bit; returns its place and image."""
-        enhanced = quantised(self.average(batch.views).float())
-        raw = quantised(enlarged(batch.views.render, self.network.scale))
+        enhanced = quantised(self.ema(batch.views).float())
+        raw = quantised(upsampled(batch.views.render, self.network.scale))
         with torch.autocast(self.device.type, enabled=False):
             gains = {
                 name: float(metric(enhanced, batch.photo) - metric(raw, batch.photo))
                 for name, metric in self.metrics.items()
             }
         place = index * self.trainer.world_size + self.trainer.global_rank
-        self.judged.append(Judged(place, batch.names[0], gains))
+        self.judged.append(ValidationMetrics(place, batch.names[0], gains))
         return {"place": place, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
@@ -205,7 +207,7 @@ class EnhancerModule(LightningModule):
             {"params": [p for p in parameters if p.dim() == 4], "weight_decay": self.optimiser.decay},
             {"params": [p for p in parameters if p.dim() != 4], "weight_decay": 0.0},
         ]
-        adam = torch.optim.AdamW(groups, lr=self.optimiser.rate, betas=(0.9, 0.99))
+        adam = torch.optim.AdamW(groups, lr=self.optimiser.lr, betas=(0.9, 0.99))
         schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: self.optimiser.factor(step, self.steps))
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 

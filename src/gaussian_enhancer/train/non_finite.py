@@ -22,7 +22,7 @@ FEWEST = 1000
 """Crops that are counted at least before their share is judged: one bad crop among the first ten is no tenth of all."""
 
 
-class Dropped:
+class NonFiniteFilter:
     """What a training left out.
 
     Args:

@@ -24,13 +24,13 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
-from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
-from gaussian_enhancer.infer.weights import preparation_of
+from gaussian_enhancer.infer.weights import reference_config_of
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.types import Batch, Views
+from gaussian_enhancer.types import Batch, NetworkInput
 
 LAYOUT = 5
 FIXED = 9
@@ -80,7 +80,7 @@ class Sample:
 
 def prepare_samples(
     rendered: RenderedSet,
-    preparation: Preparation,
+    reference_config: ReferenceConfig,
     cache: Path,
     identity: str,
     workers: int = 2,
@@ -91,7 +91,7 @@ def prepare_samples(
 
     Args:
         rendered: targets with photos, and references.
-        preparation: how references are aligned.
+        reference_config: how references are aligned.
         cache: folder of prepared sets.
         identity: what tells the content of the set, for instance its folder, step and time of completion.
         workers: threads.
@@ -101,7 +101,7 @@ def prepare_samples(
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
     """
-    content = {"layout": LAYOUT, "identity": identity, "preparation": preparation_of(preparation)}
+    content = {"layout": LAYOUT, "identity": identity, "reference_config": reference_config_of(reference_config)}
     content["held_out"] = held_out
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
     folder = cache / f"{rendered.name}-{digest}"
@@ -111,7 +111,7 @@ def prepare_samples(
     pool = Pool(rendered.references)
 
     def prepared(number: int) -> Sample:
-        sample = _prepare(rendered, number, preparation, pool, folder)
+        sample = _prepare(rendered, number, reference_config, pool, folder)
         progress()
         return dataclasses.replace(sample, held_out=held_out)
 
@@ -153,7 +153,7 @@ def _entry(sample: Sample) -> dict[str, Any]:
     return {name: value for name, value in dataclasses.asdict(sample).items() if name not in ("fine", "bad") or value}
 
 
-def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool: Pool, folder: Path) -> Sample:
+def _prepare(rendered: RenderedSet, number: int, reference_config: ReferenceConfig, pool: Pool, folder: Path) -> Sample:
     view = rendered.targets[number]
     target = read_target(view)
     photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
@@ -161,7 +161,7 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
         # Rounded to bytes, NaN would be a colour like any other.
         height, width = target.image.shape[-2:]
         return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
-    aligned = preparation.align(target, view, pool)
+    aligned = reference_config.align(target, view, pool)
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
         depth = target.depth[None]
@@ -177,7 +177,7 @@ def _prepare(rendered: RenderedSet, number: int, preparation: Preparation, pool:
     save_array(path, planes.to(torch.uint8).numpy())
     height, width = planes.shape[-2:]
     finer = ""
-    if preparation.fine:
+    if reference_config.fine:
         finer = str(folder / f"{number:04d}-fine.npy")
         truth = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
         save_array(finer, _fine_planes(truth, aligned).to(torch.uint8).numpy())
@@ -234,7 +234,7 @@ def batch_of(
     stack = images[:, FIXED:].view(len(samples), references, EACH, height, width)
     renders = stack[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
     unit = torch.ones(len(samples))
-    views = Views(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
+    views = NetworkInput(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
     photo, finer = images[:, 3:6], [layer for layer in fine if layer is not None]
     if finer and len(finer) == len(samples):
         layers = _stacked(finer, FINE * (1 + references)).float() / 255

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Share:
+class ProcessShare:
     """Where a part lies in its whole batch.
 
     Args:
@@ -29,7 +29,7 @@ class Share:
     start: int
 
 
-class SharedBatches(Sampler[list[tuple[int, int, Share]]]):
+class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
     """One process's part of every batch: sample, seed and share of each crop.
 
     Args:
@@ -50,17 +50,17 @@ class SharedBatches(Sampler[list[tuple[int, int, Share]]]):
     def __len__(self) -> int:
         return len(self.draw) // self.size  # type: ignore[arg-type]
 
-    def __iter__(self) -> Iterator[list[tuple[int, int, Share]]]:
+    def __iter__(self) -> Iterator[list[tuple[int, int, ProcessShare]]]:
         part, batch = self.size // self.ranks, []
         for crop in self.draw:
             batch.append(crop)
             if len(batch) == self.size:
-                share = Share(tuple(batch), self.rank * part)
+                share = ProcessShare(tuple(batch), self.rank * part)
                 yield [(*own, share) for own in batch[share.start : share.start + part]]
                 batch = []
 
 
-class SharedCrops(Dataset[tuple[tuple, Share]]):
+class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
     """Crops by (sample, seed, share), with the share handed on.
 
     Args:
@@ -70,7 +70,7 @@ class SharedCrops(Dataset[tuple[tuple, Share]]):
     def __init__(self, crops: Dataset[tuple]) -> None:
         self.crops = crops
 
-    def __getitem__(self, index: tuple[int, int, Share]) -> tuple[tuple, Share]:
+    def __getitem__(self, index: tuple[int, int, ProcessShare]) -> tuple[tuple, ProcessShare]:
         number, seed, share = index
         return self.crops[number, seed], share
 

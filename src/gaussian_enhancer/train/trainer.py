@@ -73,9 +73,9 @@ def make_trainer(
 
 def _shown(loggers: Sequence[Any]) -> list[Any]:
     """The callback that logs tables and images, where a logger takes them."""
-    from gaussian_enhancer.train.validation_images import ABLE, Shown
+    from gaussian_enhancer.train.validation_images import ABLE, ValidationImages
 
-    return [Shown(loggers)] if any(isinstance(logger, ABLE) for logger in loggers) else []
+    return [ValidationImages(loggers)] if any(isinstance(logger, ABLE) for logger in loggers) else []
 
 
 def alike(cfg: DictConfig) -> DictConfig:

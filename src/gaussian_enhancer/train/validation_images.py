@@ -12,8 +12,8 @@ from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
 from torch import Tensor
 
-from gaussian_enhancer.network.pyramid import enlarged
-from gaussian_enhancer.train.module import Judged
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.train.module import ValidationMetrics
 from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch, quantised
 
@@ -21,7 +21,7 @@ ABLE = (WandbLogger, TensorBoardLogger)
 """Loggers that take images; wandb's takes tables as well."""
 
 
-class Shown(Callback):
+class ValidationImages(Callback):
     """Logs tables and images after each validation.
 
     Args:
@@ -53,7 +53,7 @@ class Shown(Callback):
         place, enhanced = outputs["place"], outputs["enhanced"]
         every = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
         if self.loggers and place % every == 0 and place // every < self.images:
-            raw = quantised(enlarged(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
+            raw = quantised(upsampled(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
             self.kept.append((place, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -62,7 +62,7 @@ class Shown(Callback):
             return
         shown = sorted(gathered(self.kept), key=lambda one: one[0])
         self.kept = []
-        judged: list[Judged] = pl_module.judged  # type: ignore[assignment]
+        judged: list[ValidationMetrics] = pl_module.judged  # type: ignore[assignment]
         if not trainer.is_global_zero or trainer.sanity_checking or not judged:
             return
         names, images = [name for _, name, _ in shown], [image for _, _, image in shown]

@@ -1,4 +1,4 @@
-"""The job ``leaving_out`` on a tiny run: records of every plan, the page from records alone, what is missing."""
+"""The job ``plan_study`` on a tiny run: records of every plan, the page from records alone, what is missing."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,8 +8,8 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, open_dict
 
-from ablations.jobs import leaving_out
-from gaussian_enhancer.align.references import Preparation
+from ablations.jobs import plan_study
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -26,7 +26,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     torch.manual_seed(0)
     network = SIF((8, 8), (1, 1))
     torch.nn.init.constant_(network.decode.head.bias, 0.2)
-    save_weights(tmp_path / "w.safetensors", network, Preparation(), {})
+    save_weights(tmp_path / "w.safetensors", network, ReferenceConfig(), {})
     fit = write_plane_run(tmp_path / "plane-3dgs-0", views=8, size=(32, 48))
 
     def fitted(cfg: DictConfig, cell) -> Path:
@@ -34,13 +34,13 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
             raise InputError(cell.scene, "is not fitted", "gaussian-enhancer fit")
         return fit
 
-    monkeypatch.setattr(leaving_out, "fitted_cell", fitted)
+    monkeypatch.setattr(plan_study, "fitted_cell", fitted)
 
     def of(*overrides: str) -> DictConfig:
         paths = [f"runs={tmp_path}", f"results={tmp_path / 'results'}", f"markdown={tmp_path / 'docs/plan.md'}"]
         quick = ["lpips=[]", "repeats=1", f"weights={tmp_path / 'w.safetensors'}", "runtime.threads=1"]
         with initialize_config_dir(CONF, version_base="1.3"):
-            cfg = compose("leaving_out", [*paths, *quick, *overrides])
+            cfg = compose("plan_study", [*paths, *quick, *overrides])
         with open_dict(cfg):
             cfg.worlds.plans.auto = ["plan=auto", "plan.small=0"]  # the planes are small
             cfg.worlds.cells = {"plane": {"fit": [], "every": 1}, "absent": {"fit": [], "every": 1}}
@@ -51,7 +51,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
 
 def started(cfg: DictConfig) -> float | None:
     with initialize_config_dir(CONF, version_base="1.3"):
-        return leaving_out.run(cfg)
+        return plan_study.run(cfg)
 
 
 def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_records(configured, tmp_path):
@@ -69,7 +69,7 @@ def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_re
     page = (tmp_path / "docs/plan.md").read_text()
     assert "absent: absent: is not fitted" in page
     assert "4 of 10 candidates" in page
-    assert "Not measured yet: `gaussian-enhancer leaving_out worlds=training`" in page
+    assert "Not measured yet: `gaussian-enhancer plan_study worlds=training`" in page
     assert f"| {ratio:.2f} (" in page
     before = page, (tmp_path / "results/leaving_out.svg").read_text()
     started(configured("records_only=true"))
@@ -87,7 +87,7 @@ def test_training_worlds_are_none_of_the_test_worlds():
     with initialize_config_dir(CONF, version_base="1.3"):
         fits = {
             name: {
-                word for cell in compose("leaving_out", [f"worlds={name}"]).worlds.cells.values() for word in cell.fit
+                word for cell in compose("plan_study", [f"worlds={name}"]).worlds.cells.values() for word in cell.fit
             }
             for name in ("test", "training")
         }

@@ -11,7 +11,7 @@ from omegaconf import DictConfig, open_dict
 
 from ablations.jobs import quality
 from ablations.suite import evaluation as cells
-from gaussian_enhancer.align.references import Preparation
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
@@ -46,7 +46,7 @@ def network(path: Path, bias: float = 0.0) -> Path:
     torch.manual_seed(0)
     built = SIF((8, 8), (1, 1))
     torch.nn.init.constant_(built.decode.head.bias, bias)
-    save_weights(path, built, Preparation(), {})
+    save_weights(path, built, ReferenceConfig(), {})
     return path
 
 

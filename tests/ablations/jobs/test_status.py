@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from ablations.jobs import status
+from ablations.jobs import status as status_job
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs import status as marks
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.run import Run, open_run
 
 
@@ -21,52 +21,52 @@ def opened(folder: Path, label: str = "a", **values: object) -> Run:
 
 def interrupted(folder: Path, label: str, error: BaseException) -> None:
     """Open a run, and let an error end the attempt at it."""
-    with marks.attempt():
+    with status.attempt():
         opened(folder, label)
         raise error
 
 
-def state(folder: Path, label: str) -> marks.State:
+def state(folder: Path, label: str) -> status.State:
     (found,) = folder.glob(f"toy/{label}-*")
-    return marks.state_of(found)
+    return status.state_of(found)
 
 
 def test_a_run_is_running_until_it_is_finished(tmp_path) -> None:
-    assert marks.state_of(None).name == "not started"
+    assert status.state_of(None).name == "not started"
     run = opened(tmp_path)
-    assert marks.state_of(run.folder) == marks.State("running", f"process {os.getpid()}")
+    assert status.state_of(run.folder) == status.State("running", f"process {os.getpid()}")
     run.finish()
-    assert marks.state_of(run.folder).name == "done"
+    assert status.state_of(run.folder).name == "done"
     assert {path.name for path in run.folder.iterdir()} == {"config.yaml", "done"}
     opened(tmp_path)
-    assert marks.state_of(run.folder).name == "done"
+    assert status.state_of(run.folder).name == "done"
 
 
 def test_an_error_is_kept_until_the_run_is_opened_again(tmp_path) -> None:
     with pytest.raises(InputError):
         interrupted(tmp_path, "a", InputError("disk", "is full", "free some space"))
-    assert state(tmp_path, "a") == marks.State("failed", "InputError: disk: is full; free some space")
+    assert state(tmp_path, "a") == status.State("failed", "InputError: disk: is full; free some space")
     run = opened(tmp_path)
-    assert marks.state_of(run.folder).name == "running"
+    assert status.state_of(run.folder).name == "running"
     run.finish()
-    assert marks.state_of(run.folder).name == "done"
+    assert status.state_of(run.folder).name == "done"
 
 
 def test_a_run_stopped_by_the_user_or_left_unfinished_is_no_failure(tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted(tmp_path, "one", KeyboardInterrupt())
-    with marks.attempt():
+    with status.attempt():
         opened(tmp_path, "two")
     assert [state(tmp_path, label).name for label in ("one", "two")] == ["stopped", "stopped"]
 
 
 def test_an_inner_attempt_marks_its_own_runs_alone(tmp_path) -> None:
-    with marks.attempt():
+    with status.attempt():
         outer = opened(tmp_path, "outer")
         with pytest.raises(ValueError, match="inner"):
             interrupted(tmp_path, "inner", ValueError("inner"))
-        assert state(tmp_path, "inner") == marks.State("failed", "ValueError: inner")
-        assert marks.state_of(outer.folder).name == "running"
+        assert state(tmp_path, "inner") == status.State("failed", "ValueError: inner")
+        assert status.state_of(outer.folder).name == "running"
 
 
 def test_a_killed_process_leaves_a_stopped_run(tmp_path) -> None:
@@ -78,28 +78,28 @@ def test_a_killed_process_leaves_a_stopped_run(tmp_path) -> None:
     assert ended.returncode == -signal.SIGKILL
     (folder,) = (tmp_path / "toy").iterdir()
     assert (folder / "running").is_file()
-    assert marks.state_of(folder).name == "stopped"
+    assert status.state_of(folder).name == "stopped"
 
 
 def test_another_process_with_the_same_number_is_not_taken_for_it(tmp_path) -> None:
     run = opened(tmp_path)
     mark = run.folder / "running"
     mark.write_text(mark.read_text().replace('"created": ', '"created": 1'))
-    assert marks.state_of(run.folder).name == "stopped"
+    assert status.state_of(run.folder).name == "stopped"
 
 
 def test_a_run_on_another_host_cannot_be_asked(tmp_path) -> None:
     run = opened(tmp_path)
     mark = run.folder / "running"
     mark.write_text('{"pid": 1, "host": "elsewhere"}')
-    assert marks.state_of(run.folder) == marks.State("running", "on elsewhere, which cannot be asked from here")
+    assert status.state_of(run.folder) == status.State("running", "on elsewhere, which cannot be asked from here")
 
 
 def test_a_damaged_mark_is_named(tmp_path) -> None:
     run = opened(tmp_path)
     (run.folder / "running").write_text("{")
     with pytest.raises(InputError, match="running: is no mark of a run"):
-        marks.state_of(run.folder)
+        status.state_of(run.folder)
 
 
 def test_status_lists_runs_with_their_states(tmp_path, capsys) -> None:
@@ -108,15 +108,15 @@ def test_status_lists_runs_with_their_states(tmp_path, capsys) -> None:
     with pytest.raises(ValueError, match="broken"):
         interrupted(tmp_path, "failed", ValueError("broken"))
     cfg = OmegaConf.create({"runs": str(tmp_path), "table": None, "states": None})
-    status.run(cfg)
+    status_job.run(cfg)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == ["done", "failed", "running"]
     assert lines[1].endswith(": ValueError: broken")
     assert lines[-1] == "3 runs: 0 not started, 1 running, 0 stopped, 1 failed, 1 done"
-    status.run(OmegaConf.merge(cfg, {"states": ["failed"]}))
+    status_job.run(OmegaConf.merge(cfg, {"states": ["failed"]}))
     assert len(capsys.readouterr().out.splitlines()) == 2
 
 
 def test_unknown_states_are_refused(tmp_path) -> None:
     with pytest.raises(InputError, match="names 'dead'"):
-        status.run(OmegaConf.create({"runs": str(tmp_path), "table": None, "states": ["dead"]}))
+        status_job.run(OmegaConf.create({"runs": str(tmp_path), "table": None, "states": ["dead"]}))

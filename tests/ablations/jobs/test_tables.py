@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from ablations.suite import costs
 from ablations.suite import method_runs as rows
-from gaussian_enhancer.align.references import Pool, Preparation, read_target
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
@@ -178,7 +178,7 @@ def test_unknown_tables_are_refused(asked, tmp_path, monkeypatch) -> None:
 
 def test_costs_are_measured_at_the_size_of_the_output(tmp_path) -> None:
     weights = tmp_path / "w.safetensors"
-    save_weights(weights, SIF((8, 8), (1, 1)), Preparation(), {})
+    save_weights(weights, SIF((8, 8), (1, 1)), ReferenceConfig(), {})
     runtime = {"device": "cpu", "threads": 1, "keep_memory": False}
     runs = rows.Runs(OmegaConf.create({"scale": {"repeats": 2}, "runtime": runtime}))
     (found,) = costs._timed(runs, {"ge": str(weights)}, "1k", (32, 48), "name")
@@ -192,7 +192,7 @@ def test_references_of_the_timed_plane_show_its_target() -> None:
     """They are warped onto it by depth and cameras, so that the time is that of a view as it comes."""
     seen = costs.plane(48, 64)
     target = read_target(seen.targets[0])
-    aligned = Preparation().align(target, seen.targets[0], Pool(seen.references))
+    aligned = ReferenceConfig().align(target, seen.targets[0], Pool(seen.references))
     visible = aligned.visibility > 0.9
     assert visible.float().mean() > 0.7
     off = (aligned.references - target.image).abs().mean(1, keepdim=True)[visible]

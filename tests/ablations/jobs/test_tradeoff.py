@@ -13,7 +13,7 @@ from ablations.tradeoff.settings import Setting, read_studies
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhancer
-from gaussian_enhancer.infer.presets import read_offers
+from gaussian_enhancer.infer.presets import read_presets
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records, write_records
@@ -105,7 +105,7 @@ def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size
     assert raw.metrics["psnr"] == measure_pair(view.targets[0].read(), photo).metrics["psnr"]
     found = load_weights("lr_tiny")
     (image,) = [
-        one.image for one in Enhancer(found.network, replace(found.preparation, references=2, candidates=5))(view)
+        one.image for one in Enhancer(found.network, replace(found.reference_config, references=2, candidates=5))(view)
     ]
     assert two.metrics["psnr"] == pytest.approx(measure_pair(image, photo).metrics["psnr"], abs=1e-6)
     assert two.metrics["psnr"] > raw.metrics["psnr"]
@@ -145,9 +145,9 @@ def test_the_page_is_made_again_from_records_alone_and_choices_follow_their_limi
 
 
 def test_offers_are_the_front_of_what_the_job_enhance_can_be_asked_for_on_validation_scenes(copied) -> None:
-    offers = read_offers(copied / "settings.json")
-    assert {one.name for one in offers} <= {"lr_tiny/0 references", "lr_tiny/2 references", "planned/auto"}
-    assert [one.psnr for one in offers] == sorted(one.psnr for one in offers)
+    presets = read_presets(copied / "settings.json")
+    assert {one.name for one in presets} <= {"lr_tiny/0 references", "lr_tiny/2 references", "planned/auto"}
+    assert [one.psnr for one in presets] == sorted(one.psnr for one in presets)
     file = Path("docs/results/tradeoff/quality.jsonl")
     kept = read_records(file)
 
@@ -157,7 +157,7 @@ def test_offers_are_the_front_of_what_the_job_enhance_can_be_asked_for_on_valida
 
     write_records(file, map(better_in_test, kept))
     started("kind=quality", "records_only=true", "settings=settings.json")
-    assert read_offers(copied / "settings.json") == offers
+    assert read_presets(copied / "settings.json") == presets
     write_records(file, (record for record in kept if not record.scene.startswith("validation/")))
     with pytest.raises(InputError, match="have no record to be made from"):
         started("kind=quality", "records_only=true", "settings=settings.json")

@@ -53,10 +53,10 @@ def test_constant_offset_is_measured_exactly():
 
 def test_flickering_frame_is_found():
     images, places = film()
-    steady = sequence_errors(images, places)
+    temporal_smoothing = sequence_errors(images, places)
     images[3] = images[3] + 0.1 * torch.rand(images[3].shape, generator=torch.Generator().manual_seed(1))
     errors = [error.mean for error in sequence_errors(images, places)]
-    for t, before in enumerate(steady):
+    for t, before in enumerate(temporal_smoothing):
         if t in (2, 3):
             assert errors[t] > before.mean + 0.03
         else:

@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from ablations.suite.inputs import missing_inputs, published_fit_minutes, registered
 from ablations.suite.time_estimates import Estimates
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.high_resolution import finer_config
+from gaussian_enhancer.runs.high_resolution import high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
 
@@ -87,11 +87,11 @@ def test_a_dry_run_reckons_with_what_was_published_where_no_finished_fit_tells(r
 
 def test_scenes_of_table_1_have_photos_four_times_as_fine(root):
     for name in registered("mip_nerf_360").scenes:
-        finer = finer_config(scene(f"scene=datasets/{name}", "scene.downscale=4"))
+        finer = high_resolution_config(scene(f"scene=datasets/{name}", "scene.downscale=4"))
         assert finer.downscale == 1
         assert missing_inputs(finer)[0][0] == root / "mip_nerf_360" / name / "images"
     with pytest.raises(InputError, match="finer photos exist"):
-        finer_config(scene("scene=datasets/truck"))
+        high_resolution_config(scene("scene=datasets/truck"))
 
 
 def test_unknown_datasets_are_named():

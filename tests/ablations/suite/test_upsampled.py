@@ -10,8 +10,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.jobs import quality
-from ablations.suite import upsampled as enlarged
-from gaussian_enhancer.align.references import Preparation
+from ablations.suite import upsampled as upsampled
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
@@ -93,21 +93,21 @@ def test_bicubic_enlarges_each_image_once_and_keeps_what_is_even(tmp_path, monke
     ramp = torch.linspace(0.2, 0.8, 16).expand(3, 8, 16)
     write_image(tmp_path / "in/ramp.png", ramp)
     cfg = OmegaConf.create({"runs": str(tmp_path / "runs")})
-    folder = enlarged.bicubic(cfg, tmp_path / "in", "a")
+    folder = upsampled.bicubic(cfg, tmp_path / "in", "a")
     even, grown = read_photo(folder / "even.png"), read_photo(folder / "ramp.png")
     assert even.shape == (3, 20, 28)
     assert torch.equal(even, torch.full_like(even, 51 / 255))
     between = (torch.arange(64) + 0.5) / 4 - 0.5  # where the fine grid's pixels lie on the coarse one
     expected = 0.2 + 0.6 * between / 15
     assert torch.allclose(grown[0, 16, 8:-8], expected[8:-8], atol=2.5 / 255)
-    monkeypatch.setattr(enlarged, "enlarged", lambda *_: pytest.fail("done before"))
-    assert enlarged.bicubic(cfg, tmp_path / "in", "a") == folder
+    monkeypatch.setattr(upsampled, "enlarged", lambda *_: pytest.fail("done before"))
+    assert upsampled.bicubic(cfg, tmp_path / "in", "a") == folder
 
 
 @pytest.mark.slow
 def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fits, configured, tmp_path) -> None:
     torch.manual_seed(0)
-    save_weights(tmp_path / "w.safetensors", SIF((8, 8), (1, 1)), Preparation(), {})
+    save_weights(tmp_path / "w.safetensors", SIF((8, 8), (1, 1)), ReferenceConfig(), {})
     weights = str(tmp_path / "w.safetensors")
     started(
         configured(
@@ -147,8 +147,8 @@ def test_rows_at_four_times_the_resolution_are_found_again(fits, configured, mon
     rows = {"render_4x": {"role": "other", "render": True}}
     started(configured(**rows))
     page = (tmp_path / "q.md").read_text(encoding="utf-8")
-    monkeypatch.setattr(enlarged, "write_image", lambda *_: pytest.fail("done before"))
-    monkeypatch.setattr(enlarged, "render_capture", lambda *_: pytest.fail("done before"))
+    monkeypatch.setattr(upsampled, "write_image", lambda *_: pytest.fail("done before"))
+    monkeypatch.setattr(upsampled, "render_capture", lambda *_: pytest.fail("done before"))
     started(configured(**rows))
     assert (tmp_path / "q.md").read_text(encoding="utf-8") == page
     assert len(fits) == 1

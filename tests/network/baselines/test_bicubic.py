@@ -23,6 +23,6 @@ def test_keeps_constants_and_does_not_clamp():
     constant = dataclasses.replace(seen, render=torch.full((1, 3, 8, 8), 0.3))
     torch.testing.assert_close(Bicubic()(constant), torch.full((1, 3, 32, 32), 0.3))
     edge = (torch.arange(8) > 3).float().expand(1, 3, 8, 8)
-    enlarged = Bicubic()(dataclasses.replace(seen, render=edge))
-    assert enlarged.min() < -0.01
-    assert enlarged.max() > 1.01
+    upsampled = Bicubic()(dataclasses.replace(seen, render=edge))
+    assert upsampled.min() < -0.01
+    assert upsampled.max() > 1.01

@@ -7,7 +7,7 @@ from test_sif import views
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.network.baselines.nafnet import LocalAttention, NAFBlock, NAFNet, PixelNorm
 from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 def trained(network: NAFNet) -> NAFNet:
@@ -106,5 +106,5 @@ def test_takes_a_batch_without_references():
     seen = views(references=0, batch=2)
     network = trained(small())
     both = network(seen)
-    alone = network(Views(seen.render[1:], seen.references[1:], seen.visibility[1:], None, seen.alpha[1:]))  # type: ignore[index]
+    alone = network(NetworkInput(seen.render[1:], seen.references[1:], seen.visibility[1:], None, seen.alpha[1:]))  # type: ignore[index]
     torch.testing.assert_close(both[1:], alone)

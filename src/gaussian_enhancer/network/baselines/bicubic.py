@@ -9,8 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import enlarged
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.types import NetworkInput
 
 
 class Bicubic(Network):
@@ -22,6 +22,6 @@ class Bicubic(Network):
         super().__init__()
         self.describe({})
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 H W"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 H W"], ...]:
         """The enlarged render."""
-        return (enlarged(views.render, self.scale),)
+        return (upsampled(views.render, self.scale),)

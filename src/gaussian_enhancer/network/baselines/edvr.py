@@ -16,7 +16,7 @@ from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.deform import deformable_sample
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import padded
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 def leaky(x: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -71,7 +71,7 @@ class EDVR(Network):
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 class Identity(Network):
@@ -17,6 +17,6 @@ class Identity(Network):
         super().__init__()
         self.describe({})
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The render, as it is."""
         return (views.render,)

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import padded
-from gaussian_enhancer.types import Views
+from gaussian_enhancer.types import NetworkInput
 
 
 class NAFNet(Network):
@@ -64,11 +64,11 @@ class NAFNet(Network):
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
-    def stages(self, views: Views) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         height, width = views.render.shape[-2:]
         own = padded(
-            Views(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
+            NetworkInput(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
         )
         alpha = torch.ones_like(own.render[:, :1]) if own.alpha is None else own.alpha
         x = self.stem(F.pixel_unshuffle(torch.cat([own.render - 0.5, alpha], dim=1), 2))

@@ -171,8 +171,8 @@ def _portions(sizes: Tensor, limit: int) -> Iterator[slice]:
         if total:
             yield slice(0, len(sizes))
         return
-    marks = torch.arange(limit, total + limit, limit, device=sizes.device)
-    cuts = [0, *torch.searchsorted(ends, marks, right=False).add(1).clamp_max(len(sizes)).unique().tolist()]
+    status = torch.arange(limit, total + limit, limit, device=sizes.device)
+    cuts = [0, *torch.searchsorted(ends, status, right=False).add(1).clamp_max(len(sizes)).unique().tolist()]
     for begin, end in pairwise(cuts):
         yield slice(begin, end)
 

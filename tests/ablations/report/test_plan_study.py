@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from ablations.report.plan_study import KIND, RATIOS, Aims, Section, leaving_out_page
+from ablations.report.plan_study import KIND, RATIOS, Aims, Section, plan_study_page
 from ablations.report.plan_study_figure import diagram
 from gaussian_enhancer.metrics.records import Record
 
@@ -62,7 +62,7 @@ def test_an_aim_that_noise_hides_is_open(between, verdict, word):
     shown = section(records("hall", 100.0, 30.0, low=between[0], high=between[1]))
     (cell,) = shown.cells()
     assert cell.verdicts(AIMS) == (verdict, True)
-    assert f"| {word} | met |" in leaving_out_page("T", "", [shown], (), Path("x.svg"), Path("p.md"))
+    assert f"| {word} | met |" in plan_study_page("T", "", [shown], (), Path("x.svg"), Path("p.md"))
 
 
 def test_times_that_were_not_taken_in_turn_are_open():
@@ -81,7 +81,7 @@ def test_the_page_states_numbers_reasons_and_what_is_missing():
     more = Section("More", "training", (), AIMS)
     found = {"passed by predicted": 0.1, "box by predicted": 1.0, "passed by bound": 0.8, "box by bound": 0.5}
     good = [Record("already_good", "chair_0-3dgs-1", "chair_0", "3dgs", view, "", found) for view in ("a", "b")]
-    page = leaving_out_page("T", "about it", [shown, more], good, Path("d/r/x.svg"), Path("d/p.md"))
+    page = plan_study_page("T", "about it", [shown, more], good, Path("d/r/x.svg"), Path("d/p.md"))
     assert page.startswith("# T\n\nabout it\n")
     assert "(r/x.svg)" in page
     assert "| chair | 64x48 | 100 → 50 | 2.00 (2.00 to 2.00) | 500 → 500 | +0.010 |" in page

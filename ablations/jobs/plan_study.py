@@ -1,4 +1,4 @@
-"""``gaussian-enhancer leaving_out``: what the plan leaves out of each scene, what that saves, what it costs.
+"""``gaussian-enhancer plan_study``: what the plan leaves out of each scene, what that saves, what it costs.
 
 Every plan enhances the same views in the same process, in turn, as the job enhance does: files are read and checked,
 the plan is made, references are warped, the network runs. Writing images is left aside.
@@ -13,7 +13,7 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.report.plan_study import KIND, RATIOS, Aims, Section, leaving_out_page
+from ablations.report.plan_study import KIND, RATIOS, Aims, Section, plan_study_page
 from ablations.report.plan_study_figure import diagram
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
@@ -21,7 +21,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
 from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import file_reads
-from gaussian_enhancer.infer.validated_inputs import suited
+from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
@@ -56,7 +56,7 @@ def run(cfg: DictConfig) -> float | None:
     """Measure every plan on every scene and write records, diagram and page; or write the page again.
 
     Args:
-        cfg: see ``conf/leaving_out.yaml``.
+        cfg: see ``conf/plan_study.yaml``.
 
     Returns:
         How many times faster the shown plan is than the baseline, least over the scenes; None where none was measured.
@@ -84,14 +84,14 @@ def run(cfg: DictConfig) -> float | None:
     write_text(drawing, diagram(sections[0]))
     tried = results / "already_good.jsonl"
     good = read_records(tried) if tried.is_file() else ()
-    write_text(page, leaving_out_page(cfg.title, cfg.about, sections, good, drawing, page))
+    write_text(page, plan_study_page(cfg.title, cfg.about, sections, good, drawing, page))
     console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
     ratios = [cell.ratio for cell in sections[0].cells() if cell.ratio is not None]
     return min(ratios, default=None)
 
 
 def aims_of(cfg: DictConfig) -> Aims:
-    """What the shown plan is held to; see ``conf/leaving_out.yaml``."""
+    """What the shown plan is held to; see ``conf/plan_study.yaml``."""
     return Aims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 
@@ -100,12 +100,12 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
 
     Args:
         rules: what may be left out.
-        pretrained: the network with its preparation.
+        pretrained: the network with its reference_config.
         rendered: targets, whose depth is the surface's, and references.
         device: where the network runs.
     """
-    found = suited(rendered, pretrained.preparation, rules, pretrained.network.scale)
-    enhancer = Enhancer(pretrained.network, found.preparation, device, strength=pretrained.strength)
+    found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
+    enhancer = Enhancer(pretrained.network, found.reference_config, device, strength=pretrained.strength)
     planner = found.planner(rules)
     for read in file_reads(found, False, planner, False):
         read()
