@@ -138,6 +138,35 @@ class SplatOptimiser:
         """
         self._rewrite(lambda field, value: values.clone() if field == name else value)
 
+    def put(self, index: Tensor, others: Gaussians) -> None:
+        """Replace Gaussians by others; their moments start again at zero.
+
+        Args:
+            index: positions, each once.
+            others: as many, with as many colour coefficients.
+        """
+        columns = _columns(others)
+
+        def changed(name: str, value: Tensor) -> Tensor:
+            field, _, moment = name.partition(".")
+            new = torch.zeros_like(columns[field]) if moment else columns[field].detach()
+            return value.index_copy(0, index, new)
+
+        self._rewrite(changed)
+
+    def shift(self, index: Tensor, offsets: Float[Tensor, "m 3"]) -> None:
+        """Move some centres; their moments stay.
+
+        Args:
+            index: positions, each once.
+            offsets: scene units.
+        """
+        self._leaves["means"].detach().index_add_(0, index, offsets)
+
+    def means_rate(self, number: int) -> float:
+        """The centres' learning rate at a step (counted from 0), in scene units."""
+        return self._rate("means", number)[0]
+
     def cap_opacity(self, limit: float) -> None:
         """Bring every opacity down to a limit at most, and forget the opacities' moments (3DGS's reset).
 
