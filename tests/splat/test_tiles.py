@@ -75,14 +75,16 @@ def test_order_is_by_depth_then_index() -> None:
     assert lists.gaussians.tolist() == [3, 1, 5, 0, 2, 4]
 
 
-def test_entries_of_a_gaussian_point_to_it_and_sums_follow_them() -> None:
+def test_slots_lie_by_gaussian_and_sums_follow_them() -> None:
     footprints, _ = ellipses(80, 60, 60, seed=3)
     lists = bin_tiles(footprints, np.random.default_rng(0).uniform(1, 9, 80).astype(np.float32), 60, 60)
-    for g in range(80):
-        assert (lists.gaussians[lists.entries[lists.first[g] : lists.first[g + 1]]] == g).all()
-    values = np.random.default_rng(1).normal(size=(len(lists.gaussians), 5)).astype(np.float32)
-    expected = np.zeros((80, 5))
-    np.add.at(expected, lists.gaussians, values)
+    assert (np.sort(lists.slots) == np.arange(len(lists.gaussians))).all()
+    assert (lists.first[lists.gaussians] <= lists.slots).all()
+    assert (lists.slots < lists.first[lists.gaussians + 1]).all()
+    by_entry = np.random.default_rng(1).normal(size=(len(lists.gaussians), 5)).astype(np.float32)
+    expected, values = np.zeros((80, 5)), np.empty_like(by_entry)
+    np.add.at(expected, lists.gaussians, by_entry)
+    values[lists.slots] = by_entry
     np.testing.assert_allclose(sum_over_tiles(values, lists), expected, atol=1e-4)
 
 
@@ -109,3 +111,18 @@ def test_far_larger_than_the_image_covers_every_row_once() -> None:
     lists = bin_tiles(np.array([[5e5, -3e5, 1e9, 1e9, 0.0, 1e9]]), np.ones(1, np.float32), 33, 17)
     assert len(lists.gaussians) == 6
     assert (lists.rows[:, 1] - lists.rows[:, 0]).tolist() == [16, 16, 16, 16, 1, 1]
+
+
+def test_lists_do_not_depend_on_the_number_of_threads() -> None:
+    import numba
+
+    footprints, _ = ellipses(200, 60, 60, seed=4)
+    depths = np.random.default_rng(0).integers(1, 9, 200).astype(np.float32)
+    before = numba.get_num_threads()
+    expected = bin_tiles(footprints, depths, 60, 60)
+    numba.set_num_threads(1)
+    try:
+        alone = bin_tiles(footprints, depths, 60, 60)
+    finally:
+        numba.set_num_threads(before)
+    assert all((found == other).all() for found, other in zip(alone, expected, strict=True))

@@ -31,7 +31,7 @@ def project_backward(
     dilation: float,
     mip: bool,
     wanted: Bool[np.ndarray, " n"],
-    image: Float32[np.ndarray, "n 12"],
+    image: Float32[np.ndarray, "n 16"],
 ) -> ShapeGradient:
     """Pull gradients back from the image to the parameters.
 
@@ -48,7 +48,7 @@ def project_backward(
 
 
 def screen_gradients(
-    whitening: Float64[np.ndarray, "n 5"], image: Float32[np.ndarray, "n 12"]
+    whitening: Float64[np.ndarray, "n 5"], image: Float32[np.ndarray, "n 16"]
 ) -> tuple[Float32[np.ndarray, "n 2"], Float32[np.ndarray, "n 2"]]:
     """Gradient with respect to the 2D mean in pixels, and the same with every pixel's share taken absolute (AbsGS)."""
     a, b, c, d = whitening[:, :4].T

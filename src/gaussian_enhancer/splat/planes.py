@@ -11,6 +11,8 @@ from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, COVERED, TILE
 PIXELS = TILE * TILE
 EVERY = 8
 """Entries of a tile's list between two looks at whether it is finished."""
+AHEAD = 8
+"""Entries between asking memory for a Gaussian and blending it."""
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 LARGEST_ALPHA = np.float32(ALPHA_MAX)
 LOG2_SMALLEST_ALPHA = np.float32(np.log2(ALPHA_MIN))
@@ -20,6 +22,14 @@ LEAST_OPACITY = np.float32(COVERED)
 P1, P2, P3, P4 = np.uint64(PIXELS), np.uint64(2 * PIXELS), np.uint64(3 * PIXELS), np.uint64(4 * PIXELS)
 P5, P6, P7, P8 = np.uint64(5 * PIXELS), np.uint64(6 * PIXELS), np.uint64(7 * PIXELS), np.uint64(8 * PIXELS)
 P9, P10, P11 = np.uint64(9 * PIXELS), np.uint64(10 * PIXELS), np.uint64(11 * PIXELS)
+
+
+@inner
+def scratch(count):  # type: ignore[no-untyped-def]
+    """Memory for so many planes that begins on a cache line, as `splat.lanes.load` asks."""
+    memory = np.empty(count * PIXELS + 16, np.float32)
+    first = (-(memory.ctypes.data // 4)) % 16
+    return memory[first : first + count * PIXELS]
 
 
 @inner

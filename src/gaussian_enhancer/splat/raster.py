@@ -5,9 +5,9 @@ Axes: n Gaussians, e entries of the tile lists, t tiles, h height, w width.
     alpha_i = min(0.99, 2^(l - u^2 - v^2)),  T_i = prod_{j<i} (1 - alpha_j),
     colour = sum_i T_i alpha_i c_i + T background
 
-The innermost loop runs over a Gaussian's pixel rows of one tile, which lie one after another in a scratch block of
-planes; it has no branch, so that 16 pixels share an instruction. The backward goes front to back as well: with v_i the
-derivative of the loss by the weight w_i = T_i alpha_i,
+The innermost loop runs over a Gaussian's pixel rows of one tile: 16 pixels share an instruction (`splat.lanes`), and
+what the backward sums stays in registers. Memory for the Gaussians to come is asked for ahead.
+The backward goes front to back as well: with v_i the derivative of the loss by the weight w_i = T_i alpha_i,
 
     dL/dalpha_i = T_i v_i - (sum_{j>i} w_j v_j + T v_background) / (1 - alpha_i)
 
@@ -20,33 +20,39 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 from numba import get_num_threads, prange
 
-from gaussian_enhancer.splat.compiled import TILE, exp2_nonpositive, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
+from gaussian_enhancer.splat.lanes import (
+    choose_less,
+    count_up,
+    exp2_of,
+    least,
+    load,
+    magnitude,
+    prefetch,
+    spread,
+    store,
+    store_sums,
+)
 from gaussian_enhancer.splat.planes import (
+    AHEAD,
     EVERY,
     HALF,
     LARGEST_ALPHA,
     LEAST_OPACITY,
     LOG2_SMALLEST_ALPHA,
     ONE,
-    P1,
-    P2,
-    P3,
-    P4,
-    P5,
-    P6,
-    P7,
-    P8,
     PIXELS,
     SMALLEST_T,
     ZERO,
     begin,
-    coordinates,
     finished,
+    scratch,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
-GATHERED = 12
-"""Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, |x|, |y|; h = dL/dalpha alpha."""
+GATHERED = 16
+"""Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, |x|, |y|, four
+unused; h = dL/dalpha alpha."""
 
 
 class Splats(NamedTuple):
@@ -89,7 +95,7 @@ def blend_backward(
     colour: Float32[np.ndarray, "3 h w"],
     depth: Float32[np.ndarray, "1 h w"],
     alpha: Float32[np.ndarray, "1 h w"],
-) -> Float32[np.ndarray, "e 12"]:
+) -> Float32[np.ndarray, "e 16"]:
     """Gradients of each entry of the tile lists; to be summed by `splat.tiles.sum_over_tiles`.
 
     Args:
@@ -104,36 +110,61 @@ def blend_backward(
         return _blend_backward(splats, lists, image, colour, depth, alpha, get_num_threads())
 
 
+@kernel
+def _packed(splats, first):  # type: ignore[no-untyped-def]
+    """What tiles read of each visible Gaussian on one cache line: centre, whitening (float64), peak and colour."""
+    n = len(first) - 1
+    memory = np.empty(8 * n + 8, np.float64)
+    begins = (-(memory.ctypes.data // 8)) % 8
+    records = memory[begins : begins + 8 * n].reshape(n, 8)
+    singles = records.view(np.float32)
+    for g in prange(n):
+        if first[g + 1] > first[g]:
+            records[g, 0], records[g, 1] = splats.footprints[g, 0], splats.footprints[g, 1]
+            for k in range(4):
+                records[g, 2 + k] = splats.whitening[g, k]
+            singles[g, 12] = splats.whitening[g, 4]
+            for c in range(3):
+                singles[g, 13 + c] = splats.colours[g, c]
+    return records, singles
+
+
 @inner
-def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
-    """Whitened coordinates of the tile's first pixel centre; in float64, as the centre may be far away."""
-    dx, dy = left + 0.5 - splats.footprints[g, 0], top + 0.5 - splats.footprints[g, 1]
-    white = splats.whitening
-    a, b, c, d, peak = white[g, 0], white[g, 1], white[g, 2], white[g, 3], white[g, 4]
+def _local(record, left, top, columns):  # type: ignore[no-untyped-def]
+    """Whitened coordinates of the tile's first row of pixel centres, and the slopes a, b, c, d.
+
+    The first pixel's are in float64, as the centre may be far away.
+    """
+    dx, dy = left + 0.5 - record[0], top + 0.5 - record[1]
+    a, b, c, d = record[2], record[3], record[4], record[5]
     u, v = np.float32(a * dx + b * dy), np.float32(c * dx + d * dy)
-    return u, v, np.float32(a), np.float32(b), np.float32(c), np.float32(d), np.float32(peak)
+    a, b, c, d = np.float32(a), np.float32(b), np.float32(c), np.float32(d)
+    return u + columns * a, v + columns * c, (a, b, c, d)
 
 
 @inner
-def _blend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
-    """Add one Gaussian to some rows. Planes: T (negative once stopped), r, g, b, sum of depths, median, x, y."""
-    for p in range(first, end):
-        x, y = planes[p + P6], planes[p + P7]
-        u = u0 + a * x + b * y
-        v = v0 + c * x + d * y
+def _blend_entry(planes, rows, u, v, slopes, single, z):  # type: ignore[no-untyped-def]
+    """Add one Gaussian to the rows that it touches. Planes: T (negative once stopped), r, g, b, depths, median."""
+    _, b, _, d = slopes
+    peak, red, green, blue = single[12], single[13], single[14], single[15]
+    u, v = u + b * np.float32(rows[0]), v + d * np.float32(rows[0])
+    for row in range(rows[0], rows[1]):
+        p = row * TILE
         t = peak - u * u - v * v
-        alpha = min(exp2_nonpositive(t), LARGEST_ALPHA)
-        T = planes[p]
-        rest = T * (ONE - alpha)
-        seen = t >= LOG2_SMALLEST_ALPHA
-        adds = seen & (rest >= SMALLEST_T)
-        weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if seen else T)
-        planes[p + P1] += weight * red
-        planes[p + P2] += weight * green
-        planes[p + P3] += weight * blue
-        planes[p + P4] += weight * z
-        planes[p + P5] = max(planes[p + P5], z if adds & (T > HALF) else ZERO)  # depths only grow
+        alpha = choose_less(t, LOG2_SMALLEST_ALPHA, ZERO, least(exp2_of(t), LARGEST_ALPHA))
+        T = load(planes, p)
+        weight = alpha * T
+        rest = T - weight
+        weight = choose_less(rest, SMALLEST_T, ZERO, weight)
+        store(planes, p, choose_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        store(planes, p + 1 * PIXELS, load(planes, p + 1 * PIXELS) + weight * red)
+        store(planes, p + 2 * PIXELS, load(planes, p + 2 * PIXELS) + weight * green)
+        store(planes, p + 3 * PIXELS, load(planes, p + 3 * PIXELS) + weight * blue)
+        store(planes, p + 4 * PIXELS, load(planes, p + 4 * PIXELS) + weight * z)
+        median = load(planes, p + 5 * PIXELS)
+        reached = choose_less(HALF, T, choose_less(ZERO, weight, spread(z), median), median)
+        store(planes, p + 5 * PIXELS, reached)  # depths only grow
+        u, v = u + b, v + d
 
 
 @inner
@@ -160,9 +191,10 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
     alpha = np.empty((1, height, width), np.float32)
     median = np.empty((1, height, width), np.float32)
     used = np.zeros(down * across, np.int32)
+    records, singles = _packed(splats, lists.first)
+    last = len(lists.gaussians) - 1
     for lane in prange(lanes):
-        planes = np.empty(8 * PIXELS, np.float32)
-        coordinates(planes, 6)
+        planes, columns = scratch(6), count_up()
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             begin(planes, 6, left, top, width, height)
@@ -172,54 +204,46 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
                     count = k
                     break
                 e = lists.starts[tile] + k
+                prefetch(records, lists.gaussians[min(e + AHEAD, last)])
                 g = lists.gaussians[e]
-                u0, v0, a, b, c, d, peak = _local(splats, g, left, top)
-                first, end = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
-                red, green, blue = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
-                _blend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, splats.depths[g])
+                u, v, slopes = _local(records[g], left, top, columns)
+                _blend_entry(planes, lists.rows[e], u, v, slopes, singles[g], splats.depths[g])
             used[tile] = count
             _write(planes, left, top, background, colour, depth, alpha, median)
     return colour, depth, alpha, median, used
 
 
 @inner
-def _unblend_rows(planes, first, end, u0, v0, a, b, c, d, peak, red, green, blue, z):  # type: ignore[no-untyped-def]
-    """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha), x, y."""
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = ZERO
-    for p in range(first, end):
-        x, y = planes[p + P7], planes[p + P8]
-        u = u0 + a * x + b * y
-        v = v0 + c * x + d * y
+def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
+    """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha)."""
+    a, b, c, d = slopes
+    peak, red, green, blue = single[12], single[13], single[14], single[15]
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = spread(ZERO)
+    u, v = u + b * np.float32(rows[0]), v + d * np.float32(rows[0])
+    for row in range(rows[0], rows[1]):
+        p = row * TILE
         t = peak - u * u - v * v
-        raw = exp2_nonpositive(t)
-        alpha = min(raw, LARGEST_ALPHA)
-        T = planes[p]
-        rest = T * (ONE - alpha)
-        seen = t >= LOG2_SMALLEST_ALPHA
-        adds = seen & (rest >= SMALLEST_T)
-        weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if seen else T)
-        by_red, by_green, by_blue = planes[p + P2], planes[p + P3], planes[p + P4]
-        by_depth = planes[p + P5]
-        value = by_red * red + by_green * green + by_blue * blue + by_depth * z + planes[p + P6]
-        behind = planes[p + P1] - weight * value
-        planes[p + P1] = behind
+        raw = choose_less(t, LOG2_SMALLEST_ALPHA, ZERO, exp2_of(t))
+        alpha = least(raw, LARGEST_ALPHA)
+        T = load(planes, p)
+        weight = alpha * T
+        rest = T - weight
+        weight = choose_less(rest, SMALLEST_T, ZERO, weight)
+        store(planes, p, choose_less(rest, SMALLEST_T, ZERO - magnitude(T), rest))
+        by_red, by_green = load(planes, p + 2 * PIXELS), load(planes, p + 3 * PIXELS)
+        by_blue, by_depth = load(planes, p + 4 * PIXELS), load(planes, p + 5 * PIXELS)
+        value = by_red * red + by_green * green + by_blue * blue + by_depth * z + load(planes, p + 6 * PIXELS)
+        behind = load(planes, p + PIXELS) - weight * value
+        store(planes, p + PIXELS, behind)
         slope = raw * (T * value - behind / (ONE - alpha))
-        h = slope if adds & (raw <= LARGEST_ALPHA) else ZERO
+        h = choose_less(rest, SMALLEST_T, ZERO, choose_less(LARGEST_ALPHA, raw, ZERO, slope))
         hu, hv = h * u, h * v
-        s0 += weight * by_red
-        s1 += weight * by_green
-        s2 += weight * by_blue
-        s3 += weight * by_depth
-        s4 += h
-        s5 += hu
-        s6 += hv
-        s7 += hu * u
-        s8 += hu * v
-        s9 += hv * v
-        s10 += abs(a * hu + c * hv)
-        s11 += abs(b * hu + d * hv)
-    return s0, s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11
+        s0, s1, s2 = s0 + weight * by_red, s1 + weight * by_green, s2 + weight * by_blue
+        s3, s4, s5, s6 = s3 + weight * by_depth, s4 + h, s5 + hu, s6 + hv
+        s7, s8, s9 = s7 + hu * u, s8 + hu * v, s9 + hv * v
+        s10, s11 = s10 + magnitude(hu * a + hv * c), s11 + magnitude(hu * b + hv * d)
+        u, v = u + b, v + d
+    store_sums(gathered, slot, (s0, s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11))
 
 
 @inner
@@ -249,20 +273,21 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, lanes):  # type:
     height, width = depth.shape[1], depth.shape[2]
     down, across = -(-height // TILE), -(-width // TILE)
     gathered = np.empty((len(lists.gaussians), GATHERED), np.float32)
+    records, singles = _packed(splats, lists.first)
+    last = len(lists.gaussians) - 1
     for lane in prange(lanes):
-        planes = np.empty(9 * PIXELS, np.float32)
-        coordinates(planes, 7)
+        planes, columns = scratch(7), count_up()
         for tile in range(lane, down * across, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             _read(planes, left, top, image, colour, depth, alpha)
             start, end = lists.starts[tile], lists.starts[tile + 1]
-            gathered[start + image.used[tile] : end] = ZERO
             for e in range(start, start + image.used[tile]):
+                prefetch(records, lists.gaussians[min(e + AHEAD, last)])
+                prefetch(gathered, lists.slots[min(e + AHEAD, last)])
                 g = lists.gaussians[e]
-                u0, v0, a, b, c, d, peak = _local(splats, g, left, top)
-                first, last = np.uint64(TILE * lists.rows[e, 0]), np.uint64(TILE * lists.rows[e, 1])
-                red, green, blue = splats.colours[g, 0], splats.colours[g, 1], splats.colours[g, 2]
-                sums = _unblend_rows(planes, first, last, u0, v0, a, b, c, d, peak, red, green, blue, splats.depths[g])
-                for k in range(GATHERED):
-                    gathered[e, k] = sums[k]
+                u, v, slopes = _local(records[g], left, top, columns)
+                z = splats.depths[g]
+                _unblend_entry(planes, lists.rows[e], u, v, slopes, singles[g], z, gathered, lists.slots[e])
+            for e in range(start + image.used[tile], end):
+                gathered[lists.slots[e]] = ZERO
     return gathered

@@ -346,7 +346,8 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):
             left, top = tile % across * TILE, tile // across * TILE
             _read(planes, left, top, image, colour, depth, alpha, normals)
             start, end = lists.starts[tile], lists.starts[tile + 1]
-            gathered[start + image.used[tile] : end] = ZERO
+            for e in range(start + image.used[tile], end):
+                gathered[lists.slots[e]] = ZERO
             for e in range(start, start + image.used[tile]):
                 g = lists.gaussians[e]
                 u, v, d, offset, hit_z = _local(splats, g, left, top)
@@ -357,5 +358,5 @@ def _blend_backward(splats, lists, image, colour, depth, alpha, normals, lanes):
                 head, moments, tail = _unblend_rows(
                     planes, first, last, u, v, d, offset, hit_z, z0, near, peak, tint, normal
                 )
-                _store(gathered[e], (head, tail), moments, offset)
+                _store(gathered[lists.slots[e]], (head, tail), moments, offset)
     return gathered

@@ -15,6 +15,7 @@ from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
 
+_ZERO = np.float32(0.0)
 _Y0 = 0.28209479177387814
 _Y1 = 0.4886025119029199
 _Y2A, _Y2B, _Y2C = 1.0925484305920792, 0.31539156525252005, 0.5462742152960396
@@ -124,18 +125,19 @@ def _shade(means, sh, centre, wanted, lanes):  # type: ignore[no-untyped-def]
                 x, y, z = means[g, 0] - centre[0], means[g, 1] - centre[1], means[g, 2] - centre[2]
                 scale = 1.0 / math.sqrt(max(x * x + y * y + z * z, 1e-300))
                 basis(count, x * scale, y * scale, z * scale, weights)
-                for c in range(3):
-                    value = 0.5
-                    for k in range(count):
-                        value += weights[k] * sh[g, k, c]
-                    colours[g, c] = max(value, 0.0)
+                red = green = blue = 0.5
+                for k in range(count):
+                    red += weights[k] * sh[g, k, 0]
+                    green += weights[k] * sh[g, k, 1]
+                    blue += weights[k] * sh[g, k, 2]
+                colours[g, 0], colours[g, 1], colours[g, 2] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
     return colours
 
 
 @kernel
 def _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gradient, lanes):  # type: ignore[no-untyped-def]
     n, count = sh.shape[0], sh.shape[1]
-    sh_gradient = np.zeros((n, count, 3), np.float32)
+    sh_gradient = np.empty((n, count, 3), np.float32)
     for lane in prange(lanes):
         weights, along = np.empty(16), np.empty(16)
         for g in range(lane * n // lanes, (lane + 1) * n // lanes):
@@ -144,16 +146,19 @@ def _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gr
                 scale = 1.0 / math.sqrt(max(x * x + y * y + z * z, 1e-300))
                 x, y, z = x * scale, y * scale, z * scale
                 basis(count, x, y, z, weights)
-                along[:count] = 0.0
-                for c in range(3):
-                    if colours[g, c] > 0.0:
-                        grad = np.float64(colour_gradient[g, c])
-                        for k in range(count):
-                            sh_gradient[g, k, c] = weights[k] * grad
-                            along[k] += sh[g, k, c] * grad
+                red = colour_gradient[g, 0] if colours[g, 0] > 0.0 else _ZERO
+                green = colour_gradient[g, 1] if colours[g, 1] > 0.0 else _ZERO
+                blue = colour_gradient[g, 2] if colours[g, 2] > 0.0 else _ZERO
+                for k in range(count):
+                    weight = np.float32(weights[k])
+                    sh_gradient[g, k, 0], sh_gradient[g, k, 1] = weight * red, weight * green
+                    sh_gradient[g, k, 2] = weight * blue
+                    along[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
                 gx, gy, gz = basis_gradient(count, x, y, z, along)
                 radial = gx * x + gy * y + gz * z
                 mean_gradient[g, 0] += (gx - radial * x) * scale
                 mean_gradient[g, 1] += (gy - radial * y) * scale
                 mean_gradient[g, 2] += (gz - radial * z) * scale
+            else:
+                sh_gradient[g] = _ZERO
     return sh_gradient

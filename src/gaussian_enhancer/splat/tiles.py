@@ -34,15 +34,15 @@ class TileLists(NamedTuple):
         starts: tile t's entries are ``starts[t]:starts[t + 1]``.
         gaussians: which Gaussian an entry is; within a tile by depth, ties by index.
         rows: pixel rows [first, end) of the tile, 0..16, that the footprint touches.
-        first: Gaussian g's entries are ``entries[first[g]:first[g + 1]]``; empty if it is nowhere visible.
-        entries: the positions of each Gaussian's entries; for sums over a Gaussian's tiles without atomics.
+        first: Gaussian g's slots are ``first[g]:first[g + 1]``; none if it is nowhere visible.
+        slots: where an entry's sums are put, one Gaussian's beside each other; for sums over its tiles without atomics.
     """
 
     starts: Int64[np.ndarray, " t+1"]
     gaussians: Int32[np.ndarray, " e"]
     rows: UInt8[np.ndarray, "e 2"]
     first: Int64[np.ndarray, " n+1"]
-    entries: Int32[np.ndarray, " e"]
+    slots: Int32[np.ndarray, " e"]
 
 
 def grid(height: int, width: int) -> tuple[int, int]:
@@ -65,13 +65,15 @@ def bin_tiles(
         first = _count(footprints, height, width)
         keys = _depth_keys(first, depths)
         keys.sort()
-        return TileLists(*_fill(footprints, first, keys, height, width))
+        tile_of, rows_of = _pairs(footprints, first, height, width)
+        down, across = grid(height, width)
+        return TileLists(*_fill(first, keys, tile_of, rows_of, down * across, get_num_threads()))
 
 
 def sum_over_tiles(values: Float32[np.ndarray, "e c"], lists: TileLists) -> Float32[np.ndarray, "n c"]:
     """Add up what each Gaussian gathered in its tiles, always in the same order."""
     with kernel_lock:
-        return _sum_over_tiles(values, lists.first, lists.entries, get_num_threads())
+        return _sum_over_tiles(values, lists.first, get_num_threads())
 
 
 @inner
@@ -109,14 +111,19 @@ def _columns(footprint, width):  # type: ignore[no-untyped-def]
     return int(left) // TILE, int(right) // TILE
 
 
+@inner
+def _footprint(footprints, g):  # type: ignore[no-untyped-def]
+    return (
+        footprints[g, 0], footprints[g, 1], footprints[g, 2], footprints[g, 3], footprints[g, 4], footprints[g, 5],
+    )  # fmt: skip
+
+
 @kernel
 def _count(footprints, height, width):  # type: ignore[no-untyped-def]
     n = len(footprints)
     first = np.zeros(n + 1, np.int64)
     for g in prange(n):
-        footprint = (
-            footprints[g, 0], footprints[g, 1], footprints[g, 2], footprints[g, 3], footprints[g, 4], footprints[g, 5],
-        )  # fmt: skip
+        footprint = _footprint(footprints, g)
         begin, end = _columns(footprint, width)
         total = 0
         for column in range(begin, end + 1):
@@ -142,18 +149,14 @@ def _depth_keys(first, depths):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(footprints, first, keys, height, width):  # type: ignore[no-untyped-def]
-    n = len(footprints)
-    down, across = -(-height // TILE), -(-width // TILE)
-    total = first[n]
-    tile_of = np.empty(total, np.int32)
-    rows_of = np.empty((total, 2), np.uint8)
+def _pairs(footprints, first, height, width):  # type: ignore[no-untyped-def]
+    """Tile and rows of every entry, Gaussian by Gaussian."""
+    n, across = len(footprints), -(-width // TILE)
+    tile_of = np.empty(first[n], np.int32)
+    rows_of = np.empty((first[n], 2), np.uint8)
     for g in prange(n):
         if first[g + 1] > first[g]:
-            footprint = (
-                footprints[g, 0], footprints[g, 1], footprints[g, 2],
-                footprints[g, 3], footprints[g, 4], footprints[g, 5],
-            )  # fmt: skip
+            footprint = _footprint(footprints, g)
             at = first[g]
             begin, end = _columns(footprint, width)
             for column in range(begin, end + 1):
@@ -163,35 +166,50 @@ def _fill(footprints, first, keys, height, width):  # type: ignore[no-untyped-de
                     rows_of[at, 0] = max(top - row * TILE, 0)
                     rows_of[at, 1] = min(bottom + 1 - row * TILE, TILE)
                     at += 1
-    starts = np.zeros(down * across + 1, np.int64)
-    for pair in range(total):
-        starts[tile_of[pair] + 1] += 1
-    for tile in range(down * across):
-        starts[tile + 1] += starts[tile]
-    cursor = starts[:-1].copy()
-    gaussians = np.empty(total, np.int32)
-    rows = np.empty((total, 2), np.uint8)
-    entries = np.empty(total, np.int32)
-    for k in range(len(keys)):
-        g = keys[k] & 0x7FFFFFFF
-        for pair in range(first[g], first[g + 1]):
-            at = cursor[tile_of[pair]]
-            cursor[tile_of[pair]] = at + 1
-            gaussians[at] = g
-            rows[at, 0] = rows_of[pair, 0]
-            rows[at, 1] = rows_of[pair, 1]
-            entries[pair] = at
-    return starts, gaussians, rows, first, entries
+    return tile_of, rows_of
 
 
 @kernel
-def _sum_over_tiles(values, first, entries, lanes):  # type: ignore[no-untyped-def]
+def _fill(first, keys, tile_of, rows_of, tiles, lanes):  # type: ignore[no-untyped-def]
+    """Sort entries by tile, by counting; each lane takes a run of the keys, whose order stays."""
+    total, count = len(tile_of), len(keys)
+    cursors = np.zeros((lanes, tiles), np.int64)
+    for lane in prange(lanes):
+        for k in range(lane * count // lanes, (lane + 1) * count // lanes):
+            g = keys[k] & 0x7FFFFFFF
+            for pair in range(first[g], first[g + 1]):
+                cursors[lane, tile_of[pair]] += 1
+    starts = np.empty(tiles + 1, np.int64)
+    at = 0
+    for tile in range(tiles):
+        starts[tile] = at
+        for lane in range(lanes):
+            cursors[lane, tile], at = at, at + cursors[lane, tile]
+    starts[tiles] = at
+    gaussians = np.empty(total, np.int32)
+    rows = np.empty((total, 2), np.uint8)
+    slots = np.empty(total, np.int32)
+    for lane in prange(lanes):
+        for k in range(lane * count // lanes, (lane + 1) * count // lanes):
+            g = keys[k] & 0x7FFFFFFF
+            for pair in range(first[g], first[g + 1]):
+                at = cursors[lane, tile_of[pair]]
+                cursors[lane, tile_of[pair]] = at + 1
+                gaussians[at] = g
+                slots[at] = pair
+                rows[at, 0], rows[at, 1] = rows_of[pair, 0], rows_of[pair, 1]
+    return starts, gaussians, rows, first, slots
+
+
+@kernel
+def _sum_over_tiles(values, first, lanes):  # type: ignore[no-untyped-def]
     n, channels = len(first) - 1, values.shape[1]
-    sums = np.zeros((n, channels), np.float32)
+    sums = np.empty((n, channels), np.float32)
     for lane in prange(lanes):
         for g in range(lane * n // lanes, (lane + 1) * n // lanes):
+            for c in range(channels):
+                sums[g, c] = 0.0
             for k in range(first[g], first[g + 1]):
-                entry = entries[k]
                 for c in range(channels):
-                    sums[g, c] += values[entry, c]
+                    sums[g, c] += values[k, c]
     return sums

@@ -14,6 +14,7 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.fit import export
 from gaussian_enhancer.splat.fit.densify import Densification
 from gaussian_enhancer.splat.fit.fit import fit
+from gaussian_enhancer.splat.fit.relocation import Relocation
 from gaussian_enhancer.splat.io.ply import read_ply
 from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
 from gaussian_enhancer.types import Camera
@@ -72,12 +73,16 @@ def test_held_out_view_is_learnt_and_the_folder_reads_back(scene, tmp_path, meth
     assert not (tmp_path / "checkpoint.pt").exists()
 
 
-def test_resumed_fit_equals_the_uninterrupted_one(scene, tmp_path):
-    whole = fit(scene, MipSplatting(), tmp_path / "whole", **QUICK)
-    fit(scene, MipSplatting(), tmp_path / "parts", **QUICK, stop_after=13)
+@pytest.mark.parametrize(
+    "densification", [Densification(every=10), Relocation(every=5)], ids=lambda d: type(d).__name__
+)
+def test_resumed_fit_equals_the_uninterrupted_one(scene, tmp_path, densification):
+    quick = QUICK | {"densification": densification}
+    whole = fit(scene, MipSplatting(), tmp_path / "whole", **quick)
+    fit(scene, MipSplatting(), tmp_path / "parts", **quick, stop_after=13)
     assert (tmp_path / "parts/checkpoint.pt").is_file()
     assert not (tmp_path / "parts/splat.ply").exists()
-    parts = fit(scene, MipSplatting(), tmp_path / "parts", **QUICK)
+    parts = fit(scene, MipSplatting(), tmp_path / "parts", **quick)
     for name, value in vars(whole).items():
         torch.testing.assert_close(vars(parts)[name], value, rtol=1e-4, atol=1e-5)
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
+from gaussian_enhancer.splat.fit.turned import turned
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
 
@@ -61,8 +62,12 @@ class Densification:
 
     def due(self, step: int, steps: int) -> bool:
         """Whether the number changes after this step (counted from 1)."""
-        inside = self.start * steps <= step <= self.stop * steps
-        return self.every > 0 and inside and step % self.every == 0
+        return due_between(self.every, self.start, self.stop, step, steps)
+
+
+def due_between(every: int, start: float, stop: float, step: int, steps: int) -> bool:
+    """Whether a step (counted from 1) is one in ``every``, between two shares of the fit."""
+    return every > 0 and start * steps <= step <= stop * steps and step % every == 0
 
 
 class Pull:
@@ -169,13 +174,7 @@ def _half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
     """One of two smaller Gaussians, its centre drawn from its parent's density."""
     scales = parents.log_scales.exp()
     drawn = torch.randn(scales.shape, generator=generator).to(scales) * scales
-    w, x, y, z = torch.nn.functional.normalize(parents.quaternions, dim=1).unbind(1)
-    columns = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], 1),
-        torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], 1),
-        torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], 1),
-    ]
-    moved = parents.means + sum(drawn[:, k : k + 1] * columns[k] for k in range(drawn.shape[1]))
+    moved = parents.means + turned(parents.quaternions, drawn)
     return Gaussians(
         moved,
         (scales / SPLIT_SHRINK).log(),

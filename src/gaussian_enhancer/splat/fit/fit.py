@@ -18,11 +18,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.filters import smoothing_size
 from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
-from gaussian_enhancer.splat.fit.densify import Pull, densify
+from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.progress import FitProgress, waiting
+from gaussian_enhancer.splat.fit.relocation import Relocation, explore, relocate
 from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.similarity import photometric_loss
 from gaussian_enhancer.splat.fit.start import starting_gaussians
@@ -160,8 +161,9 @@ class _Work:
         with watch.phase("backward"):
             total.backward()
         with watch.phase("densify"):
-            side = max(camera.height, camera.width)
-            self.pull.add(screen, side, settings.densification.absolute, drawn)
+            if isinstance(settings.densification, Densification):
+                side = max(camera.height, camera.width)
+                self.pull.add(screen, side, settings.densification.absolute, drawn)
         with watch.phase("optimiser"):
             self.optimiser.step(self.step)
         self.step += 1
@@ -226,18 +228,23 @@ class _Work:
         return penalty
 
     def _change_number(self) -> None:
-        settings = self.settings.densification
-        if settings.due(self.step, self.settings.steps):
+        settings, steps = self.settings.densification, self.settings.steps
+        if settings.due(self.step, steps):
             limit = self.settings.max_gaussians
-            densify(self.optimiser, self.pull, settings, self.extent, limit, self._generator(2))
+            if isinstance(settings, Relocation):
+                relocate(self.optimiser, settings, limit, self._generator(2))
+            else:
+                densify(self.optimiser, self.pull, settings, self.extent, limit, self._generator(2))
             self.pull = Pull(len(self.optimiser), self.device)
             self._smooth()
             if len(self.optimiser) == 0:
                 raise InputError(f"fit of scene {self.scene.name}", "lost all Gaussians", "lower densification.opacity")
-        inside = self.step <= settings.stop * self.settings.steps
-        if settings.reset_every > 0 and inside and self.step % settings.reset_every == 0:
+        if isinstance(settings, Relocation):
+            if settings.noise > 0:
+                explore(self.optimiser, settings, self.extent, self.step - 1, self._generator(5))
+        elif settings.reset_every > 0 and self.step <= settings.stop * steps and self.step % settings.reset_every == 0:
             self.optimiser.cap_opacity(2 * settings.opacity)
-        if self.step % SMOOTHING_EVERY == 0 or self.step == self.settings.steps:
+        if self.step % SMOOTHING_EVERY == 0 or self.step == steps:
             self._smooth()
 
     def _smooth(self) -> None:

@@ -14,8 +14,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.fit.adam import Moments, adam_step
 from gaussian_enhancer.types import Gaussians
 
+LEARNT = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
@@ -61,7 +63,7 @@ class LearningRates:
 
 
 class SplatOptimiser:
-    """Gaussians as leaf tensors under fused Adam; rows can be dropped and appended.
+    """Gaussians as leaf tensors under Adam; rows can be dropped and appended.
 
     Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 7.1 (rates, decay, epsilon).
 
@@ -73,17 +75,16 @@ class SplatOptimiser:
     """
 
     def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, steps: int) -> None:
-        rates = rates.boosted(steps)
-        self._rates, self._extent, self._steps = rates, extent, steps
-        groups = []
+        self._rates, self._extent, self._steps = rates.boosted(steps), extent, steps
+        self._leaves: dict[str, Tensor] = {}
+        self._moments: dict[str, Moments] = {}
+        self._taken = 0
         for name, value in _columns(gaussians).items():
-            leaf = value.detach().clone().contiguous().requires_grad_()
-            rate = rates.means * extent if name == "means" else getattr(rates, name)
-            groups.append({"params": [leaf], "lr": rate, "name": name})
-        self._adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
+            leaf = value.detach().clone().contiguous()
+            self._set(name, leaf, Moments(torch.zeros_like(leaf), torch.zeros_like(leaf)))
 
     def __len__(self) -> int:
-        return len(self._leaf("means"))
+        return len(self._leaves["means"])
 
     def gaussians(self, sh_degree: int | None = None) -> Gaussians:
         """The present splat, differentiable in the leaves.
@@ -91,16 +92,10 @@ class SplatOptimiser:
         Args:
             sh_degree: highest degree of colour to include; None includes all.
         """
-        rest = self._leaf("sh_rest")
+        leaves = dict(self._leaves)
         if sh_degree is not None:
-            rest = rest[:, : (sh_degree + 1) ** 2 - 1]
-        return Gaussians(
-            self._leaf("means"),
-            self._leaf("log_scales"),
-            self._leaf("quaternions"),
-            self._leaf("opacity_logits"),
-            torch.cat([self._leaf("sh_base"), rest], 1),
-        )
+            leaves["sh"] = leaves["sh"][:, : (sh_degree + 1) ** 2]
+        return Gaussians(**leaves)
 
     def step(self, number: int) -> None:
         """Apply the gradients and forget them.
@@ -108,11 +103,12 @@ class SplatOptimiser:
         Args:
             number: the step's number, from 0; sets the centres' rate.
         """
-        done = min(1.0, number / max(1, self._steps))
-        rate = self._rates.means ** (1 - done) * self._rates.means_final**done
-        self._group("means")["lr"] = rate * self._extent
-        self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        self._taken += 1
+        for name, leaf in self._leaves.items():
+            if leaf.grad is not None:
+                rate, first_rate = self._rate(name, number)
+                adam_step(leaf.detach(), leaf.grad, self._moments[name], self._taken, rate, first_rate)
+                leaf.grad = None
 
     def keep(self, index: Tensor) -> None:
         """Drop all Gaussians but those that a mask or an index tensor selects, moments included."""
@@ -142,6 +138,35 @@ class SplatOptimiser:
         """
         self._rewrite(lambda field, value: values.clone() if field == name else value)
 
+    def put(self, index: Tensor, others: Gaussians) -> None:
+        """Replace Gaussians by others; their moments start again at zero.
+
+        Args:
+            index: positions, each once.
+            others: as many, with as many colour coefficients.
+        """
+        columns = _columns(others)
+
+        def changed(name: str, value: Tensor) -> Tensor:
+            field, _, moment = name.partition(".")
+            new = torch.zeros_like(columns[field]) if moment else columns[field].detach()
+            return value.index_copy(0, index, new)
+
+        self._rewrite(changed)
+
+    def shift(self, index: Tensor, offsets: Float[Tensor, "m 3"]) -> None:
+        """Move some centres; their moments stay.
+
+        Args:
+            index: positions, each once.
+            offsets: scene units.
+        """
+        self._leaves["means"].detach().index_add_(0, index, offsets)
+
+    def means_rate(self, number: int) -> float:
+        """The centres' learning rate at a step (counted from 0), in scene units."""
+        return self._rate("means", number)[0]
+
     def cap_opacity(self, limit: float) -> None:
         """Bring every opacity down to a limit at most, and forget the opacities' moments (3DGS's reset).
 
@@ -158,53 +183,59 @@ class SplatOptimiser:
         self._rewrite(capped)
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on later, as plain tensors."""
+        """All that is needed to go on later, as plain tensors; the colour in two parts."""
         values: dict[str, Any] = {}
-        for group in self._adam.param_groups:
-            leaf = group["params"][0]
-            values[group["name"]] = leaf.detach()
-            for key, value in self._adam.state.get(leaf, {}).items():
-                values[f"{group['name']}.{key}"] = value
+        for name, leaf in self._leaves.items():
+            moments = self._moments[name]
+            tensors = {"": leaf.detach(), ".exp_avg": moments.exp_avg, ".exp_avg_sq": moments.exp_avg_sq}
+            for suffix, tensor in tensors.items():
+                values |= {part + suffix: value for part, value in _parts(name, tensor).items()}
+            values |= {f"{part}.step": torch.tensor(float(self._taken)) for part in _parts(name, leaf)}
         return values
 
     def restore(self, values: dict[str, Any]) -> None:
         """Go on from what `state` returned."""
-        for group in self._adam.param_groups:
-            name = group["name"]
-            self._adam.state.pop(group["params"][0], None)
-            leaf = values[name].clone().requires_grad_()
-            group["params"][0] = leaf
-            moments = {key: values[f"{name}.{key}"].clone() for key in ("step", *MOMENTS) if f"{name}.{key}" in values}
-            if moments:
-                self._adam.state[leaf] = moments
+        for name in self._leaves:
+            leaf = _joined(values, name, "")
+            held = "means.exp_avg" in values
+            moments = [_joined(values, name, f".{key}") if held else torch.zeros_like(leaf) for key in MOMENTS]
+            self._set(name, leaf, Moments(*moments))
+        self._taken = int(values.get("means.step", 0))
 
     def _rewrite(self, change: Callable[[str, Tensor], Tensor]) -> None:
         """Replace every leaf and moment by a function of its name ("means", "means.exp_avg") and value."""
-        for group in self._adam.param_groups:
-            old, name = group["params"][0], group["name"]
-            leaf = change(name, old.detach()).contiguous().requires_grad_()
-            state = self._adam.state.pop(old, None)
-            if state is not None:
-                for key in MOMENTS:
-                    state[key] = change(f"{name}.{key}", state[key]).contiguous()
-                self._adam.state[leaf] = state
-            group["params"][0] = leaf
+        for name, leaf in list(self._leaves.items()):
+            old = self._moments[name]
+            moments = (change(f"{name}.{key}", getattr(old, key)).contiguous() for key in MOMENTS)
+            self._set(name, change(name, leaf.detach()).contiguous(), Moments(*moments))
 
-    def _group(self, name: str) -> dict[str, Any]:
-        return next(group for group in self._adam.param_groups if group["name"] == name)
+    def _set(self, name: str, values: Tensor, moments: Moments) -> None:
+        self._leaves[name], self._moments[name] = values.requires_grad_(), moments
 
-    def _leaf(self, name: str) -> Tensor:
-        leaf: Tensor = self._group(name)["params"][0]
-        return leaf
+    def _rate(self, name: str, number: int) -> tuple[float, float | None]:
+        """Learning rate, and that of the constant colour, which differs from the other coefficients'."""
+        if name == "means":
+            done = min(1.0, number / max(1, self._steps))
+            return self._extent * self._rates.means ** (1 - done) * self._rates.means_final**done, None
+        if name == "sh":
+            return self._rates.sh_rest, self._rates.sh_base
+        return float(getattr(self._rates, name)), None
 
 
 def _columns(gaussians: Gaussians) -> dict[str, Float[Tensor, "n ..."]]:
-    """The optimised tensors by name; colour in two parts, since they learn at different rates."""
-    return {
-        "means": gaussians.means,
-        "log_scales": gaussians.log_scales,
-        "quaternions": gaussians.quaternions,
-        "opacity_logits": gaussians.opacity_logits,
-        "sh_base": gaussians.sh[:, :1],
-        "sh_rest": gaussians.sh[:, 1:],
-    }
+    """The optimised tensors by name."""
+    return {name: getattr(gaussians, name) for name in LEARNT}
+
+
+def _parts(name: str, tensor: Tensor) -> dict[str, Tensor]:
+    """A tensor as checkpoints name it: colour as its constant and the rest."""
+    if name != "sh":
+        return {name: tensor}
+    return {"sh_base": tensor[:, :1].detach().clone(), "sh_rest": tensor[:, 1:].detach().clone()}
+
+
+def _joined(values: dict[str, Any], name: str, suffix: str) -> Tensor:
+    """The inverse of `_parts`, as a tensor of its own."""
+    if name != "sh":
+        return values[name + suffix].clone()  # type: ignore[no-any-return]
+    return torch.cat([values["sh_base" + suffix], values["sh_rest" + suffix]], 1)

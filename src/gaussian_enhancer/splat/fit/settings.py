@@ -7,6 +7,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import Densification
 from gaussian_enhancer.splat.fit.optimise import LearningRates
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
+from gaussian_enhancer.splat.fit.relocation import Relocation
 from gaussian_enhancer.splat.fit.start import STARTS
 
 
@@ -41,7 +42,7 @@ class FitSettings:
         ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
         random_background: another colour behind the object at each step (photos with coverage only).
         rates: learning rates.
-        densification: when and how Gaussians come and go.
+        densification: how Gaussians come and go: by gradients, or by relocation (3DGS-MCMC).
         regularisation: what holds the splat back.
         sweep: how the plane sweep searches.
     """
@@ -56,7 +57,7 @@ class FitSettings:
     ssim_weight: float = 0.2
     random_background: bool = False
     rates: LearningRates = field(default_factory=LearningRates)
-    densification: Densification = field(default_factory=Densification)
+    densification: Densification | Relocation = field(default_factory=Densification)
     regularisation: Regularisation = field(default_factory=Regularisation)
     sweep: SweepSettings = field(default_factory=SweepSettings)
 

@@ -1,0 +1,46 @@
+"""The compiled step of `splat.fit.adam`."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float32
+from numba import get_num_threads, prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
+
+_F = np.float32
+_KEEP, _ADD = _F(0.9), _F(1 - 0.9)
+_KEEP_SQUARE, _ADD_SQUARE = _F(0.999), _F(1 - 0.999)
+_EPSILON = _F(1e-15)
+
+
+def update(arrays: tuple[Float32[np.ndarray, " n"], ...], rates: Float32[np.ndarray, " c"], root: float) -> None:
+    """Change values and moments in place.
+
+    Args:
+        arrays: the parameter, its gradient, the running means of the gradient and of its square.
+        rates: learning rate over the mean's bias correction of c numbers one after another, and of the next c.
+        root: factor on the square's root that corrects its bias.
+    """
+    with kernel_lock:
+        _update(*arrays, rates, _F(root), get_num_threads())
+
+
+@kernel
+def _update(values, gradient, mean, square, rates, root, lanes):  # type: ignore[no-untyped-def]
+    n, size = len(values), len(rates)
+    runs = -(-n // size)
+    for lane in prange(lanes):
+        for run in range(lane * runs // lanes, (lane + 1) * runs // lanes):
+            begin, end = run * size, min((run + 1) * size, n)
+            _update_run(values[begin:end], gradient[begin:end], mean[begin:end], square[begin:end], rates, root)
+
+
+@inner
+def _update_run(values, gradient, mean, square, rates, root):  # type: ignore[no-untyped-def]
+    for i in range(len(values)):
+        along = _KEEP * mean[i] + _ADD * gradient[i]
+        squared = _KEEP_SQUARE * square[i] + _ADD_SQUARE * gradient[i] * gradient[i]
+        mean[i] = along
+        square[i] = squared
+        values[i] -= rates[i] * along / (math.sqrt(squared) * root + _EPSILON)
