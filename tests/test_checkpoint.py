@@ -65,5 +65,5 @@ def test_files_that_are_cut_have_none(tmp_path) -> None:
 @pytest.mark.parametrize("card", ["{", "[]"])
 def test_a_card_that_is_no_mapping_is_refused(tmp_path, card) -> None:
     save_file({"a": torch.ones(2)}, tmp_path / "w.safetensors", {"format": "f", "card": card})
-    with pytest.raises(InputError, match=r"w\.safetensors: has a card that is no mapping"):
+    with pytest.raises(InputError, match=r"w\.safetensors: (has a card that is no mapping|its card: is no JSON)"):
         checkpoint_digest(tmp_path / "w.safetensors")

@@ -61,7 +61,7 @@ def test_nothing_half_written_stays(tmp_path, scene):
         (lambda c: c.clear(), "lists no cameras"),
         (lambda c: c[1].update(fx=0), "entry 1.*focal"),
         (lambda c: c[1].pop("fy"), "entry 1.*fy"),
-        (lambda c: c[1].update(width=0), "entry 1.*0x48"),
+        (lambda c: c[1].update(width=0), "entry 1.*width = 0"),
         (lambda c: c[1].update(position=[1, 2]), "entry 1.*malformed pose"),
         (lambda c: c[1].update(position=[1, 2, float("nan")]), "entry 1.*NaN"),
         (lambda c: c[1].update(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]), "entry 1.*scales"),

@@ -57,7 +57,7 @@ def test_negative_depth_and_odd_arrays_are_refused(tmp_path):
         ("negative.npy", "depth -"),
         ("colour.npy", "shape"),
         ("two.npz", "named depth"),
-        ("object.npy", "cannot be read"),
+        ("object.npy", "holds object"),
     ]:
         with pytest.raises(InputError, match=message):
             ReadDepth(tmp_path / name)()

@@ -7,9 +7,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import torch
 from omegaconf import DictConfig, open_dict
+from pydantic import Field
 from rich.console import Console
 from rich.progress import track
 
@@ -36,6 +38,7 @@ from gaussian_enhancer.measure.records import Record, write_records
 from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.typed import check_value
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -174,6 +177,7 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Prepara
     if cfg.max_references is None:
         return preparation
     count = cfg.max_references
+    check_value(count, Annotated[int, Field(ge=0)], "max_references")
     return replace(preparation, references=count, candidates=max(count, preparation.candidates))
 
 

@@ -27,6 +27,7 @@ from gaussian_enhancer.enhance.steady import Carried, steadied
 from gaussian_enhancer.enhance.tiles import enhance_tiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.typed import check_value
 from gaussian_enhancer.types import Views, usable
 
 
@@ -87,6 +88,10 @@ class Enhancer:
         steady: float = 0.0,
         evidence: int = 3,
     ) -> None:
+        for name, share in (("strength", strength), ("steady", steady)):
+            check_value(share, float, name)
+        for name, side in (("evidence", evidence), ("tile", tile), ("halo", halo)):
+            check_value(side, int, name)
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
         if not 0 <= steady < 1:

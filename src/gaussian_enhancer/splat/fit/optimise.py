@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -47,6 +48,7 @@ class LearningRates:
     boost: float = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(self, "rates.")
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not (0 < value < 1e3 or (field.name == "boost" and value == 0)):
