@@ -94,7 +94,7 @@ def broken_text(data: bytes, draw: random.Random) -> tuple[str, bytes]:
 
 def paths(value: Any, found: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Where in a JSON value something can be changed."""
-    below = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    below = list(value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ())
     return [(*found, key) for key, _ in below] + [p for key, inner in below for p in paths(inner, (*found, key))]
 
 
