@@ -180,6 +180,8 @@ def find_checkpoint(source: str | Path) -> Path:
     Raises:
         InputError: it is neither.
     """
+    if not isinstance(source, str | Path):
+        raise InputError("weights", f"is {shown(source)}", "name a file or shipped weights")
     path = Path(source)
     shipped = SHIPPED / f"{source}.safetensors"
     if path.is_file():
