@@ -6,7 +6,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.enhance.network import Network
 from gaussian_enhancer.enhance.prepare import Preparation
 from gaussian_enhancer.enhance.sif import SIF
@@ -67,3 +67,9 @@ def test_a_card_that_is_no_mapping_is_refused(tmp_path, card) -> None:
     save_file({"a": torch.ones(2)}, tmp_path / "w.safetensors", {"format": "f", "card": card})
     with pytest.raises(InputError, match=r"w\.safetensors: (has a card that is no mapping|its card: is no JSON)"):
         checkpoint_digest(tmp_path / "w.safetensors")
+
+
+def test_no_weights_are_refused() -> None:
+    unchecked = getattr(find_checkpoint, "__wrapped__", find_checkpoint)
+    with pytest.raises(InputError, match="weights: is None"):
+        unchecked(None)

@@ -110,6 +110,8 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 
 def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Suited]:
     """What enhances, what is enhanced of what was given, and what of it is used."""
+    for name, kind in (("strength", float | None), ("steady", float), ("evidence", int)):
+        check_value(cfg[name], kind, name)
     pretrained = load_weights(cfg.weights)
     task = read_task(cfg, device.type, pretrained.preparation.fine)
     asked = _asked(pretrained, cfg, task.depth)
