@@ -179,6 +179,14 @@ def tradeoff(session: nox.Session) -> None:
     session.run("gaussian-enhancer", "tradeoff", shipped, *session.posargs)
 
 
+@nox.session(default=False)
+def fuzz(session: nox.Session) -> None:
+    """Hand 1,500 damaged files to every reader in turn and record the verdicts; words after -- are options."""
+    install(session, "test")
+    record = ("--cases", "1500", "--record", "docs/results/fuzz.jsonl")
+    session.run("python", "tests/fuzz/campaign.py", *record, *session.posargs)
+
+
 @nox.session(default=False, venv_backend="none")
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""

@@ -7,7 +7,7 @@ import torch
 from safetensors.torch import save_file
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.network import Network
@@ -65,5 +65,11 @@ def test_files_that_are_cut_have_none(tmp_path) -> None:
 @pytest.mark.parametrize("card", ["{", "[]"])
 def test_a_card_that_is_no_mapping_is_refused(tmp_path, card) -> None:
     save_file({"a": torch.ones(2)}, tmp_path / "w.safetensors", {"format": "f", "card": card})
-    with pytest.raises(InputError, match=r"w\.safetensors: has a card that is no mapping"):
+    with pytest.raises(InputError, match=r"w\.safetensors: (has a card that is no mapping|its card: is no JSON)"):
         checkpoint_digest(tmp_path / "w.safetensors")
+
+
+def test_no_weights_are_refused() -> None:
+    unchecked = getattr(find_checkpoint, "__wrapped__", find_checkpoint)
+    with pytest.raises(InputError, match="weights: is None"):
+        unchecked(None)

@@ -16,3 +16,11 @@ def test_reasons_name_the_type_of_what_is_no_users_mistake() -> None:
     assert reason_of(FULL) == "disk: is full; free some space"
     assert reason_of(KeyError("a")) == "KeyError: 'a'"
     assert reason_of(RuntimeError("out of memory")) == "RuntimeError: out of memory"
+
+
+def test_what_a_file_says_cannot_break_the_line_or_fill_the_screen() -> None:
+    text = str(InputError("a\nb", "\x1b[2J" + "x" * 100_000, "write it again"))
+    assert text.isprintable()
+    assert len(text) < 1000
+    assert text.startswith("a\\nb: \\x1b[2J")
+    assert text.endswith("; write it again")

@@ -2,16 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.input_files import parse_json, refusal, refuse_larger, regular_file, shown
 
+_N = TypeVar("_N", bound=nn.Module)
 SHIPPED = Path(__file__).resolve().parent / "weights"
+DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+WIDENED = 6
+"""Times a file's size that its values take at most: as stored, in single precision twice, and in the network."""
 MEND = "get the weights again, or train them with this version"
 
 
@@ -52,12 +58,76 @@ def read_checkpoint(path: Path, form: str) -> tuple[dict[str, Tensor], dict[str,
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     from safetensors import SafetensorError, safe_open
 
+    size = regular_file(path)
+    refuse_larger(path, WIDENED * size, f"is {size} bytes long")
     try:
         with safe_open(str(path), framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
-        received = f"is no whole safetensors file ({path.stat().st_size} bytes: {error})"
-        raise InputError(path, received, MEND) from error
+        if isinstance(error, OSError) and error.errno is not None:
+            raise refusal(path, error) from error
+        raise InputError(path, f"is no whole safetensors file ({size} bytes: {error})", MEND) from error
+
+
+def described(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, Any]:
+    """What a file's metadata says under a name, which is JSON.
+
+    Args:
+        metadata: of the file.
+        name: which of its texts.
+        path: of the file, for messages.
+
+    Raises:
+        InputError: there is no such text, or it is no JSON object.
+    """
+    if name not in metadata:
+        raise InputError(path, f"describes no {name}", MEND)
+    value = parse_json(metadata[name], f"{path}: its {name}")
+    if not isinstance(value, dict):
+        raise InputError(path, f"has a {name} that is no mapping ({shown(value)})", MEND)
+    return value
+
+
+def build_filled(build: Callable[[], _N], design: Mapping[str, Any], tensors: Mapping[str, Tensor], path: Path) -> _N:
+    """A network of a file's own design with its values, built only once its shapes are known to be the file's.
+
+    The first one is built without memory, so that a design allocates no more than the file's own size allows.
+
+    Args:
+        build: makes the network.
+        design: the plain values that it is made from.
+        tensors: values by name.
+        path: of the file, for messages.
+
+    Raises:
+        InputError: the design is deeper than the file's values, or see `fill`.
+        KeyError, TypeError, ValueError: what ``build`` raises for a design that it does not know.
+    """
+    depth = _blocks(design)
+    if depth > len(tensors):
+        raise InputError(path, f"has a design of {depth} blocks but {len(tensors)} tensors", MEND)
+    with torch.device("meta"):
+        _refuse_misfit(build(), tensors, path)
+    network = build()
+    fill(network, tensors, path)
+    return network
+
+
+def _blocks(design: Any) -> int:
+    """How many blocks a design asks for, each of which has values of its own."""
+    if not isinstance(design, Mapping):
+        return 0
+    counts = [value for name, value in design.items() if name.endswith("blocks")]
+    flat = [n for value in counts for n in (value if isinstance(value, list) else [value]) if isinstance(n, int)]
+    return sum(flat) + sum(_blocks(value) for value in design.values())
+
+
+def _refuse_misfit(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+    expected = {name: value.shape for name, value in network.state_dict().items()}
+    found = {name: value.shape for name, value in tensors.items()}
+    if expected != found:
+        odd = sorted(set(expected.items()) ^ set(found.items()))[0][0]
+        raise InputError(path, f"does not fit its own design at {odd}", MEND)
 
 
 def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
@@ -69,16 +139,16 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
         path: of the file, for messages.
 
     Raises:
-        InputError: names or shapes differ, or a value is not finite.
+        InputError: names or shapes differ, or a value is no number or not finite.
     """
-    expected = {name: value.shape for name, value in network.state_dict().items()}
-    found = {name: value.shape for name, value in tensors.items()}
-    if expected != found:
-        odd = sorted(set(expected.items()) ^ set(found.items()))[0][0]
-        raise InputError(path, f"does not fit its own design at {odd}", MEND)
-    if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
+    _refuse_misfit(network, tensors, path)
+    odd = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
+    if odd:
+        raise InputError(path, f"holds values of type {odd[0]}", MEND)
+    values = {name: value.float() for name, value in tensors.items()}
+    if not all(bool(torch.isfinite(value).all()) for value in values.values()):
         raise InputError(path, "holds values that are not finite", MEND)
-    network.load_state_dict({name: value.float() for name, value in tensors.items()})
+    network.load_state_dict(values)
 
 
 def checkpoint_digest(path: Path) -> str:
@@ -94,10 +164,7 @@ def checkpoint_digest(path: Path) -> str:
     """
     tensors, metadata = _read(path)
     told = {name: text for name, text in metadata.items() if name != "card"}
-    try:
-        strength = json.loads(metadata.get("card", "{}")).get("strength", 1)
-    except (ValueError, AttributeError) as error:
-        raise InputError(path, f"has a card that is no mapping ({error})", MEND) from error
+    strength = described(metadata, "card", path).get("strength", 1) if "card" in metadata else 1
     if strength != 1:
         told["strength"] = repr(strength)
     hashed = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
@@ -113,6 +180,8 @@ def find_checkpoint(source: str | Path) -> Path:
     Raises:
         InputError: it is neither.
     """
+    if not isinstance(source, str | Path):
+        raise InputError("weights", f"is {shown(source)}", "name a file or shipped weights")
     path = Path(source)
     shipped = SHIPPED / f"{source}.safetensors"
     if path.is_file():

@@ -4,6 +4,8 @@
 class InputError(ValueError):
     """What the user handed in cannot be used; the command line turns it into one line and exit code 2.
 
+    The message is one printable line whatever the parts hold, since they quote files that others wrote.
+
     Args:
         subject: what is wrong, named as the user knows it: a file, an option.
         received: the value or state that was found.
@@ -17,7 +19,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, subject: object, received: str, remedy: str) -> None:
-        super().__init__(f"{subject}: {received}; {remedy}")
+        super().__init__("{}: {}; {}".format(*(one_line(str(part)) for part in (subject, received, remedy))))
         self.subject = str(subject)
         self.received = received
         self.remedy = remedy
@@ -25,6 +27,15 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         """Pickle by the three parts, so that the error survives worker processes."""
         return InputError, (self.subject, self.received, self.remedy)
+
+
+def one_line(text: str, longest: int = 600) -> str:
+    """The text with line breaks and control characters escaped, its middle left out where it is too long."""
+    escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    if len(escaped) <= longest:
+        return escaped
+    half = longest // 2
+    return f"{escaped[:half]} ... {escaped[-half:]}"
 
 
 def reason_of(error: BaseException) -> str:

@@ -7,9 +7,11 @@ import io
 import os
 import tempfile
 import threading
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,6 +91,35 @@ def load_array(path: str | Path, name: Callable[[list[str]], str] | None = None)
             if name is None:
                 raise ValueError("holds several arrays, one is expected")
             return stored[name(stored.files)]
+
+
+def array_header(path: str | Path, name: Callable[[list[str]], str] | None = None) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of the array that `load_array` would read, from its header.
+
+    Args:
+        path: the file.
+        name: see `load_array`.
+
+    Raises:
+        OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: as `load_array`; a .npz with another file in it.
+    """
+    with _headers, open(path, "rb") as file:
+        if not zipfile.is_zipfile(file):
+            file.seek(0)
+            return _header(file)
+        if name is None:
+            raise ValueError("holds several arrays, one is expected")
+        with zipfile.ZipFile(file) as archive:
+            names = [entry.removesuffix(".npy") for entry in archive.namelist()]
+            with archive.open(f"{name(names)}.npy") as member:
+                return _header(member)
+
+
+def _header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    return shape, dtype
 
 
 def unwritable(path: str | Path, error: OSError) -> InputError:

@@ -171,3 +171,12 @@ def test_only_so_many_are_kept_and_sizes_and_knowledge_are_told_apart():
     assert len(cache.kept) == 8
     assert grows(seen, ("a", "b", "c")) == 3
     assert cache(views(references=0), ()) is None
+
+
+@pytest.mark.parametrize("value", [1e30, -1e30, float("nan")])
+@pytest.mark.parametrize("field", ["render", "references", "alpha"])
+def test_views_that_would_overflow_are_refused(field, value):
+    seen = views()
+    getattr(seen, field).flatten()[7] = value
+    with pytest.raises(InputError, match=f"has 1 values that are not finite or beyond 1000 in its {field}"):
+        Enhancer(trained(), ReferenceConfig(), precision="float32").enhance(seen)

@@ -100,3 +100,50 @@ def test_values_that_are_not_finite_are_refused(file):
     save_file(tensors, file, metadata)
     with pytest.raises(InputError, match="not finite"):
         load_weights(file)
+
+
+def changed(file, **texts):
+    from safetensors import safe_open
+
+    with safe_open(str(file), framework="pt") as opened:
+        metadata = opened.metadata()
+    save_file(load_file(file), file, metadata | texts)
+
+
+@pytest.mark.parametrize(
+    ("widths", "blocks", "message"),
+    [([1024, 1024, 1024], [1, 1, 1], "does not fit its own design"), ([16, 16, 24], [500, 500, 500], "1501 blocks")],
+)
+def test_a_design_larger_than_its_values_is_refused_before_it_is_built(file, monkeypatch, widths, blocks, message):
+    design = design_of(trained(refine=Deformable(kernel=1))) | {"widths": widths, "blocks": blocks}
+    changed(file, design=json.dumps(design))
+    built = []
+    register = torch.nn.Module.register_parameter
+
+    def counted(module, name, parameter):
+        built.append(0 if parameter is None or parameter.is_meta else parameter.numel())
+        register(module, name, parameter)
+
+    monkeypatch.setattr(torch.nn.Module, "register_parameter", counted)
+    with pytest.raises(InputError, match=message):
+        load_weights(file)
+    assert sum(built) == 0
+
+
+@pytest.mark.parametrize("card", ["[1]", "[" * 100_000, '{"a": ' + "1" * 5000 + "}", "5", "{"])
+@pytest.mark.parametrize("part", ["card", "design", "reference_config"])
+def test_metadata_that_is_no_mapping_is_refused(file, part, card):
+    changed(file, **{part: card})
+    with pytest.raises(InputError, match=rf"net\.safetensors.*{part}"):
+        load_weights(file)
+
+
+@pytest.mark.parametrize("dtype", [torch.int16, torch.bool, torch.float8_e4m3fn])
+def test_values_of_other_types_are_refused(file, dtype):
+    from safetensors import safe_open
+
+    with safe_open(str(file), framework="pt") as opened:
+        metadata = opened.metadata()
+    save_file({name: value.to(dtype) for name, value in load_file(file).items()}, file, metadata)
+    with pytest.raises(InputError, match="holds values of type"):
+        load_weights(file)

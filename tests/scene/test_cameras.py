@@ -7,7 +7,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import read_cameras, write_cameras, write_scene_cameras
 from gaussian_enhancer.scene.colmap import load_colmap
 from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.renders import read_folder, read_run
 from support.captures_on_disk import write_colmap
+from support.synthetic_runs import write_plane_run
 
 
 @pytest.fixture
@@ -61,7 +63,7 @@ def test_nothing_half_written_stays(tmp_path, scene):
         (lambda c: c.clear(), "lists no cameras"),
         (lambda c: c[1].update(fx=0), "entry 1.*focal"),
         (lambda c: c[1].pop("fy"), "entry 1.*fy"),
-        (lambda c: c[1].update(width=0), "entry 1.*0x48"),
+        (lambda c: c[1].update(width=0), "entry 1.*width = 0"),
         (lambda c: c[1].update(position=[1, 2]), "entry 1.*malformed pose"),
         (lambda c: c[1].update(position=[1, 2, float("nan")]), "entry 1.*NaN"),
         (lambda c: c[1].update(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]), "entry 1.*scales"),
@@ -75,3 +77,28 @@ def test_unusable_entries_are_named(tmp_path, scene, change, message):
     (tmp_path / "cameras.json").write_text(json.dumps(entries))
     with pytest.raises(InputError, match=message):
         read_cameras(tmp_path / "cameras.json")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("cx", float("inf")), ("cx", 1e30), ("width", float("nan")), ("fx", 1e-300)]
+)
+def test_values_that_no_camera_has_are_refused(tmp_path, scene, key, value):
+    write_scene_cameras(tmp_path / "cameras.json", scene)
+    entries = json.loads((tmp_path / "cameras.json").read_text())
+    entries[1][key] = value
+    (tmp_path / "cameras.json").write_text(json.dumps(entries))
+    with pytest.raises(InputError, match="entry 1"):
+        read_cameras(tmp_path / "cameras.json")
+
+
+def test_a_camera_for_two_views_is_refused(tmp_path):
+    write_plane_run(tmp_path)
+    entries = json.loads((tmp_path / "cameras.json").read_text())
+    entries.append({**entries[1], "img_name": entries[0]["img_name"]})
+    (tmp_path / "cameras.json").write_text(json.dumps(entries))
+    with pytest.raises(InputError, match=r"cameras\.json: lists 'view_000' more than once"):
+        read_run(tmp_path)
+    with pytest.raises(InputError, match=r"cameras\.json: lists 'view_000' more than once"):
+        read_folder(
+            tmp_path / "test/ours_100/renders", tmp_path / "test/ours_100/gt", cameras=tmp_path / "cameras.json"
+        )

@@ -184,3 +184,88 @@ def test_sparse_split(tmp_path):
     scene = load_colmap(tmp_path, split=Split(test_every=4, train_every=3, unused_as_test=True))
     assert scene.train == (1, 5)
     assert scene.test == (0, 2, 3, 4, 6, 7, 8)
+
+
+def damaged(folder, stem, change):
+    file = folder / f"sparse/0/{stem}"
+    file.write_text(change(file.read_text()))
+
+
+@pytest.mark.parametrize(("quaternion", "shown"), [("0 0 0 0", "length 0"), ("nan 0 0 0", "length nan")])
+def test_a_rotation_that_is_none_is_refused(tmp_path, quaternion, shown):
+    write_colmap(tmp_path)
+    images = tmp_path / "sparse/0/images.txt"
+    lines = images.read_text().split("\n")
+    words = lines[1].split(" ")
+    lines[1] = " ".join([words[0], quaternion, *words[5:]])
+    images.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=rf"images\.txt: gives view_00\.png a quaternion of {shown}"):
+        load_colmap(tmp_path)
+
+
+def test_a_quaternion_of_zeros_in_a_binary_model_is_refused(tmp_path):
+    write_colmap(tmp_path)
+    colmap_to_binary(tmp_path / "sparse/0")
+    file = tmp_path / "sparse/0/images.bin"
+    data = file.read_bytes()
+    file.write_bytes(data[:12] + bytes(32) + data[44:])
+    with pytest.raises(InputError, match="a quaternion of length 0"):
+        load_colmap(tmp_path)
+
+
+@pytest.mark.parametrize("far", ["1e300", "1e20"])
+def test_a_translation_beyond_single_precision_is_refused(tmp_path, far):
+    write_colmap(tmp_path)
+    images = tmp_path / "sparse/0/images.txt"
+    lines = images.read_text().split("\n")
+    words = lines[1].split(" ")
+    words[5] = far
+    lines[1] = " ".join(words)
+    images.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"view_00\.png: has a pose with the value"):
+        load_colmap(tmp_path)
+
+
+def test_random_points_and_points_beyond_single_precision_are_refused(tmp_path):
+    write_colmap(tmp_path)
+    damaged(tmp_path, "points3D.txt", lambda text: text.replace("0.15", "1e300"))
+    with pytest.raises(InputError, match="1 of 1 points that are not finite or too far away"):
+        load_colmap(tmp_path)
+    damaged(tmp_path, "points3D.txt", lambda text: text.replace("1e300", "0.15"))
+    colmap_to_binary(tmp_path / "sparse/0")
+    (tmp_path / "sparse/0/points3D.bin").write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(InputError, match=r"points3D\.bin: is truncated or damaged \(5000 bytes\)"):
+        load_colmap(tmp_path)
+
+
+def test_names_that_are_no_utf8_and_numbers_twice_are_refused(tmp_path):
+    write_colmap(tmp_path)
+    damaged(tmp_path, "cameras.txt", lambda text: text + text)
+    with pytest.raises(InputError, match=r"cameras\.txt: lists number 1 more than once"):
+        load_colmap(tmp_path)
+    damaged(tmp_path, "cameras.txt", lambda text: text[: len(text) // 2])
+    images = tmp_path / "sparse/0/images.txt"
+    images.write_bytes(images.read_bytes().replace(b"view_00", b"vi\xe9w_00"))
+    with pytest.raises(InputError, match=r"is no UTF-8"):
+        load_colmap(tmp_path)
+    images.write_bytes(images.read_bytes().replace(b"vi\xe9w_00", b"view_00"))
+    colmap_to_binary(tmp_path / "sparse/0")
+    binary = tmp_path / "sparse/0/images.bin"
+    binary.write_bytes(binary.read_bytes().replace(b"view_00", b"vi\xe9w_00"))
+    with pytest.raises(InputError, match=r"images\.bin: lists the photo .*no UTF-8"):
+        load_colmap(tmp_path)
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_what_is_read_is_what_colmap_reads(tmp_path, binary):
+    import pycolmap
+
+    write_colmap(tmp_path)
+    folder = tmp_path / "sparse/0"
+    reference = pycolmap.Reconstruction(str(folder))
+    if binary:
+        colmap_to_binary(folder)
+    poses = {photo.name: photo.camera.world_to_camera for photo in load_colmap(tmp_path).photos}
+    assert set(poses) == {image.name for image in reference.images.values()}
+    for image in reference.images.values():
+        np.testing.assert_allclose(poses[image.name][:3], image.cam_from_world().matrix(), atol=1e-6)

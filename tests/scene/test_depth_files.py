@@ -1,3 +1,6 @@
+import io
+import zipfile
+
 import numpy as np
 import pytest
 import torch
@@ -57,7 +60,44 @@ def test_negative_depth_and_odd_arrays_are_refused(tmp_path):
         ("negative.npy", "depth -"),
         ("colour.npy", "shape"),
         ("two.npz", "named depth"),
-        ("object.npy", "cannot be read"),
+        ("object.npy", "holds object"),
     ]:
         with pytest.raises(InputError, match=message):
             ReadDepth(tmp_path / name)()
+
+
+@pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf"), None, True])
+def test_a_scale_that_is_no_positive_number_is_refused(tmp_path, scale):
+    reader = ReadDepth(tmp_path / "a.npy")
+    object.__setattr__(reader, "scale", scale)  # the tests' own shape checks would stop a constructor's argument
+    with pytest.raises(InputError, match=r"depth_scale: is "):
+        reader.__post_init__()
+
+
+def test_depth_that_would_overflow_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((5, 7), 1e38, np.float32))
+    with pytest.raises(InputError, match=r"a\.npy: has depth 1e\+38"):
+        ReadDepth(tmp_path / "a.npy")()
+
+
+def test_a_depth_map_larger_than_the_limit_is_refused_from_its_header(tmp_path):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (36000, 36000)})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("depth.npy", header.getvalue() + bytes(1000))
+    with pytest.raises(InputError, match=r"a\.npz: is a depth map of shape \(36000, 36000\), which takes up to"):
+        depth_size(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(("name", "content"), [("depth.txt", b"hello"), ("depth.npy", b"hello"), ("depth.npy", b"")])
+def test_members_that_are_no_arrays_are_refused(tmp_path, name, content):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr(name, content)
+    with pytest.raises(InputError, match=r"a\.npz: cannot be decoded"):
+        depth_size(tmp_path / "a.npz")
+
+
+def test_depth_in_a_palette_is_refused(tmp_path):
+    Image.fromarray(np.zeros((5, 7), np.uint8)).convert("P").save(tmp_path / "a.png")
+    with pytest.raises(InputError, match="mode P"):
+        depth_size(tmp_path / "a.png")

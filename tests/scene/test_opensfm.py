@@ -94,3 +94,22 @@ def test_drop(tmp_path):
     write_opensfm(tmp_path)
     (tmp_path / "images/view_00.png").unlink()
     assert len(load_opensfm(tmp_path, missing="drop").photos) == COUNT - 1
+
+
+@pytest.mark.parametrize("part", ["cameras", "shots", "points"])
+@pytest.mark.parametrize("value", [[1], 5, "abc"])
+def test_parts_that_are_no_objects_are_refused(tmp_path, part, value):
+    content = write_opensfm(tmp_path)
+    content[0][part] = value
+    (tmp_path / "reconstruction.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"has {part} = "):
+        load_opensfm(tmp_path)
+
+
+@pytest.mark.parametrize("part", ["cameras", "shots"])
+def test_parts_that_are_null_are_refused(tmp_path, part):
+    content = write_opensfm(tmp_path)
+    content[0][part] = None
+    (tmp_path / "reconstruction.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"has {part} = None"):
+        load_opensfm(tmp_path)

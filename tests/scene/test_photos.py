@@ -145,3 +145,17 @@ def test_impossible_downscale_is_refused(downscale):
 
 def test_downscaled_size_rounds():
     assert downscaled_size(31, 45, 4) == (8, 11)
+
+
+def test_an_image_larger_than_the_limit_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
+    Image.new("L", (500, 400)).save(tmp_path / "a.png")
+    read_header(tmp_path / "a.png")
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_READ_LIMIT", "0.001")
+    with pytest.raises(InputError, match=r"a\.png: is an image of 500x400 pixels, which takes up to"):
+        decode(tmp_path / "a.png")
+
+
+def test_other_formats_under_a_photos_name_are_no_images(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n")
+    with pytest.raises(InputError, match=r"a\.png: is no image"):
+        read_header(tmp_path / "a.png")

@@ -4,13 +4,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 import torch
 from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.capture import open_capture
-from gaussian_enhancer.scene.colmap import read_model
 from gaussian_enhancer.scene.neighbours import rank_references
 
 pytestmark = pytest.mark.captures
@@ -48,7 +48,7 @@ def seen_by_both(folder, scene, *names):
     """Positions of the points that structure from motion tracked in both photos (all of them without tracks)."""
     if not (folder / "sparse").is_dir():
         return scene.points.positions
-    model = read_model(folder / "sparse/0")
+    model = pycolmap.Reconstruction(str(folder / "sparse/0"))
     pair = {image.image_id for image in model.images.values() if image.name in names}
     tracked = [p for p in model.points3D.values() if pair <= {e.image_id for e in p.track.elements}]
     return torch.tensor(np.array([p.xyz for p in tracked]), dtype=torch.float32)
@@ -60,7 +60,7 @@ def correlation(a, b):
 
 @pytest.mark.parametrize("name", ["monstree", "panel17"])
 def test_points_reproject_to_their_observations(capture, name):
-    scene, model = open_capture(capture(name)), read_model(capture(name) / "sparse/0")
+    scene, model = open_capture(capture(name)), pycolmap.Reconstruction(str(capture(name) / "sparse/0"))
     cameras = {photo.name: photo.camera for photo in scene.photos}
     errors = []
     for image in model.images.values():

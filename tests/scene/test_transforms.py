@@ -207,3 +207,39 @@ def test_unusable_values_are_named(tmp_path, change, message):
 def test_one_lens_far_off_axis_keeps_fy(tmp_path):
     write_transforms(tmp_path)
     assert load_transforms(tmp_path).photos[0].camera.K[1, 1] == FY
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"fl_x": 1e-300}, "focal length 1e-300"),
+        ({"cx": math.inf}, "has cx = inf"),
+        ({"cx": 1e30}, "principal point"),
+        ({"w": math.nan}, "has w = nan"),
+        ({"w": math.inf}, "has w = inf"),
+        ({"h": 10.5}, "has h = 10.5"),
+        ({"train_filenames": 5, "test_filenames": []}, "train_filenames = 5"),
+        ({"train_filenames": [[]], "test_filenames": []}, "train_filenames"),
+        ({"camera_model": [1] * 1000}, "camera_model"),
+    ],
+)
+def test_values_that_no_camera_has_are_refused(tmp_path, values, message):
+    write_transforms(tmp_path, **values)
+    with pytest.raises(InputError, match=message):
+        load_transforms(tmp_path)
+
+
+def test_an_angle_of_nothing_is_refused(tmp_path):
+    content = write_transforms(tmp_path, camera_angle_x=1e-300)
+    del content["fl_x"], content["fl_y"]
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="focal length"):
+        load_transforms(tmp_path)
+
+
+def test_a_pose_of_1e300_is_refused(tmp_path):
+    content = write_transforms(tmp_path)
+    content["frames"][0]["transform_matrix"][0][3] = 1e300
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"view_00\.png: has a pose with the value 1e\+300"):
+        load_transforms(tmp_path)

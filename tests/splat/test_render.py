@@ -246,3 +246,33 @@ def test_refusals() -> None:
         render(gaussians, dataclasses.replace(camera, width=0), ThreeDGS())
     with pytest.raises(InputError, match="float32"):
         render(gaussians.to(torch.float64), camera.to(torch.float64), ThreeDGS(), screen=ScreenStatistics())
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("method", [ThreeDGS(), TwoDGS(), MipSplatting()], ids=lambda method: method.name)
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *[("sh", value) for value in (float("nan"), float("inf"), 1e30)],
+        *[("log_scales", value) for value in (90.0, 200.0, -1000.0, -1e30, float("nan"))],
+        *[(field, float("nan")) for field in ("means", "quaternions", "opacity_logits", "smoothing")],
+        ("quaternions", 0.0),
+    ],
+)
+def test_a_parameter_that_cannot_be_rendered_hides_its_gaussian(method, field, value, dtype) -> None:
+    good, camera = scene(6).to(dtype), turned_camera(20, 24)
+    if isinstance(method, TwoDGS):
+        good = dataclasses.replace(good, log_scales=good.log_scales[:, :2])
+    broken = dataclasses.replace(good, **{field: getattr(good, field).clone()})
+    getattr(broken, field)[2] = value
+    for each in LEARNT:
+        getattr(broken, each).requires_grad_()
+    image = render(broken, camera, method)
+    without = render(good[torch.tensor([0, 1, 3, 4, 5])], camera, method)
+    torch.testing.assert_close(image.colour, without.colour)
+    torch.testing.assert_close(image.depth, without.depth)
+    (image.colour.square().sum() + image.depth.sum() + image.alpha.sum()).backward()
+    for each in LEARNT:
+        gradient = getattr(broken, each).grad
+        assert bool(gradient.isfinite().all()), each
+        assert not bool(gradient[2].any()), each

@@ -7,9 +7,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import torch
 from omegaconf import DictConfig, open_dict
+from pydantic import Field
 from rich.console import Console
 from rich.progress import track
 
@@ -36,6 +38,7 @@ from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.processes import Place, together
+from gaussian_enhancer.typed import check_value
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -107,6 +110,8 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 
 def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, ValidatedInputs]:
     """What enhances, what is enhanced of what was given, and what of it is used."""
+    for name, kind in (("strength", float | None), ("temporal_smoothing", float), ("colour_clamping", int)):
+        check_value(cfg[name], kind, name)
     pretrained = load_weights(cfg.weights)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
     asked = _asked(pretrained, cfg, task.depth)
@@ -178,6 +183,7 @@ def _asked(pretrained: Pretrained, cfg: DictConfig, depth: DepthKind) -> Referen
     if cfg.max_references is None:
         return reference_config
     count = cfg.max_references
+    check_value(count, Annotated[int, Field(ge=0)], "max_references")
     return replace(reference_config, references=count, candidates=max(count, reference_config.candidates))
 
 

@@ -27,6 +27,7 @@ from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_ref
 from gaussian_enhancer.network.network import CachesReferences, Network
 from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.typed import check_value
 from gaussian_enhancer.types import NetworkInput, usable
 
 
@@ -87,6 +88,10 @@ class Enhancer:
         temporal_smoothing: float = 0.0,
         colour_clamping: int = 3,
     ) -> None:
+        for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
+            check_value(share, float, name)
+        for name, side in (("colour_clamping", colour_clamping), ("tile", tile), ("halo", halo)):
+            check_value(side, int, name)
         if not 0 <= strength <= 1:
             raise InputError("strength", f"is {strength}", "use a number from 0 (the render) to 1")
         if not 0 <= temporal_smoothing < 1:

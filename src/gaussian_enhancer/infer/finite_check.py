@@ -2,14 +2,17 @@
 
 import dataclasses
 
-import torch
+from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import NetworkInput
 
+LARGEST = 1e3
+"""Colours are in [0, 1]; renders go beyond by little. Squares of much larger ones overflow half precision."""
+
 
 def refuse_not_finite(views: NetworkInput) -> None:
-    """Refuse views with numbers that are not finite, which a network would spread over the image.
+    """Refuse views with numbers that are not finite or no colours, which a network would spread over the image.
 
     Depth that is not finite counts as unknown and is left to the network.
 
@@ -17,15 +20,19 @@ def refuse_not_finite(views: NetworkInput) -> None:
         views: what is known of the targets.
 
     Raises:
-        InputError: colours, visibility or opacity are not finite somewhere.
+        InputError: colours, visibility or opacity are not finite or beyond 1000 somewhere.
     """
     for field in dataclasses.fields(views):
         image = getattr(views, field.name)
         if image is None or field.name in ("depth", "depth_unit"):
             continue
-        if bool(torch.isfinite(image.sum())):  # one pass; a sum that overflows is looked at again
+        if image.numel() == 0 or _within(image):
             continue
-        count = int((~torch.isfinite(image)).sum())
-        if count:
-            received = f"has {count} values that are not finite in its {field.name.replace('_', ' ')}"
-            raise InputError("view to enhance", received, "render it again, or leave that part out")
+        count = int((~(image.abs() <= LARGEST)).sum())
+        received = f"has {count} values that are not finite or beyond {LARGEST:g} in its {field.name.replace('_', ' ')}"
+        raise InputError("view to enhance", received, "render it again, or leave that part out")
+
+
+def _within(image: Tensor) -> bool:
+    least, largest = image.aminmax()  # one pass; NaN is neither
+    return float(least) >= -LARGEST and float(largest) <= LARGEST

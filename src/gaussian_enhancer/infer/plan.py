@@ -14,6 +14,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.regions import Region
 from gaussian_enhancer.scene.json_file import member, read_json
+from gaussian_enhancer.typed import check_fields
 
 CHOICES = {"references": ("all", "auto"), "depth": ("all", "auto", "none"), "tiles": ("all", "auto")}
 
@@ -46,6 +47,7 @@ class Rules:
     small: int = 0
 
     def __post_init__(self) -> None:
+        check_fields(self, "plan.")
         for name, known in CHOICES.items():
             if getattr(self, name) not in known:
                 raise InputError(f"plan.{name}", f"is {getattr(self, name)!r}", f"choose {', '.join(known)}")

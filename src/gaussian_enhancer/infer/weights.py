@@ -17,7 +17,15 @@ from torch import nn
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
+from gaussian_enhancer.checkpoint import (
+    MEND,
+    build_filled,
+    described,
+    find_checkpoint,
+    read_checkpoint,
+    whole_number,
+    write_checkpoint,
+)
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable, Unrefined
@@ -97,7 +105,7 @@ class Pretrained:
             InputError: it states something that is no number.
         """
         value = self.card.get("strength", 1.0)
-        if not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             name = f"weights {self.card.get('name', 'without a name')}"
             raise InputError(name, f"state strength {value!r}", "give strength= as a number")
         return float(value)
@@ -135,13 +143,14 @@ def load_weights(source: str | Path) -> Pretrained:
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
+    design, prepared, card = (described(metadata, name, path) for name in ("design", "reference_config", "card"))
     try:
-        network = build_design(json.loads(metadata["design"]))
-        reference_config = build_reference_config(json.loads(metadata["reference_config"]))
-        card = json.loads(metadata["card"])
-    except (KeyError, TypeError, ValueError) as error:
+        network = build_filled(lambda: build_design(design), design, tensors, path)
+        reference_config = build_reference_config(prepared)
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
-    fill(network, tensors, path)
     return Pretrained(network.eval(), reference_config, card)
 
 

@@ -14,10 +14,12 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
 from gaussian_enhancer.scene.posed import rigid
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
 from gaussian_enhancer.types import Camera
 
 Side = Literal["train", "test"]
@@ -62,6 +64,7 @@ def write_scene_cameras(path: Path, scene: Scene) -> None:
     write_cameras(path, views, sides)
 
 
+@reader
 def read_cameras(path: Path) -> tuple[ListedCamera, ...]:
     """The cameras of a ``cameras.json``, in the file's order.
 
@@ -72,6 +75,21 @@ def read_cameras(path: Path) -> tuple[ListedCamera, ...]:
     if not isinstance(entries, list) or not entries:
         raise InputError(path, "lists no cameras", "write it again, as a list with one entry for each view")
     return tuple(_listed(entry, f"{path} entry {i}") for i, entry in enumerate(entries))
+
+
+def cameras_by_stem(cameras: Sequence[ListedCamera], source: Path) -> dict[str, Camera]:
+    """Cameras by their photos' names without ending.
+
+    Raises:
+        InputError: two cameras have the same name.
+    """
+    found: dict[str, Camera] = {}
+    for entry in cameras:
+        stem = Path(entry.name).stem
+        if stem in found:
+            raise InputError(source, f"lists {stem!r} more than once", "give every camera the name of its own photo")
+        found[stem] = entry.camera
+    return found
 
 
 def _entry(index: int, view: Photo | RenderedView, side: Side) -> dict[str, Any]:
@@ -94,23 +112,20 @@ def _entry(index: int, view: Photo | RenderedView, side: Side) -> dict[str, Any]
 
 
 def _listed(entry: Any, where: str) -> ListedCamera:
-    width, height = int(number(entry, "width", where)), int(number(entry, "height", where))
+    width, height = pixels(entry, "width", where), pixels(entry, "height", where)
     fx, fy = number(entry, "fx", where), number(entry, "fy", where)
-    if not (width > 0 and height > 0 and 0 < fx < float("inf") and 0 < fy < float("inf")):
-        received = f"is {width}x{height} with focal lengths {fx:g}, {fy:g}"
-        raise InputError(where, received, "give a size and focal lengths above 0")
     cx, cy = number(entry, "cx", where, width / 2), number(entry, "cy", where, height / 2)
-    K = torch.tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    K, _, _ = ideal_pinhole(Lens("PINHOLE", width, height, (fx, fy, cx, cy), where))
     try:
         to_world = torch.tensor(member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
         position = torch.tensor(member(entry, "position", where), dtype=torch.float64).reshape(3)
-    except (TypeError, ValueError, RuntimeError) as error:
+    except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise InputError(where, f"has a malformed pose ({error})", "give a 3x3 rotation and a position") from error
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3, :3] = to_world.T
     pose[:3, 3] = -to_world.T @ position
     split = entry.get("split")
     if split not in (None, "train", "test"):
-        raise InputError(where, f"has split {split!r}", 'give "train" or "test"')
-    camera = Camera(K, rigid(pose, where).float(), height, width)
-    return ListedCamera(str(member(entry, "img_name", where)), camera, split)
+        raise InputError(where, f"has split {shown(split)}", 'give "train" or "test"')
+    camera = Camera(K.float(), rigid(pose, where).float(), height, width)
+    return ListedCamera(text(entry, "img_name", where), camera, split)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reader
 from gaussian_enhancer.scene.colmap import find_model, load_colmap
 from gaussian_enhancer.scene.opensfm import find_reconstruction, load_opensfm
 from gaussian_enhancer.scene.scene import Scene
@@ -11,6 +12,7 @@ from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
 
 
+@reader
 def open_capture(
     path: str | Path,
     *,

@@ -1,30 +1,26 @@
 """COLMAP captures: a model (binary or text) and a folder of photos.
 
-pycolmap reads the model; binary files are walked first, since a truncated one would end the whole process there.
-Axes: p points.
+The model's own files are read by `colmap_model`.
 """
 
-import struct
+import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reader
+from gaussian_enhancer.scene.colmap_model import ColmapImage, ColmapModel, read_colmap_model
 from gaussian_enhancer.scene.photos import ENDINGS, list_images
 from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
-from gaussian_enhancer.scene.scene import Points, Scene
+from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.scene.splits import Split
-from gaussian_enhancer.scene.undistort import Lens
 
-if TYPE_CHECKING:
-    import pycolmap
-
-MODEL_FILES = ("cameras", "images", "points3D")
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 
 
+@reader
 def load_colmap(
     path: str | Path,
     *,
@@ -57,18 +53,16 @@ def load_colmap(
     photos = _by_stem(root / images)
     files: list[PosedFile] = []
     absent: list[str] = []
-    for image in model.images.values():
-        if not image.has_pose:
-            continue
+    for image in model.images:
         found = photos.pop(_key(image.name), None)
         if found is None:
             absent.append(image.name)
         else:
-            files.append(PosedFile(found[0], found[1], _lens(image.camera, folder), _pose(image)))
+            files.append(PosedFile(found[0], found[1], model.cameras[image.camera], _pose(image)))
     refuse_or_drop(absent, "cameras without a photo", root / images, missing)
     refuse_or_drop([listed for listed, _ in photos.values()], "photos without a camera", root / images, missing)
     return build_scene(
-        files, source=root, name=name, downscale=downscale, split=split, background=background, points=_points(model)
+        files, source=root, name=name, downscale=downscale, split=split, background=background, points=model.points
     )
 
 
@@ -82,30 +76,16 @@ def model_ending(folder: Path) -> str | None:
     return next((ending for ending in (".bin", ".txt") if (folder / f"images{ending}").is_file()), None)
 
 
-def read_model(folder: Path) -> "pycolmap.Reconstruction":
+def read_model(folder: Path) -> ColmapModel:
     """Read a COLMAP model, binary or text.
 
     Raises:
         InputError: a file is missing, truncated or malformed.
     """
-    import pycolmap
-
     ending = model_ending(folder)
     if ending is None:
         raise InputError(folder, "holds no COLMAP model", "name the folder of images.bin or images.txt")
-    for stem in MODEL_FILES:
-        file = folder / f"{stem}{ending}"
-        if not file.is_file():
-            raise InputError(file, "does not exist", "copy the whole model: cameras, images and points3D")
-        if ending == ".bin":
-            _check_binary(file)
-    try:
-        model = pycolmap.Reconstruction()
-        (model.read_binary if ending == ".bin" else model.read_text)(str(folder))
-    except (ValueError, IndexError, RuntimeError, KeyError, OSError) as error:
-        reason = str(error).splitlines()[0][:200]
-        raise InputError(folder, f"is no intact COLMAP model ({reason})", "export the model again") from error
-    return model
+    return read_colmap_model(folder, ending)
 
 
 def _model_folder(root: Path, sparse: str | None) -> Path:
@@ -123,7 +103,7 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
     """Photos under the folder, subfolders included, by path without ending: image_4 folders may hold another kind."""
     if not folder.is_dir():
         list_images(folder)
-    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
+    files = sorted(p for p in _walk(folder) if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
         list_images(folder)
     found: dict[str, tuple[str, Path]] = {}
@@ -136,70 +116,25 @@ def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
     return found
 
 
+def _walk(folder: Path) -> Iterator[Path]:
+    """Every file under a folder; unlike `Path.rglob`, a folder that may not be read is an error."""
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for parent, _, names in os.walk(folder, onerror=refuse):
+        yield from (Path(parent) / name for name in names)
+
+
 def _key(listed: str) -> str:
     path = Path(listed.replace("\\", "/"))
     return path.with_suffix("").as_posix() if path.suffix.lower() in ENDINGS else path.as_posix()
 
 
-def _lens(camera: "pycolmap.Camera", folder: Path) -> Lens:
-    source = f"camera {camera.camera_id} of {folder}"
-    return Lens(camera.model_name, camera.width, camera.height, tuple(camera.params.tolist()), source)
+def _pose(image: ColmapImage) -> torch.Tensor:
+    from kornia.geometry.conversions import quaternion_to_rotation_matrix
 
-
-def _pose(image: "pycolmap.Image") -> torch.Tensor:
     pose = torch.eye(4, dtype=torch.float64)
-    pose[:3] = torch.from_numpy(np.asarray(image.cam_from_world().matrix()))
+    pose[:3, :3] = quaternion_to_rotation_matrix(torch.tensor(image.rotation, dtype=torch.float64))
+    pose[:3, 3] = torch.tensor(image.translation, dtype=torch.float64)
     return pose
-
-
-def _points(model: "pycolmap.Reconstruction") -> Points | None:
-    if not model.points3D:
-        return None
-    positions = np.array([point.xyz for point in model.points3D.values()], dtype=np.float32)
-    colours = np.array([point.color for point in model.points3D.values()], dtype=np.float32) / np.float32(255)
-    return Points(torch.from_numpy(positions), torch.from_numpy(colours))
-
-
-def _check_binary(file: Path) -> None:
-    """Walk a binary file's records and compare where they end with the file's size."""
-    data = file.read_bytes()
-    walk = {"cameras": _end_of_cameras, "images": _end_of_images, "points3D": _end_of_points}[file.stem]
-    try:
-        end = walk(data, struct.unpack_from("<Q", data, 0)[0])
-    except (struct.error, ValueError) as error:
-        raise InputError(
-            file, f"is truncated or damaged ({len(data)} bytes)", "copy or export the model again"
-        ) from error
-    if end != len(data):
-        received = f"has {len(data)} bytes where its records take {end}"
-        raise InputError(file, received, "copy or export the model again")
-
-
-def _end_of_cameras(data: bytes, count: int) -> int:
-    import pycolmap
-
-    offset = 8
-    for _ in range(count):
-        _, model, _, _ = struct.unpack_from("<iiQQ", data, offset)
-        if model not in {int(known) for known in pycolmap.CameraModelId.__members__.values()} or model < 0:
-            raise ValueError(f"camera model {model}")
-        camera = pycolmap.Camera(model=pycolmap.CameraModelId(model))
-        offset += 24 + 8 * len(camera.params_info.split(","))
-    return offset
-
-
-def _end_of_images(data: bytes, count: int) -> int:
-    offset = 8
-    for _ in range(count):
-        name_end = data.index(b"\0", offset + 64)
-        (observations,) = struct.unpack_from("<Q", data, name_end + 1)
-        offset = name_end + 9 + 24 * observations
-    return offset
-
-
-def _end_of_points(data: bytes, count: int) -> int:
-    offset = 8
-    for _ in range(count):
-        (track,) = struct.unpack_from("<Q", data, offset + 43)
-        offset += 51 + 8 * track
-    return offset

@@ -3,7 +3,7 @@
 Axes: h height, w width.
 """
 
-import zipfile
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +13,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import load_array
-from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.files import array_header, load_array
+from gaussian_enhancer.input_files import codec, refuse_larger, regular_file
+from gaussian_enhancer.scene.photos import opened
 
 DEPTH_ENDINGS = (".npy", ".npz", ".png")
-UNREADABLE = (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError)
+PNG_MODES = ("I;16", "I;16B", "I;16L", "I", "L")
+FARTHEST_DEPTH = 1e12
+"""Scene units; beyond, squares of differences overflow. Blender writes 1e10 for the background."""
+AGAIN = "write the depth map again"
 
 
 @dataclass(frozen=True)
@@ -27,22 +31,32 @@ class ReadDepth:
     Args:
         path: the file; arrays may be (h, w), (1, h, w) or (h, w, 1); ``.npz`` holds ``depth`` or one array.
         scale: scene units of one stored unit (0.001 for millimetres in a scene in metres).
+
+    Raises:
+        InputError: the scale is no positive number.
     """
 
     path: Path
     scale: float = 1.0
 
+    def __post_init__(self) -> None:
+        number = isinstance(self.scale, int | float) and not isinstance(self.scale, bool)
+        if not (number and 0 < self.scale < math.inf):
+            raise InputError("depth_scale", f"is {self.scale}", "give the scene units of one stored unit, above 0")
+
     def __call__(self) -> Float[Tensor, "1 h w"]:
         """Z depth in scene units; 0 where the file has NaN or infinity, as renderers write for the background.
 
         Raises:
-            InputError: the file is damaged or has negative depth.
+            InputError: the file is damaged, larger than the limit, or has depth that is negative or without bound.
         """
-        depth = np.array(_stored(self.path), dtype=np.float32)
-        depth[~np.isfinite(depth)] = 0
+        stored = _stored(self.path)
+        depth = np.where(np.isfinite(stored), stored, 0) * np.float64(self.scale)
         if depth.size and depth.min() < 0:
             raise InputError(self.path, f"has depth {depth.min():g}", "write z in front of the camera, 0 for none")
-        return torch.from_numpy(depth * np.float32(self.scale))[None]
+        if depth.size and depth.max() > FARTHEST_DEPTH:
+            raise InputError(self.path, f"has depth {depth.max():g}", "write 0 where nothing was hit")
+        return torch.from_numpy(depth.astype(np.float32))[None]
 
 
 def depth_size(path: Path) -> tuple[int, int]:
@@ -51,10 +65,8 @@ def depth_size(path: Path) -> tuple[int, int]:
     Raises:
         InputError: the file is missing or damaged.
     """
-    if path.suffix.lower() == ".png":
-        header = read_header(path)
-        return header.height, header.width
-    height, width = _stored(path).shape
+    _, shape, _ = _announced(path)
+    height, width = _squeezed(shape)
     return height, width
 
 
@@ -63,29 +75,35 @@ def find_depth(folder: Path, stem: str) -> Path | None:
     return next((f for ending in DEPTH_ENDINGS if (f := folder / f"{stem}{ending}").is_file()), None)
 
 
-def _stored(path: Path) -> np.ndarray:
-    if not path.is_file():
-        raise InputError(path, "does not exist", "restore the depth map or leave depth out")
-    try:
-        array = _opened(path)
-    except UNREADABLE as error:
-        received = f"cannot be read ({path.stat().st_size} bytes: {error})"
-        raise InputError(path, received, "write the depth map again") from error
-    squeezed = array[0] if array.ndim == 3 and array.shape[0] == 1 else array
-    squeezed = squeezed[..., 0] if squeezed.ndim == 3 and squeezed.shape[2] == 1 else squeezed
-    if squeezed.ndim != 2 or squeezed.dtype.kind not in "fiu":
-        received = f"holds {array.dtype} of shape {array.shape}"
-        raise InputError(path, received, "store one number a pixel, shape (height, width)")
-    return squeezed
-
-
-def _opened(path: Path) -> np.ndarray:
+def _announced(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
+    """Whether the file is an image, and the shape and type that its header announces, which fit into memory."""
+    regular_file(path)
     if path.suffix.lower() == ".png":
-        from PIL import Image
+        with opened(path) as image:
+            if image.mode not in PNG_MODES:
+                raise InputError(path, f"is an image of mode {image.mode}", "save depth as grey PNG of 16 bits")
+            return True, (image.height, image.width), np.dtype(np.int32)
+    with codec(path, AGAIN):
+        shape, dtype = array_header(path, _named)
+    if len(_squeezed(shape)) != 2 or dtype.kind not in "fiu":
+        raise InputError(path, f"holds {dtype} of shape {shape}", "store one number a pixel, shape (height, width)")
+    # As stored, as float64, masked, as float32.
+    refuse_larger(path, math.prod(shape) * (dtype.itemsize + 8 + 8 + 4), f"is a depth map of shape {shape}")
+    return False, shape, dtype
 
-        with Image.open(path) as image:
+
+def _squeezed(shape: tuple[int, ...]) -> tuple[int, ...]:
+    shape = shape[1:] if len(shape) == 3 and shape[0] == 1 else shape
+    return shape[:2] if len(shape) == 3 and shape[2] == 1 else shape
+
+
+def _stored(path: Path) -> np.ndarray:
+    is_image, shape, _ = _announced(path)
+    if is_image:
+        with opened(path) as image, codec(path, AGAIN):
             return np.asarray(image)
-    return load_array(path, _named)
+    with codec(path, AGAIN):
+        return np.asarray(load_array(path, _named)).reshape(_squeezed(shape))
 
 
 def _named(names: list[str]) -> str:

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.scene.json_file import mapping, member, number, pixels, read_json, text
 from gaussian_enhancer.scene.photos import list_images
 from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
@@ -21,6 +22,7 @@ from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
 
 
+@reader
 def load_opensfm(
     path: str | Path,
     *,
@@ -56,11 +58,10 @@ def load_opensfm(
         count = len(reconstructions) if isinstance(reconstructions, list) else 0
         raise InputError(source, f"has {count} reconstructions, number {component} was asked for", "set component=")
     content = reconstructions[component]
-    lenses = {
-        key: _lens(camera, f"{source} camera {key}") for key, camera in member(content, "cameras", source).items()
-    }
+    cameras = mapping(content, "cameras", source)
+    lenses = {key: _lens(camera, f"{source} camera {key}") for key, camera in cameras.items()}
     photos = {photo.name: photo for photo in list_images(root / images)}
-    shots = member(content, "shots", source)
+    shots = mapping(content, "shots", source)
     refuse_or_drop([s for s in shots if s not in photos], "shots without a photo", source, missing)
     refuse_or_drop([p for p in photos if p not in shots], "photos without a camera", root / images, missing)
     files = [_posed(key, shots[key], photos[key], lenses, source) for key in shots if key in photos]
@@ -98,7 +99,7 @@ def _reconstruction_file(root: Path) -> Path:
 
 
 def _lens(camera: Any, where: str) -> Lens:
-    width, height = int(number(camera, "width", where)), int(number(camera, "height", where))
+    width, height = pixels(camera, "width", where), pixels(camera, "height", where)
     size = max(width, height)
     k1, k2, k3 = (number(camera, key, where, 0.0) for key in ("k1", "k2", "k3"))
     model = camera.get("projection_type", "perspective")
@@ -118,12 +119,12 @@ def _lens(camera: Any, where: str) -> Lens:
     if model == "fisheye_opencv":
         k4 = number(camera, "k4", where, 0.0)
         return Lens("OPENCV_FISHEYE", width, height, (*focals, cx, cy, k1, k2, k3, k4), where)
-    raise InputError(where, f"has projection_type {model!r}", "use perspective, brown, fisheye or fisheye_opencv")
+    raise InputError(where, f"has projection_type {shown(model)}", "use perspective, brown, fisheye or fisheye_opencv")
 
 
 def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
     where = f"{source} shot {key}"
-    camera = member(shot, "camera", where)
+    camera = text(shot, "camera", where)
     if camera not in lenses:
         raise InputError(where, f"names the camera {camera!r}, which is not listed", "export the reconstruction again")
     pose = torch.eye(4, dtype=torch.float64)
@@ -135,20 +136,22 @@ def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Pa
 def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
     values = member(record, key, where)
     if not isinstance(values, list) or len(values) != 3 or not all(isinstance(v, int | float) for v in values):
-        raise InputError(where, f"has {key} = {values!r}", "give three numbers")
+        raise InputError(where, f"has {key} = {shown(values)}", "give three numbers")
     vector = torch.tensor(values, dtype=torch.float64)
     if not bool(torch.isfinite(vector).all()):
-        raise InputError(where, f"has {key} = {values!r}", "remove the shot or reconstruct again: NaN or infinity")
+        raise InputError(where, f"has {key} = {shown(values)}", "remove the shot or reconstruct again: NaN or infinity")
     return vector
 
 
 def _points(content: Any, source: Path) -> Points | None:
-    points = content.get("points") or {}
+    if content.get("points") is None:
+        return None
+    points = mapping(content, "points", source)
     if not points:
         return None
     try:
         positions = np.array([point["coordinates"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
         colours = np.array([point["color"] for point in points.values()], dtype=np.float32).reshape(-1, 3)
-    except (TypeError, KeyError, ValueError) as error:
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
         raise InputError(source, f"has malformed points ({error})", "export the reconstruction again") from error
     return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))

@@ -4,8 +4,6 @@ Pixels are taken as they are stored: an EXIF orientation is not applied, since s
 stored pixels. Axes: c channels (3, or 4 with alpha), h height, w width, H and W the same after resizing.
 """
 
-import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +15,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import codec, reader, refuse_larger, regular_file
+from gaussian_enhancer.typed import check_value
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
-DECODE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error, Image.DecompressionBombError)
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+"""What Pillow may take a file for, whatever its ending: others call programs (EPS) or are rarely tested."""
+PIXEL_BYTES = 48
+"""Bytes of a pixel while it is decoded: four channels as stored, as float, in their order, over the background."""
 REPLACE = "replace the file by an intact copy"
 
 
@@ -32,6 +35,7 @@ class ImageHeader:
     has_alpha: bool
 
 
+@reader
 def list_images(folder: Path) -> list[Path]:
     """The image files directly in a folder, sorted by name.
 
@@ -43,7 +47,19 @@ def list_images(folder: Path) -> list[Path]:
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
         raise InputError(folder, "holds no image", f"name a folder with files ending in {', '.join(ENDINGS)}")
+    for file in files:
+        refuse_unprintable(file.name, folder)
     return files
+
+
+def refuse_unprintable(name: str, source: object) -> None:
+    """Refuse a file name that is no UTF-8 text, which no record or page could show.
+
+    Raises:
+        InputError: it is none.
+    """
+    if any("\ud800" <= letter <= "\udfff" for letter in name):
+        raise InputError(source, f"names {name!r}, which is no UTF-8", "rename the file")
 
 
 def read_header(path: Path) -> ImageHeader:
@@ -52,7 +68,7 @@ def read_header(path: Path) -> ImageHeader:
     Raises:
         InputError: the file is missing, empty or no image.
     """
-    with _opened(path) as image:
+    with opened(path) as image:
         has_alpha = "A" in image.getbands() or "transparency" in image.info
         return ImageHeader(image.height, image.width, has_alpha)
 
@@ -65,14 +81,8 @@ def decode(path: Path) -> Float[Tensor, "c h w"]:
     Raises:
         InputError: the file is missing, empty, truncated, no image, or of a kind without a defined white.
     """
-    with _opened(path) as image:
-        try:
-            pixels = _deep_png(path) if image.format == "PNG" and _is_deep(path) else _shallow(path, image)
-        except InputError:
-            raise
-        except (*DECODE_ERRORS, RuntimeError) as error:
-            size = path.stat().st_size
-            raise InputError(path, f"cannot be decoded ({size} bytes: {error})", REPLACE) from error
+    with opened(path) as image, codec(path, REPLACE):
+        pixels = _deep_png(path) if image.format == "PNG" and _is_deep(path) else _shallow(path, image)
     return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
 
 
@@ -117,7 +127,8 @@ def downscaled_size(height: int, width: int, downscale: int | float) -> tuple[in
     Raises:
         InputError: the factor is below 1, not finite, or leaves no pixel.
     """
-    if not (np.isfinite(downscale) and downscale >= 1):
+    check_value(downscale, float, "downscale")
+    if not downscale >= 1:
         raise InputError("downscale", f"is {downscale}", "give a factor of at least 1 (2 halves width and height)")
     size = round(height / downscale), round(width / downscale)
     if min(size) < 1:
@@ -125,15 +136,24 @@ def downscaled_size(height: int, width: int, downscale: int | float) -> tuple[in
     return size
 
 
-def _opened(path: Path) -> Image.Image:
-    if not path.is_file():
-        raise InputError(path, "does not exist", "check the path, or leave the photo out of the capture")
-    if path.stat().st_size == 0:
+def opened(path: Path) -> Image.Image:
+    """An image file whose header was read, to be used in a ``with`` block.
+
+    Raises:
+        InputError: the file is missing, empty, no image, or larger than the limit.
+    """
+    size = regular_file(path)
+    if size == 0:
         raise InputError(path, "is empty (0 bytes)", REPLACE)
     try:
-        return Image.open(path)
-    except DECODE_ERRORS as error:
-        raise InputError(path, f"is no image ({path.stat().st_size} bytes: {error})", REPLACE) from error
+        with codec(path, REPLACE):
+            image = Image.open(path, formats=FORMATS)
+    except InputError as error:
+        if isinstance(error.__cause__, Image.UnidentifiedImageError):
+            raise InputError(path, f"is no image ({size} bytes)", f"{REPLACE}: {', '.join(FORMATS)}") from error
+        raise
+    refuse_larger(path, image.width * image.height * PIXEL_BYTES, f"is an image of {image.width}x{image.height} pixels")
+    return image
 
 
 def _is_deep(path: Path) -> bool:

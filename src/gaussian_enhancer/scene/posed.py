@@ -15,11 +15,24 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.photos import composite, decode, downscaled_size, read_coverage, read_header, resize
+from gaussian_enhancer.scene.photos import (
+    composite,
+    decode,
+    downscaled_size,
+    read_coverage,
+    read_header,
+    refuse_unprintable,
+    resize,
+)
 from gaussian_enhancer.scene.scene import Photo, Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
 from gaussian_enhancer.types import Camera
+
+FARTHEST = 1e9
+"""Scene units; single precision is 64 units coarse there."""
+FARTHEST_POINT = 1e15
+"""Scene units; the square of a distance overflows single precision beyond 1e19."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +112,7 @@ def build_scene(
     if len(files) < 2:
         raise InputError(source, f"holds {len(files)} usable photo(s)", "give a capture of at least two posed photos")
     names = unique_names([file.listed for file in files], source)
+    _check_points(points, source)
     order = sorted(range(len(files)), key=lambda i: names[i])
     red, green, blue = background
     colour = float(red), float(green), float(blue)
@@ -113,9 +127,11 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
 
     Raises:
         InputError: two photos would get the same name, or names that differ by their ending only, so that their
-            outputs would overwrite each other.
+            outputs would overwrite each other; or a name is no text.
     """
     paths = [PurePosixPath(text.replace("\\", "/")) for text in listed]
+    for text in listed:
+        refuse_unprintable(text, source)
     names = [path.name for path in paths]
     if len({PurePosixPath(n).stem for n in names}) < len(names):
         names = ["_".join(part for part in path.parts if part not in (".", "..", "/")) for path in paths]
@@ -123,6 +139,16 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
     if twice:
         raise InputError(source, f"lists {twice[0]!r} more than once", "give every photo a name of its own")
     return names
+
+
+def _check_points(points: Points | None, source: Path) -> None:
+    if points is None:
+        return
+    good = points.positions.abs().le(FARTHEST_POINT).all(1) & points.colours.isfinite().all(1)
+    if not bool(good.all()):
+        count, first = int((~good).sum()), int((~good).nonzero()[0])
+        received = f"has {count} of {len(good)} points that are not finite or too far away (first: {first})"
+        raise InputError(source, received, "remove those points or reconstruct again")
 
 
 def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str) -> None:
@@ -143,10 +169,15 @@ def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor,
     """A pose with its rotation made exactly orthonormal (files round it).
 
     Raises:
-        InputError: the pose is not finite, or its rotation is scaled, skewed or mirrored by more than 1%.
+        InputError: the pose is not finite or too far away for single precision, or its rotation is scaled, skewed or
+            mirrored by more than 1%.
     """
     if not bool(torch.isfinite(world_to_camera).all()):
         raise InputError(where, "has a pose with NaN or infinity", "remove the photo or calibrate again")
+    largest = float(world_to_camera.abs().max())
+    if largest > FARTHEST:
+        received = f"has a pose with the value {largest:g}"
+        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
     U, scales, Vh = torch.linalg.svd(world_to_camera[:3, :3])
     if float((scales - 1).abs().max()) > 0.01 or float(torch.linalg.det(U @ Vh)) < 0:
         received = f"has a pose whose 3x3 part has scales {[round(s, 4) for s in scales.tolist()]} or is mirrored"

@@ -5,13 +5,21 @@ A run holds ``test/ours_<step>/{renders,gt}`` and the same under ``train``; ours
 of its cameras, test cameras first. Sizes are compared from file headers when the set is made.
 """
 
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.cameras import ListedCamera, read_cameras, write_cameras, write_scene_cameras
+from gaussian_enhancer.input_files import read_text, reader
+from gaussian_enhancer.scene.cameras import (
+    ListedCamera,
+    cameras_by_stem,
+    read_cameras,
+    write_cameras,
+    write_scene_cameras,
+)
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
 from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer
 from gaussian_enhancer.scene.photos import list_images, read_header
@@ -45,6 +53,7 @@ def run_steps(folder: Path, side: Literal["train", "test"] = "test") -> tuple[in
     return tuple(sorted(int(match[1]) for match in found if match))
 
 
+@reader
 def read_run(
     folder: str | Path,
     step: int | None = None,
@@ -81,6 +90,7 @@ def read_run(
     return RenderedSet(name or root.resolve().name, targets, references, colour, own)
 
 
+@reader
 def read_folder(
     renders: str | Path,
     photos: str | Path | None = None,
@@ -114,7 +124,7 @@ def read_folder(
     root = Path(renders)
     files = {path.stem: path for path in _distinct(list_images(root))}
     truths = {path.stem: path for path in _distinct(list_images(Path(photos)))} if photos is not None else {}
-    listed = {Path(c.name).stem: c.camera for c in read_cameras(Path(cameras))} if cameras is not None else None
+    listed = cameras_by_stem(read_cameras(Path(cameras)), Path(cameras)) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
     targets = []
     for stem, path in files.items():
@@ -138,6 +148,7 @@ def read_folder(
 def _step(root: Path, step: int | None) -> int:
     if not root.is_dir():
         raise InputError(root, "is no folder", "name a fitted run's folder")
+    os.scandir(root).close()  # globbing takes a folder that may not be read for an empty one
     steps = run_steps(root)
     if not steps:
         raise InputError(root, "holds no test/ours_<step>/renders", "name a fitted run's folder with held-out renders")
@@ -172,7 +183,7 @@ def _match(
     if not cameras:
         return {}, {}
     if all(entry.split is not None for entry in cameras):
-        by_stem = {Path(entry.name).stem: entry.camera for entry in cameras}
+        by_stem = cameras_by_stem(cameras, source)
         unknown = [stem for stem in (*tests, *trains) if stem not in by_stem]
         if unknown:
             raise InputError(source, f"lacks {len(unknown)} cameras, first {unknown[0]!r}", "write it again")
@@ -301,6 +312,6 @@ def _sized(camera: Camera, size: tuple[int, int], image: Path) -> Camera:
 def _background(root: Path) -> Colour:
     """3DGS keeps ``white_background=True`` in the text of its arguments."""
     arguments = root / "cfg_args"
-    if arguments.is_file() and re.search(r"white_background=True", arguments.read_text(encoding="utf-8")):
+    if arguments.is_file() and re.search(r"white_background=True", read_text(arguments)):
         return WHITE
     return BLACK

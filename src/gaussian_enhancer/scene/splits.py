@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.typed import check_fields
 
 Indices = tuple[int, ...]
 
@@ -36,6 +37,7 @@ class Split:
     own: bool = True
 
     def __post_init__(self) -> None:
+        check_fields(self, "split.")
         if self.test_every < 0 or self.test_every == 1:
             raise InputError("split.test_every", f"is {self.test_every}", "give 0 (hold none out) or at least 2")
         if not 0 <= self.test_offset < max(self.test_every, 1):

@@ -15,9 +15,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.json_file import member, number, read_json
+from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.ply_file import read_ply_elements
+from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
-from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import FARTHEST, PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
@@ -27,6 +29,7 @@ SYNTHETIC_SIDES: dict[str, Side] = {"train": "train", "test": "test", "val": "ne
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "RADIAL", "SIMPLE_RADIAL", "FULL_OPENCV")
 
 
+@reader
 def load_transforms(
     path: str | Path,
     *,
@@ -72,6 +75,7 @@ def load_transforms(
     )
 
 
+@reader
 def load_nerf_synthetic(
     path: str | Path,
     *,
@@ -123,7 +127,7 @@ def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[
     absent: list[str] = []
     for index, frame in enumerate(frames):
         where = f"{source} frame {index}"
-        listed = str(member(frame, "file_path", where))
+        listed = text(frame, "file_path", where)
         photo = _on_disk(source.parent, listed)
         if photo is None:
             absent.append(listed)
@@ -147,12 +151,15 @@ def _on_disk(folder: Path, listed: str) -> Path | None:
 def _pose(frame: Any, where: str) -> Float[Tensor, "4 4"]:
     try:
         matrix = np.array(member(frame, "transform_matrix", where), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"has a malformed transform_matrix ({error})", "give 4 rows of 4 numbers") from error
     if matrix.shape not in ((4, 4), (3, 4)):
         raise InputError(where, f"has a transform_matrix of shape {matrix.shape}", "give 4 rows of 4 numbers")
     if not np.isfinite(matrix).all():
         raise InputError(where, "has a pose with NaN or infinity", "remove the frame or calibrate again")
+    if np.abs(matrix).max() > FARTHEST:
+        received = f"has a pose with the value {np.abs(matrix).max():g}"
+        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3] = torch.from_numpy(matrix[:3])
     if abs(float(torch.linalg.det(pose))) < 1e-6:
@@ -163,7 +170,7 @@ def _pose(frame: Any, where: str) -> Float[Tensor, "4 4"]:
 def _lens(values: dict[str, Any], photo: Path, source: Path) -> Lens:
     """Intrinsics of one frame: focal lengths, or else fields of view; the rest by default at the middle."""
     header = read_header(photo)
-    width, height = int(number(values, "w", source, header.width)), int(number(values, "h", source, header.height))
+    width, height = pixels(values, "w", source, header.width), pixels(values, "h", source, header.height)
     if "fl_x" in values:
         fx = number(values, "fl_x", source)
     else:
@@ -177,7 +184,7 @@ def _lens(values: dict[str, Any], photo: Path, source: Path) -> Lens:
     if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):
         return Lens("OPENCV_FISHEYE", width, height, (*head, k1, k2, k3, k4), str(source))
     if model not in PERSPECTIVE or k4 != 0:
-        received = f"has camera_model {model!r} with k4 = {k4:g}"
+        received = f"has camera_model {shown(model)} with k4 = {k4:g}"
         raise InputError(source, received, f"use {', '.join(PERSPECTIVE)} without k4, or OPENCV_FISHEYE")
     if k3 != 0:
         return Lens("FULL_OPENCV", width, height, (*head, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), str(source))
@@ -200,7 +207,10 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
         return files
     sides: dict[str, Side] = {}
     for side in ("train", "test"):
-        for listed in content[f"{side}_filenames"]:
+        names = content[f"{side}_filenames"]
+        if not isinstance(names, list) or not all(isinstance(listed, str) for listed in names):
+            raise InputError(source, f"has {side}_filenames = {shown(names)}", "give a list of file names")
+        for listed in names:
             if sides.get(listed, side) != side:
                 raise InputError(source, f"lists {listed} for training and for testing", "keep it in one list")
             sides[listed] = "train" if side == "train" else "test"
@@ -213,15 +223,14 @@ def _ply_points(root: Path, content: dict[str, Any]) -> Points | None:
     listed = content.get("ply_file_path")
     if listed is None:
         return None
-    from plyfile import PlyData, PlyElementParseError, PlyHeaderParseError
-
     path = root / str(listed)
     if not path.is_file():
         raise InputError(path, "does not exist", "restore it or remove ply_file_path from the JSON file")
-    try:
-        vertex = PlyData.read(str(path))["vertex"]
-        positions = np.stack([vertex[axis] for axis in ("x", "y", "z")], 1).astype(np.float32)
-        colours = np.stack([vertex[band] for band in ("red", "green", "blue")], 1).astype(np.float32)
-    except (PlyElementParseError, PlyHeaderParseError, KeyError, ValueError, OSError) as error:
-        raise InputError(path, f"is no intact point cloud ({error})", "write the file again") from error
+    vertex = read_ply_elements(path, ("vertex",), "write the point cloud again").get("vertex")
+    wanted = ("x", "y", "z", "red", "green", "blue")
+    if vertex is None or not set(wanted) <= set(vertex.dtype.names or ()):
+        raise InputError(path, f"is no intact point cloud: it lacks one of {', '.join(wanted)}", "write it again")
+    with np.errstate(over="ignore"):  # beyond single precision is infinite, which the scene refuses
+        positions = np.stack([vertex[name] for name in wanted[:3]], 1).astype(np.float32)
+        colours = np.stack([vertex[name] for name in wanted[3:]], 1).astype(np.float32)
     return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))

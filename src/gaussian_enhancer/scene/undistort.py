@@ -16,11 +16,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.json_file import LARGEST_SIDE
 
 if TYPE_CHECKING:
     import pycolmap
 
 IDEAL_MODELS = ("PINHOLE", "SIMPLE_PINHOLE")
+LEAST_FOCAL, LARGEST_FOCAL, FARTHEST_CENTRE = 1e-3, 1e5, 100.0
+"""Of what lenses there are, in units of the longer side."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Lens:
         source: the file the values come from, named in errors.
 
     Raises:
-        InputError: a value is not finite, or a focal length or size is not positive.
+        InputError: a value is not finite, or a size, focal length or principal point is none that a lens has.
     """
 
     model: str
@@ -47,15 +50,22 @@ class Lens:
     def __post_init__(self) -> None:
         if not all(np.isfinite(self.params)):
             raise InputError(self.source, f"has intrinsics {self.params}", "calibrate again: all must be finite")
-        if self.width < 1 or self.height < 1:
+        if not (1 <= self.width <= LARGEST_SIDE and 1 <= self.height <= LARGEST_SIDE):
             raise InputError(self.source, f"has a camera of {self.width}x{self.height} pixels", "correct the size")
         camera = self.colmap
         if not camera.verify_params():
             received = f"has {len(self.params)} parameters for {self.model} ({camera.params_info})"
             raise InputError(self.source, received, "give one value for each")
         focal = camera.focal_length_x, camera.focal_length_y
-        if min(focal) <= 0:
-            raise InputError(self.source, f"has focal length {min(focal):g}", "give a focal length above 0 pixels")
+        side = max(self.width, self.height)
+        if not side * LEAST_FOCAL <= min(focal) <= max(focal) <= side * LARGEST_FOCAL:
+            wrong = min(focal) if min(focal) < side * LEAST_FOCAL else max(focal)
+            received = f"has focal length {wrong:g} for a camera of {self.width}x{self.height} pixels"
+            raise InputError(self.source, received, "give one above 0 pixels, 0.001 to 100,000 times the size")
+        centre = camera.principal_point_x, camera.principal_point_y
+        if max(abs(centre[0]), abs(centre[1])) > side * FARTHEST_CENTRE:
+            received = f"has its principal point at {centre[0]:g}, {centre[1]:g}"
+            raise InputError(self.source, received, "give it in pixels, in the picture or near it")
 
     @property
     def colmap(self) -> "pycolmap.Camera":

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.splat.io.validity import only_renderable
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
 from gaussian_enhancer.splat.screen import ScreenStatistics, array
 from gaussian_enhancer.types import Camera, Gaussians, Render
@@ -35,6 +36,9 @@ def render(
     float32 on the CPU runs the compiled kernels, float64 the plain torch twin (`splat.oracle`), CUDA gsplat. Half
     precision cannot address pixels: float16 and bfloat16 are computed in float32, and the image is float32.
 
+    Gaussians with values that are not finite, or beyond `splat.io.validity.LIMITS`, are nowhere visible and get
+    gradients of 0.
+
     Args:
         gaussians: the splat; three scale axes for ellipsoids, two for disks.
         camera: on any device; its size is the image's.
@@ -50,6 +54,7 @@ def render(
     if gaussians.means.dtype in (torch.float16, torch.bfloat16):
         gaussians = _widened(gaussians)
     _check(gaussians, camera, method, near, screen)
+    gaussians = only_renderable(gaussians)
     if gaussians.means.device.type == "cuda":
         from gaussian_enhancer.splat.gsplat_backend import render_gsplat
 

@@ -32,7 +32,7 @@ def test_other_content_is_refused_with_the_formats_that_are_read(tmp_path: Path,
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
         read_splat(tmp_path / "none.ply")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder"):
         read_splat(tmp_path)
 
 

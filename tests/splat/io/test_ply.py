@@ -106,7 +106,7 @@ def test_a_truncated_file_is_refused_by_name(tmp_path: Path, keep: int) -> None:
 
 @pytest.mark.parametrize("name", ["missing.ply", "."])
 def test_what_is_not_there_is_refused_by_name(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"does not exist|cannot be read"):
+    with pytest.raises(InputError, match=r"does not exist|is a folder"):
         read_ply(tmp_path / name)
 
 
@@ -164,3 +164,37 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path, spare:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (tmp_path / "a.ply").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.ply"]
+
+
+@pytest.mark.parametrize("count", [str(2**63), "9" * 400, "-1", "1e9", "99999999"])
+def test_a_count_that_no_file_has_is_refused_from_the_header(tmp_path: Path, count: str) -> None:
+    write_ply(tmp_path / "a.ply", splat())
+    whole = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(whole.replace(b"element vertex 7", f"element vertex {count}".encode()))
+    with pytest.raises(InputError, match=r"a\.ply: (announces|is no readable)"):
+        read_ply(tmp_path / "a.ply")
+
+
+def test_a_splat_beyond_the_limit_is_refused_from_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_ply(tmp_path / "a.ply", splat())
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_READ_LIMIT", "1e-6")
+    with pytest.raises(InputError, match=r"a\.ply: announces 7 rows, which takes up to"):
+        read_ply(tmp_path / "a.ply")
+
+
+def test_lists_are_refused(tmp_path: Path) -> None:
+    text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty list uchar int y\nend_header\n1 2 3 4\n"
+    (tmp_path / "a.ply").write_text(text)
+    with pytest.raises(InputError, match="has lists in its element vertex"):
+        read_ply(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("sh", 1e20), ("log_scales", 90.0), ("log_scales", -1e30), ("means", 1e30)]
+)
+def test_values_that_overflow_are_refused(tmp_path: Path, field: str, value: float) -> None:
+    gaussians = splat()
+    getattr(gaussians, field)[4] = value
+    write_ply(tmp_path / "a.ply", gaussians)
+    with pytest.raises(InputError, match="1 of 7 Gaussians"):
+        read_ply(tmp_path / "a.ply")

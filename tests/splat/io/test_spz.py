@@ -1,5 +1,6 @@
 import gzip
 import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +116,7 @@ def test_every_truncation_is_refused_by_name(tmp_path: Path, version: int) -> No
 @pytest.mark.parametrize("count", [5, 7, 2**32 - 1])
 def test_a_count_that_does_not_fit_is_refused(tmp_path: Path, version: int, count: int) -> None:
     (tmp_path / "a.spz").write_bytes(packed(version, 1, attributes(version, 1), count=count))
-    with pytest.raises(InputError, match="bytes where"):
+    with pytest.raises(InputError, match=r"bytes where|announces"):
         read_spz(tmp_path / "a.spz")
 
 
@@ -142,3 +143,38 @@ def test_damaged_streams_are_refused(tmp_path: Path) -> None:
         if version == 2:  # gzip has a checksum; a zstd frame of incompressible bytes need not notice
             with pytest.raises(InputError, match="damaged"):
                 read_spz(tmp_path / "a.spz")
+
+
+def peak_of_refusal(path: Path, message: str) -> int:
+    """Bytes that Python allocated at most while a file was refused."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=message):
+            read_spz(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_gzip_bomb_is_read_only_as_far_as_its_header_says(tmp_path: Path) -> None:
+    bomb = gzip.compress(header(3, 1, 6) + bytes(300_000_000))
+    (tmp_path / "a.spz").write_bytes(bomb)
+    assert peak_of_refusal(tmp_path / "a.spz", "holds more than 174 bytes") < 10 * len(bomb)
+
+
+def test_a_zstd_bomb_is_not_unpacked(tmp_path: Path) -> None:
+    whole = packed(4, 1, attributes(4, 1))
+    bomb = zstandard.ZstdCompressor().compress(bytes(300_000_000))
+    start = 32 + 16 * whole[15]
+    (tmp_path / "a.spz").write_bytes(whole[:32] + struct.pack("<Q", len(bomb)) + whole[40:start] + bomb + whole[start:])
+    assert peak_of_refusal(tmp_path / "a.spz", "has a stream of 300000000 bytes instead of 54") < 1_000_000
+
+
+def test_what_is_announced_is_more_than_what_is_taken(tmp_path: Path) -> None:
+    count, degree = 20_000, 3
+    (tmp_path / "a.spz").write_bytes(packed(3, degree, attributes(3, degree, count), count=count))
+    tracemalloc.start()
+    read_spz(tmp_path / "a.spz")
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert taken < count * (320 + 64 * COEFFICIENTS[degree])

@@ -9,7 +9,15 @@ from typing import Any
 
 import torch
 
-from gaussian_enhancer.checkpoint import MEND, fill, find_checkpoint, read_checkpoint, whole_number, write_checkpoint
+from gaussian_enhancer.checkpoint import (
+    MEND,
+    build_filled,
+    described,
+    find_checkpoint,
+    read_checkpoint,
+    whole_number,
+    write_checkpoint,
+)
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.second_stage import (
     DiffusedGenerator,
@@ -61,12 +69,13 @@ def load_model(source: str | Path) -> PretrainedModel:
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
+    design, card = (described(metadata, name, path) for name in ("design", "card"))
     try:
-        model = FactorModel(_design(json.loads(metadata["design"])))
-        card = json.loads(metadata["card"])
-    except (KeyError, TypeError, ValueError) as error:
+        model = build_filled(lambda: FactorModel(_design(design)), design, tensors, path)
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
         raise InputError(path, f"describes no simulator that this version knows ({error})", MEND) from error
-    fill(model, tensors, path)
     return PretrainedModel(model.eval(), card)
 
 

@@ -18,6 +18,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
 from gaussian_enhancer.splat.fit.turned import turned
 from gaussian_enhancer.splat.screen import ScreenStatistics
+from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 SPLIT_SHRINK = 1.6
@@ -55,6 +56,7 @@ class Densification:
     growth: float = 0.2
 
     def __post_init__(self) -> None:
+        check_fields(self, "densify.")
         if self.every < 0 or self.reset_every < 0:
             raise InputError("densify.every", f"is {min(self.every, self.reset_every)}", "give 0 or a number of steps")
         if not 0 <= self.start <= self.stop <= 1:

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.adam import Moments, adam_step
+from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 LEARNT = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
@@ -49,6 +50,7 @@ class LearningRates:
     boost: float = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(self, "rates.")
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not (0 < value < 1e3 or (field.name == "boost" and value == 0)):

@@ -19,6 +19,7 @@ from torch.nn import functional
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.splat.fit.geometry import focus_distance, matching_cost
+from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Camera
 
 
@@ -45,6 +46,9 @@ class SweepSettings:
     agreement: float = 0.02
     confirmations: int = 1
     views: int = 60
+
+    def __post_init__(self) -> None:
+        check_fields(self, "sweep.")
 
 
 @dataclass(frozen=True)

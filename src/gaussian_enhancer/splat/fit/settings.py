@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import Densification
@@ -9,6 +12,7 @@ from gaussian_enhancer.splat.fit.optimise import LearningRates
 from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
 from gaussian_enhancer.splat.fit.relocation import Relocation
 from gaussian_enhancer.splat.fit.start import STARTS
+from gaussian_enhancer.typed import check_fields
 
 
 @dataclass(frozen=True)
@@ -22,9 +26,12 @@ class Regularisation:
             rises to make up for them (Park et al., DropGaussian, CVPR 2025).
     """
 
-    opacity: float = 0.01
-    scale: float = 0.0
-    dropout: float = 0.0
+    opacity: Annotated[float, Field(ge=0)] = 0.01
+    scale: Annotated[float, Field(ge=0)] = 0.0
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "regularisation.")
 
 
 @dataclass(frozen=True)
@@ -53,8 +60,8 @@ class FitSettings:
     max_gaussians: int = 20_000
     sh_degree: int = 1
     snapshots: Sequence[float] = (0.25, 0.5)
-    seed: int = 0
-    ssim_weight: float = 0.2
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    ssim_weight: Annotated[float, Field(ge=0, le=1)] = 0.2
     random_background: bool = False
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification | Relocation = field(default_factory=Densification)
@@ -62,6 +69,7 @@ class FitSettings:
     sweep: SweepSettings = field(default_factory=SweepSettings)
 
     def __post_init__(self) -> None:
+        check_fields(self, "")
         if self.steps < 1:
             raise InputError("steps", f"is {self.steps}", "give at least 1")
         if self.init not in STARTS:

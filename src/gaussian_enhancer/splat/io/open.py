@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reading, regular_file
 from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
 from gaussian_enhancer.splat.io.ply import read_ply
 from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
@@ -34,10 +35,6 @@ def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 
 def _head(path: str | Path) -> bytes:
     """The file's first bytes, enough for the header of any .ply that holds a splat."""
-    try:
-        with open(path, "rb") as file:
-            return file.read(16_384)
-    except FileNotFoundError:
-        raise InputError(path, "does not exist", "check the path") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror or error})", "check the path") from None
+    regular_file(path)
+    with reading(path), open(path, "rb") as file:
+        return file.read(16_384)

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import PlyData, PlyElement
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.ply_file import read_ply_elements
 from gaussian_enhancer.splat.io.validity import validated
 from gaussian_enhancer.types import Gaussians
 
@@ -96,24 +97,12 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
 
 
 def read_elements(path: str | Path) -> dict[str, np.ndarray]:
-    """Read every element of a .ply as a structured array, by name.
+    """Read the elements of a splat's .ply as structured arrays, by name.
 
     Raises:
         InputError: if the file is missing, truncated, or no .ply.
     """
-    remedy = "give a .ply that a splat trainer wrote"
-    try:
-        data = PlyData.read(str(path), mmap="c")
-    except FileNotFoundError:
-        raise InputError(path, "does not exist", "check the path") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror or error})", "check the path") from None
-    except (PlyParseError, ValueError, UnicodeDecodeError, KeyError, MemoryError) as error:
-        size = Path(path).stat().st_size
-        raise InputError(
-            path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
-        ) from None
-    return {element.name: np.asarray(element.data) for element in data.elements}
+    return read_ply_elements(path, ("vertex", "chunk", "sh"), "give a .ply that a splat trainer wrote")
 
 
 def _numbered(names: tuple[str, ...], prefix: str) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ import torch
 from jaxtyping import Float
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_bytes, refuse_larger
 from gaussian_enhancer.splat.io.quantised import completed_rotation, opacity_logits
 from gaussian_enhancer.splat.io.validity import validated
 from gaussian_enhancer.types import Gaussians
@@ -31,6 +32,8 @@ from gaussian_enhancer.types import Gaussians
 MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"
 _REMEDY = "copy or export the file again"
+_LONGEST_EXTENSION = 1 << 24
+_WIDEST_WINDOW = 1 << 27
 _HARMONICS = (0, 3, 8, 15)  # coefficients above the constant, by degree
 # Parity of 3DGS's harmonics (degrees 1 to 3) under (x, y, z) -> (x, -y, -z).
 _HALF_TURN = (-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1)
@@ -65,12 +68,7 @@ def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     Raises:
         InputError: if the file is missing, truncated, of another version, or inconsistent.
     """
-    try:
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "does not exist", "check the path") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror or error})", "check the path") from None
+    data = read_bytes(path)
     if data[:4] == MAGIC:
         header, streams = _read_zstd(path, data)
     elif data[:2] == GZIP_MAGIC:
@@ -97,7 +95,11 @@ def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _
         raise InputError(path, "holds no Gaussians", "export the splat again")
     if degree >= len(_HARMONICS):
         raise InputError(path, f"has harmonics of degree {degree}", "export it with degree 3 or less")
-    return _Header(version, count, degree, fractional_bits, bool(flags & 1), bool(flags & 2))
+    if fractional_bits > 24:
+        raise InputError(path, f"has {fractional_bits} fractional bits where positions have 24", _REMEDY)
+    header = _Header(version, count, degree, fractional_bits, bool(flags & 1), bool(flags & 2))
+    refuse_larger(path, count * (320 + 64 * _HARMONICS[degree]), f"announces {count} Gaussians of degree {degree}")
+    return header
 
 
 def _read_gzip(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
@@ -105,13 +107,14 @@ def _read_gzip(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
     try:
         with gzip.open(io.BytesIO(data)) as stream:
             header = _parse_header(path, stream.read(16), (2, 3))
-            body = stream.read()
+            need = sum(header.sizes)
+            body = stream.read(need)
+            more = len(stream.read(_LONGEST_EXTENSION + 1 if header.extended else 1))  # the end has the checksum
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(path, f"is truncated or damaged ({error})", _REMEDY) from None
-    need = sum(header.sizes)
-    if len(body) < need or (len(body) > need and not header.extended):
-        found = f"holds {len(body)} bytes where {header.count} Gaussians need {need}"
-        raise InputError(path, found, _REMEDY)
+    if len(body) < need or more > (_LONGEST_EXTENSION if header.extended else 0):
+        found = f"holds {len(body)} bytes" if len(body) < need else f"holds more than {need} bytes"
+        raise InputError(path, f"{found} where {header.count} Gaussians need {need}", _REMEDY)
     ends = list(itertools.accumulate(header.sizes, initial=0))
     return header, [body[start:end] for start, end in itertools.pairwise(ends)]
 
@@ -138,7 +141,11 @@ def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
     streams = []
     for packed, full in sizes:
         try:
-            stream = zstandard.ZstdDecompressor().decompress(data[start : start + packed], max_output_size=full)
+            frame = data[start : start + packed]
+            claimed = zstandard.get_frame_parameters(frame).content_size
+            if claimed not in (full, zstandard.CONTENTSIZE_UNKNOWN):
+                raise InputError(path, f"has a stream of {claimed} bytes instead of {full}", _REMEDY)
+            stream = zstandard.ZstdDecompressor(max_window_size=_WIDEST_WINDOW).decompress(frame, max_output_size=full)
         except zstandard.ZstdError as error:
             raise InputError(path, f"is damaged ({error})", _REMEDY) from None
         if len(stream) != full:
@@ -155,8 +162,8 @@ def _decoded(header: _Header, streams: list[bytes]) -> Gaussians:
     sh = ((colour.reshape(count, 1, 3) / 255.0) - 0.5) / 0.15
     if higher:
         stored = np.frombuffer(streams[5], np.uint8).reshape(count, higher, 3)
-        turned = (stored.astype(np.float64) - 128.0) / 128.0 * np.array(_HALF_TURN[:higher])[:, None]
-        sh = np.concatenate([sh, turned], axis=1)
+        turned = (stored.astype(np.float32) - 128.0) / 128.0 * np.array(_HALF_TURN[:higher], np.float32)[:, None]
+        sh = np.concatenate([sh.astype(np.float32), turned], axis=1)
     means = _fixed_point(position.reshape(count, 3, 3)) / float(1 << header.fractional_bits)
     quaternions = _rotations(header.version, rotation.reshape(count, -1))
     return Gaussians(

@@ -13,16 +13,61 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Gaussians
 
+LIMITS: dict[str, tuple[float, float]] = {
+    "means": (-1e15, 1e15),
+    "log_scales": (-100.0, 40.0),
+    "quaternions": (-1e15, 1e15),
+    "opacity_logits": (-torch.finfo(torch.float32).max, torch.finfo(torch.float32).max),
+    "sh": (-1e9, 1e9),
+    "smoothing": (0.0, 1e15),
+}
+"""Within which every value of a splat lies; beyond, colours, depths or gradients overflow in single precision.
+
+Measured: gradients stop being finite at log scales of 60 and -1000 and at harmonics of 1e20.
+"""
+
 
 def renderable(gaussians: Gaussians) -> Bool[Tensor, " n"]:
-    """Which Gaussians have finite values throughout and a rotation of non-zero length."""
-    mask = gaussians.quaternions.square().sum(1) > 0
-    for values in (gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.sh.flatten(1)):
-        mask = mask & torch.isfinite(values).all(1)
-    mask = mask & torch.isfinite(gaussians.opacity_logits)
-    if gaussians.smoothing is not None:
-        mask = mask & torch.isfinite(gaussians.smoothing) & (gaussians.smoothing >= 0)
+    """Which Gaussians have values within `LIMITS` throughout, NaN being none, and a rotation of non-zero length."""
+    mask = gaussians.quaternions.detach().double().square().sum(1) > 0
+    for name, (low, high) in LIMITS.items():
+        values = getattr(gaussians, name)
+        if values is not None:
+            values = values.detach().flatten(1) if values.dim() > 1 else values.detach()[:, None]
+            mask = mask & ((values >= low) & (values <= high)).all(1)
     return mask
+
+
+def only_renderable(gaussians: Gaussians) -> Gaussians:
+    """The same splat with every Gaussian that cannot be rendered transparent, at the origin and of unit size.
+
+    Its count stays, and its tensors' gradients are 0 there.
+    """
+    if _plain(gaussians):
+        return gaussians
+    good = renderable(gaussians)
+    neutral = {"opacity_logits": -1e4, "quaternions": 1.0}
+
+    def kept(name: str) -> Tensor | None:
+        values = getattr(gaussians, name)
+        if values is None:
+            return None
+        return torch.where(good.view(-1, *[1] * (values.dim() - 1)), values, neutral.get(name, 0.0))
+
+    return Gaussians(**{name: kept(name) for name in LIMITS})  # type: ignore[arg-type]
+
+
+def _plain(gaussians: Gaussians) -> bool:
+    """Whether the extremes alone, which cost little, show that every Gaussian can be rendered."""
+    if len(gaussians) == 0:
+        return True
+    for name, (low, high) in LIMITS.items():
+        values = getattr(gaussians, name)
+        if values is not None and values.numel():
+            least, largest = values.detach().aminmax()
+            if not (float(least) >= low and float(largest) <= high):
+                return False
+    return bool((gaussians.quaternions.detach().abs().amax(1) > 0).all())
 
 
 def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -> Gaussians:
@@ -44,7 +89,9 @@ def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -
     if bool(good.all()):
         return gaussians
     bad = (~good).nonzero().flatten()
-    found = f"{len(bad)} of {len(gaussians)} Gaussians are not finite or lack a rotation (first: {int(bad[0])})"
+    found = (
+        f"{len(bad)} of {len(gaussians)} Gaussians are not finite, too large or lack a rotation (first: {int(bad[0])})"
+    )
     if invalid == "refuse":
         raise InputError(path, found, "repair the file or pass invalid=drop to leave them out")
     if len(bad) == len(gaussians):

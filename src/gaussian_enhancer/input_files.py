@@ -1,0 +1,203 @@
+"""Files that a stranger may have made: opened, bounded and parsed so that whatever is wrong is one `InputError`.
+
+A reader states the most that it will allocate, from what the file's header says, before it reads
+(`refuse_larger`). The limit is 8 GB; the environment variable ``GAUSSIAN_ENHANCER_READ_LIMIT`` sets another, in GB.
+"""
+
+import errno
+import functools
+import json
+import math
+import os
+import reprlib
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from gaussian_enhancer.errors import InputError
+
+VARIABLE = "GAUSSIAN_ENHANCER_READ_LIMIT"
+LIMIT_GB = 8.0
+JSON_GROWTH = 32
+"""Bytes of Python objects that one byte of JSON becomes at most: empty objects take the most."""
+LONGEST_NUMBER = 100
+DAMAGE = (OSError, EOFError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile, OverflowError, MemoryError)
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def refuse_larger(subject: object, allocated: int | float, what: str) -> None:
+    """Refuse to read what would take more memory than the limit.
+
+    Args:
+        subject: the file, named in the error.
+        allocated: the most that reading will allocate, in bytes.
+        what: the claim that it follows from, as the error states it ("is an image of 9x9 pixels").
+
+    Raises:
+        InputError: it is more than the limit, or the limit's variable holds no positive number.
+    """
+    limit = _limit()
+    if allocated > limit:
+        received = f"{what}, which takes up to {allocated / 1e9:.1f} GB to read (the limit is {limit / 1e9:g} GB)"
+        raise InputError(subject, received, f"get the file anew, or set {VARIABLE} to more GB if you trust it")
+
+
+def regular_file(path: str | Path) -> int:
+    """The size in bytes of a regular file.
+
+    Raises:
+        InputError: it does not exist, may not be read, or is a folder, pipe or device, which may never end.
+    """
+    with reading(path):
+        found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise InputError(path, "is a folder", "name a file")
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(path, "is no regular file", "copy its content into a file")
+    return found.st_size
+
+
+def read_bytes(path: str | Path, growth: int = 1) -> bytes:
+    """The content of a regular file.
+
+    Args:
+        path: the file.
+        growth: bytes that one byte of the file becomes at most while it is parsed.
+
+    Raises:
+        InputError: see `regular_file`; or the content takes more memory than the limit.
+    """
+    size = regular_file(path)
+    refuse_larger(path, size * growth, f"is {size} bytes long")
+    with reading(path), open(path, "rb") as file:
+        return file.read(size)
+
+
+def read_text(path: str | Path, growth: int = 4) -> str:
+    """The content of a regular UTF-8 file, without a byte-order mark; arguments and errors as for `read_bytes`."""
+    with reading(path):
+        return read_bytes(path, growth).decode("utf-8-sig")
+
+
+def parse_json(text: str, subject: object) -> Any:
+    """The value of JSON text.
+
+    Args:
+        text: what to parse.
+        subject: where it came from, named in errors.
+
+    Raises:
+        InputError: it is malformed, nested too deeply, or holds a number of more than 100 digits.
+    """
+    try:
+        return json.loads(text, parse_int=_whole)
+    except json.JSONDecodeError as error:
+        received = f"is no JSON: line {error.lineno}, column {error.colno}: {error.msg}"
+        raise InputError(subject, received, "correct that line or write the file again") from error
+    except RecursionError as error:
+        raise InputError(subject, "is JSON that is nested too deeply", "write the file again") from error
+    except ValueError as error:
+        raise InputError(subject, f"is JSON with {error}", "write the file again") from error
+
+
+def shown(value: object) -> str:
+    """A value from a file as an error may show it: short, whatever its size or depth."""
+    return _SHORT.repr(value)
+
+
+@contextmanager
+def reading(path: str | Path) -> Iterator[None]:
+    """Turn what the system or a codec refuses within the block into an `InputError` that names the file.
+
+    Args:
+        path: what is read; an error of the system names its own file.
+
+    Raises:
+        InputError: reading failed; a permission that is missing is named as such.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise refusal(path, error) from error
+
+
+def reader(function: _F) -> _F:
+    """Decorate a reader, whose first argument is a path or a value with one, so that it refuses as `reading` does."""
+
+    @functools.wraps(function)
+    def guarded(path: Any, *args: Any, **kwargs: Any) -> Any:
+        with reading(getattr(path, "path", path)):
+            return function(path, *args, **kwargs)
+
+    return cast(_F, guarded)
+
+
+@contextmanager
+def codec(path: Path, remedy: str) -> Iterator[None]:
+    """Turn any error of a third party's decoder, which promise no kind, into an `InputError`.
+
+    Args:
+        path: the file that is decoded.
+        remedy: what to do about a damaged file.
+
+    Raises:
+        InputError: decoding failed.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise refusal(path, error) from error
+        reason = f"{error}" if str(error) else type(error).__name__
+        received = f"cannot be decoded ({path.stat().st_size} bytes: {reason})"
+        raise InputError(path, received, remedy) from error
+
+
+def refusal(path: str | Path, error: BaseException) -> InputError:
+    """A failure to read ``path`` in the user's terms."""
+    if isinstance(error, OSError) and error.errno is not None:
+        subject = error.filename or path
+        reason = error.strerror or str(error)
+        if error.errno in (errno.EACCES, errno.EPERM):
+            return InputError(subject, f"may not be read ({reason})", "give yourself permission to read it")
+        if error.errno in (errno.ENOENT, errno.ENOTDIR):
+            return InputError(subject, "does not exist", "check the path")
+        return InputError(subject, f"cannot be read ({reason})", "check the path")
+    if isinstance(error, UnicodeError):
+        return InputError(path, f"is no UTF-8 text ({error})", "write the file again as UTF-8")
+    if isinstance(error, MemoryError):
+        return InputError(path, "does not fit into memory", "close other programs or use a smaller file")
+    return InputError(path, f"is truncated or damaged ({error})", "copy or write the file again")
+
+
+def _limit() -> float:
+    """The most that one file may take, in bytes."""
+    told = os.environ.get(VARIABLE, "")
+    try:
+        limit = float(told) if told else LIMIT_GB
+    except ValueError:
+        limit = math.nan
+    if not limit > 0:
+        raise InputError(VARIABLE, f"is {told!r}", "set it to a number of GB above 0")
+    return limit * 1e9
+
+
+def _whole(digits: str) -> int:
+    """A whole number of JSON; Python itself refuses only thousands of digits."""
+    if len(digits) > LONGEST_NUMBER:
+        raise ValueError(f"a number of {len(digits)} digits")
+    return int(digits)
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80

@@ -1,0 +1,76 @@
+"""Elements of a .ply, whose header is compared with the file's size before anything is read."""
+
+from pathlib import Path
+
+import numpy as np
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reader, refuse_larger, regular_file
+
+LONGEST_HEADER = 65_536
+WIDTHS = {1: "char uchar int8 uint8", 2: "short ushort int16 uint16", 4: "int uint float int32 uint32 float32"}
+WIDTHS |= {8: "double float64"}
+GROWTH = 4
+"""Times that a file's numbers are in memory at most: mapped, as columns, joined, as they are handed on."""
+
+
+@reader
+def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) -> dict[str, np.ndarray]:
+    """Read elements of a .ply as structured arrays, by name; those that are not there are left out.
+
+    Args:
+        path: the file, binary or ASCII.
+        wanted: names of the elements; they may hold no lists.
+        remedy: what to do about a file that is no such .ply.
+
+    Raises:
+        InputError: the file is missing, truncated, no .ply, or has an element that is not as wide as promised.
+    """
+    from plyfile import PlyData, PlyParseError
+
+    size = regular_file(path)
+    _check_header(path, size, remedy)
+    try:
+        data = PlyData.read(str(path), mmap="c")
+    except (PlyParseError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise InputError(
+            path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
+        ) from None
+    found = {element.name: element for element in data.elements if element.name in wanted}
+    for name, element in found.items():
+        if element.data.dtype.hasobject:
+            raise InputError(path, f"has lists in its element {name}", remedy)
+    return {name: np.asarray(element.data) for name, element in found.items()}
+
+
+def _check_header(path: str | Path, size: int, remedy: str) -> None:
+    """Refuse a header whose elements need more bytes than the file has, or more memory than the limit."""
+    with open(path, "rb") as file:
+        head = file.read(LONGEST_HEADER)
+    text, _, _ = head.partition(b"end_header")
+    least = allocated = 0
+    count = 0
+    ascii_file = b"format ascii" in text
+    for line in text.decode("latin-1").splitlines():
+        words = line.split()
+        if len(words) == 3 and words[0] == "element":
+            count = _count(path, words, remedy)
+        elif len(words) >= 3 and words[0] == "property":
+            width = _width(words[1])
+            least += count * (2 if ascii_file else width)
+            allocated += count * max(width, 4) * GROWTH
+        if count > size or least > size + 1:  # the last line's end may be missing
+            received = f"is no readable .ply of {size} bytes (it announces {count} rows, which take more)"
+            raise InputError(path, received, f"{remedy}, or copy it again")
+    refuse_larger(path, allocated, f"announces {count} rows")
+
+
+def _count(path: str | Path, words: list[str], remedy: str) -> int:
+    if not words[2].isascii() or not words[2].isdigit() or len(words[2]) > 18:
+        raise InputError(path, f"announces {words[2]} rows of {words[1]}", remedy)
+    return int(words[2])
+
+
+def _width(kind: str) -> int:
+    """Bytes of a property; a list has at least its length."""
+    return next((width for width, names in WIDTHS.items() if kind in names.split()), 1)

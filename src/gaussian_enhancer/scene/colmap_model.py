@@ -1,0 +1,244 @@
+"""COLMAP's model files, binary or text, read with every record checked.
+
+pycolmap's own reader ends the process for some damaged files and takes a quaternion of zeros for no rotation.
+Axes: p points.
+"""
+
+import math
+import struct
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_bytes, read_text, reader, shown
+from gaussian_enhancer.scene.scene import Points
+from gaussian_enhancer.scene.undistort import Lens
+
+AGAIN = "copy or export the model again"
+_POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8")])
+
+
+@dataclass(frozen=True)
+class ColmapImage:
+    """One image of a model.
+
+    Args:
+        name: as the model lists it.
+        camera: its camera's number.
+        rotation: world to camera, a unit quaternion (w, x, y, z).
+        translation: world to camera.
+    """
+
+    name: str
+    camera: int
+    rotation: tuple[float, float, float, float]
+    translation: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ColmapModel:
+    """What a capture needs of a COLMAP model.
+
+    Args:
+        cameras: lenses by number.
+        images: in the file's order.
+        points: sparse points; None where there are none.
+    """
+
+    cameras: dict[int, Lens]
+    images: tuple[ColmapImage, ...]
+    points: Points | None
+
+
+@reader
+def read_colmap_model(folder: Path, ending: str) -> ColmapModel:
+    """Read ``cameras``, ``images`` and ``points3D`` of a folder.
+
+    Args:
+        folder: the model's.
+        ending: ".bin" or ".txt".
+
+    Raises:
+        InputError: a file is missing, truncated or malformed, or a pose is no rotation.
+    """
+    cameras, images, points = (folder / f"{stem}{ending}" for stem in ("cameras", "images", "points3D"))
+    for file in (cameras, images, points):
+        if not file.is_file():
+            raise InputError(file, "does not exist", "copy the whole model: cameras, images and points3D")
+    binary = ending == ".bin"
+    lenses = _unique(_binary_cameras(cameras) if binary else _text_cameras(cameras), cameras)
+    listed = _unique(_binary_images(images) if binary else _text_images(images), images)
+    for image in listed.values():
+        if image.camera not in lenses:
+            raise InputError(images, f"gives {image.name} camera {image.camera}, which is not listed", AGAIN)
+    return ColmapModel(lenses, tuple(listed.values()), _binary_points(points) if binary else _text_points(points))
+
+
+def _unique(records: Iterator[tuple[int, Any]], file: Path) -> dict[int, Any]:
+    found: dict[int, Any] = {}
+    for number, record in records:
+        if number in found:
+            raise InputError(file, f"lists number {number} more than once", AGAIN)
+        found[number] = record
+    return found
+
+
+def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> ColmapImage:
+    length = math.hypot(*pose[:4])
+    if not abs(length - 1) <= 0.01:  # NaN is no rotation either
+        raise InputError(file, f"gives {name} a quaternion of length {length:g} as rotation", "calibrate again")
+    w, x, y, z = (part / length for part in pose[:4])
+    return ColmapImage(name, camera, (w, x, y, z), (pose[4], pose[5], pose[6]))
+
+
+@lru_cache
+def _models() -> dict[int, tuple[str, int]]:
+    """Name and number of parameters of every camera model."""
+    import pycolmap
+
+    known = {int(kind): name for name, kind in pycolmap.CameraModelId.__members__.items() if name != "INVALID"}
+    return {number: (name, len(pycolmap.Camera(model=name).params_info.split(","))) for number, name in known.items()}
+
+
+def _damaged(file: Path, size: int) -> InputError:
+    return InputError(file, f"is truncated or damaged ({size} bytes)", AGAIN)
+
+
+def _records(file: Path, data: bytes, record: Any) -> Iterator[tuple[int, Any]]:
+    """Walk a binary file: ``record(offset)`` gives the next offset, a number and a value."""
+    try:
+        (count,), offset = struct.unpack_from("<Q", data, 0), 8
+        for _ in range(count):
+            offset, number, value = record(offset)
+            yield number, value
+    except (struct.error, ValueError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _damaged(file, len(data)) from error
+    if offset != len(data):
+        raise InputError(file, f"has {len(data)} bytes where its records take {offset}", AGAIN)
+
+
+def _binary_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
+    data = read_bytes(file, 4)
+
+    def record(offset: int) -> tuple[int, int, Lens]:
+        number, kind, width, height = struct.unpack_from("<IiQQ", data, offset)
+        if kind not in _models():
+            raise ValueError(f"camera model {kind}")
+        name, count = _models()[kind]
+        params = struct.unpack_from(f"<{count}d", data, offset + 24)
+        return offset + 24 + 8 * count, number, Lens(name, width, height, params, f"camera {number} of {file.parent}")
+
+    return _records(file, data, record)
+
+
+def _binary_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
+    data = read_bytes(file, 4)
+
+    def record(offset: int) -> tuple[int, int, ColmapImage]:
+        number, *pose, camera = struct.unpack_from("<I7dI", data, offset)
+        end = data.index(b"\0", offset + 64)
+        (observations,) = struct.unpack_from("<Q", data, end + 1)
+        name = _decoded(data[offset + 64 : end], file)
+        return end + 9 + 24 * observations, number, _image(name, camera, tuple(pose), file)
+
+    return _records(file, data, record)
+
+
+def _decoded(name: bytes, file: Path) -> str:
+    try:
+        return name.decode()
+    except UnicodeDecodeError as error:
+        remedy = "rename the photo and export the model again"
+        raise InputError(file, f"lists the photo {name[:80]!r}, which is no UTF-8", remedy) from error
+
+
+def _binary_points(file: Path) -> Points | None:
+    data = read_bytes(file, 4)
+    starts = array("q")
+
+    def record(offset: int) -> tuple[int, int, None]:
+        (track,) = struct.unpack_from("<Q", data, offset + 43)
+        starts.append(offset)
+        return offset + 51 + 8 * track, len(starts), None
+
+    for _ in _records(file, data, record):
+        pass
+    if not starts:
+        return None
+    rows = np.frombuffer(data, np.uint8)[np.asarray(starts)[:, None] + np.arange(_POINT.itemsize)]
+    points = rows.view(_POINT)[:, 0]
+    return _points(points["xyz"], points["rgb"])
+
+
+def _points(positions: np.ndarray, colours: np.ndarray) -> Points:
+    with np.errstate(over="ignore"):  # beyond single precision is infinite, which the scene refuses
+        near = positions.astype(np.float32)
+    return Points(torch.from_numpy(near), torch.from_numpy(colours.astype(np.float32) / np.float32(255)))
+
+
+def _lines(file: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a text file with their numbers, comments left out, empty lines kept."""
+    lines = read_text(file, 8).split("\n")
+    return ((number, line.strip()) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#"))
+
+
+def _malformed(file: Path, number: int, line: str) -> InputError:
+    return InputError(file, f"has a malformed line {number}: {shown(line)}", AGAIN)
+
+
+def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
+    for number, line in _lines(file):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            found, width, height = int(words[0]), int(words[2]), int(words[3])
+            params = tuple(float(word) for word in words[4:])
+        except (ValueError, IndexError) as error:
+            raise _malformed(file, number, line) from error
+        yield found, Lens(words[1], width, height, params, f"camera {found} of {file.parent}")
+
+
+def _text_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
+    """Two lines an image: its pose, its observations (x, y, point), which may be empty."""
+    lines = _lines(file)
+    for number, line in lines:
+        if not line:
+            continue
+        words = line.split(maxsplit=9)
+        try:
+            found, camera = int(words[0]), int(words[8])
+            pose, name = tuple(float(word) for word in words[1:8]), words[9]
+        except (ValueError, IndexError) as error:
+            raise _malformed(file, number, line) from error
+        below, observations = next(lines, (number + 1, ""))
+        seen = observations.split()
+        if len(seen) % 3 or (seen and not seen[2].lstrip("-").isdigit()):
+            raise _malformed(file, below, observations)
+        yield found, _image(name, camera, pose, file)
+
+
+def _text_points(file: Path) -> Points | None:
+    positions, colours = array("d"), array("B")
+    for number, line in _lines(file):
+        words = line.split(maxsplit=8)
+        if not words:
+            continue
+        try:
+            positions.extend([float(word) for word in words[1:4]])
+            colours.extend([int(word) for word in words[4:7]])
+            float(words[7])
+        except (ValueError, IndexError, OverflowError) as error:
+            raise _malformed(file, number, line) from error
+    if not positions:
+        return None
+    return _points(np.array(positions).reshape(-1, 3), np.array(colours).reshape(-1, 3))

@@ -1,0 +1,112 @@
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import VARIABLE, parse_json, read_bytes, reader, reading, refuse_larger
+from gaussian_enhancer.scene.capture import open_capture
+from gaussian_enhancer.scene.depth_files import depth_size
+from gaussian_enhancer.scene.json_file import read_json
+from gaussian_enhancer.scene.photos import list_images, read_header
+from gaussian_enhancer.splat.io.open import read_splat
+
+
+@contextmanager
+def unprivileged() -> Iterator[None]:
+    """Permissions mean nothing to the superuser."""
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[" * 100_000, "nested too deeply"),
+        ('{"a":' * 100_000, "nested too deeply"),
+        ('{"a": ' + "1" * 5000 + "}", "a number of 5000 digits"),
+        ('{"a": ' + "1" * 400 + "}", "a number of 400 digits"),
+        ('{"a": }', "line 1, column 7"),
+    ],
+)
+def test_hostile_json_is_one_line(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as raised:
+        parse_json(text, "a.json")
+    assert str(raised.value).isprintable()
+
+
+def test_a_byte_order_mark_is_no_content(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}')
+    assert read_json(tmp_path / "a.json") == {"a": 1}
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("read", [read_bytes, read_splat, read_json])
+def test_pipes_are_refused_before_they_are_waited_for(tmp_path: Path, read) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match=r"pipe: is no regular file"):
+        read(tmp_path / "pipe")
+
+
+def test_a_device_without_end_is_refused() -> None:
+    with pytest.raises(InputError, match=r"/dev/zero: is no regular file"):
+        read_bytes("/dev/zero")
+
+
+@pytest.mark.parametrize(
+    "read", [read_bytes, read_splat, read_json, read_header, open_capture, list_images, depth_size]
+)
+def test_missing_permission_is_named_as_such(tmp_path: Path, read) -> None:
+    path = tmp_path / "a"
+    if read in (open_capture, list_images):
+        path.mkdir()
+    else:
+        path.write_bytes(b"content")
+    path.chmod(0)
+    with unprivileged(), pytest.raises(InputError, match=r"may not be read \(Permission denied\); give yourself"):
+        read(path)
+
+
+@pytest.mark.parametrize(("told", "allowed"), [("", 8e9), ("0.5", 0.5e9), ("100", 100e9)])
+def test_the_limit_is_what_the_user_says(monkeypatch, told: str, allowed: float) -> None:
+    monkeypatch.setenv(VARIABLE, told)
+    refuse_larger("a", allowed, "is large")
+    with pytest.raises(InputError, match=rf"a: is large, which takes up to .* GB.*{VARIABLE}"):
+        refuse_larger("a", 1.01 * allowed, "is large")
+
+
+@pytest.mark.parametrize("told", ["much", "0", "-1", "nan"])
+def test_a_limit_that_is_no_number_is_refused(monkeypatch, told: str) -> None:
+    monkeypatch.setenv(VARIABLE, told)
+    with pytest.raises(InputError, match=f"{VARIABLE}: is '{told}'"):
+        refuse_larger("a", 1, "is small")
+
+
+def test_a_file_beyond_the_limit_is_not_read(tmp_path: Path, monkeypatch) -> None:
+    with open(tmp_path / "a.json", "wb") as file:
+        file.truncate(1 << 40)  # sparse: it takes no room
+    with pytest.raises(InputError, match=r"a\.json: is \d+ bytes long, which takes up to"):
+        read_json(tmp_path / "a.json")
+
+
+def test_only_the_systems_and_codecs_errors_are_the_users() -> None:
+    with pytest.raises(InputError, match="a: is truncated or damaged"), reading("a"):
+        raise EOFError("end")
+    with pytest.raises(KeyError), reading("a"):
+        raise KeyError("our own mistake")
+
+    @reader
+    def read(path):
+        return Path(path).read_text()
+
+    with pytest.raises(InputError, match="nowhere: does not exist"):
+        read("nowhere")
+    with pytest.raises(InputError, match="File name too long"):
+        read("a" * 300)

@@ -1,0 +1,66 @@
+import math
+from functools import partial
+
+import pytest
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.plan import Rules
+from gaussian_enhancer.scene.photos import downscaled_size
+from gaussian_enhancer.scene.splits import Split
+from gaussian_enhancer.splat.fit.densify import Densification
+from gaussian_enhancer.splat.fit.optimise import LearningRates
+from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings
+from gaussian_enhancer.splat.fit.settings import FitSettings, Regularisation
+
+
+def test_the_defaults_are_of_their_types() -> None:
+    FitSettings(snapshots=[0.25, 0.5], ssim_weight=1.0)
+    Rules()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [
+        (FitSettings, "steps", 1.5),
+        (FitSettings, "steps", math.nan),
+        (FitSettings, "steps", "abc"),
+        (FitSettings, "steps", None),
+        (FitSettings, "ssim_weight", math.nan),
+        (FitSettings, "ssim_weight", 1.5),
+        (FitSettings, "seed", -1),
+        (FitSettings, "snapshots", "abc"),
+        (FitSettings, "snapshots", [math.nan]),
+        (FitSettings, "random_background", "no"),
+        (Regularisation, "opacity", math.inf),
+        (Regularisation, "dropout", -0.1),
+        (Densification, "growth", math.nan),
+        (LearningRates, "means", "fast"),
+        (SweepSettings, "planes", 9.5),
+        (Split, "test_every", "abc"),
+        (Rules, "share", "abc"),
+    ],
+)
+def test_a_value_of_another_type_is_named(kind, name: str, value) -> None:
+    settings = kind()
+    object.__setattr__(settings, name, value)  # the tests' own shape checks would stop a constructor's argument
+    with pytest.raises(InputError, match=rf"{name}: is .*; give a value that is"):
+        settings.__post_init__()
+
+
+@pytest.mark.parametrize("value", ["abc", math.nan, None])
+def test_downscale_is_a_number(value) -> None:
+    unchecked = getattr(downscaled_size, "__wrapped__", downscaled_size)
+    with pytest.raises(InputError, match="downscale: is"):
+        unchecked(10, 10, value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("tile", "abc"), ("strength", "abc"), ("temporal_smoothing", None), ("colour_clamping", math.nan)],
+)
+def test_an_enhancers_numbers_are_checked(name: str, value) -> None:
+    unchecked = partial(getattr(Enhancer.__init__, "__wrapped__", Enhancer.__init__), object.__new__(Enhancer))
+    with pytest.raises(InputError, match=f"{name}: is"):
+        unchecked(None, ReferenceConfig(), **{name: value})
