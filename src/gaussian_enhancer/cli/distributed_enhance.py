@@ -7,7 +7,7 @@ import torch
 from lightning import LightningModule, Trainer
 from torch.utils.data import DataLoader
 
-from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -26,7 +26,9 @@ class Prediction(LightningModule):
         planner: leaves out what a view does not need.
     """
 
-    def __init__(self, enhancer: Enhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None) -> None:
+    def __init__(
+        self, enhancer: SetEnhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None
+    ) -> None:
         super().__init__()
         # An iterator over all, since references that were read for one view serve the next.
         self.views, self.folder = enhancer(rendered, planner), folder
@@ -40,7 +42,7 @@ class Prediction(LightningModule):
 
 
 def predicted(
-    enhancer: Enhancer,
+    enhancer: SetEnhancer,
     rendered: RenderedSet,
     folder: Path,
     place: Place,

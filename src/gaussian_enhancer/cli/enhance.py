@@ -18,7 +18,7 @@ from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.tiles import check_tiles
@@ -105,14 +105,14 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     return kept
 
 
-def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, ValidatedInputs]:
+def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """What enhances, what is enhanced of what was given, and what of it is used."""
     pretrained = load_weights(cfg.weights)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
     asked = _asked(pretrained, cfg, task.depth)
     found = validate_inputs(task.rendered, asked, build(cfg.plan), pretrained.network.scale)
     strength = pretrained.strength if cfg.strength is None else float(cfg.strength)
-    enhancer = Enhancer(
+    enhancer = SetEnhancer(
         pretrained.network,
         found.reference_config,
         device,

@@ -51,7 +51,7 @@ class Enhanced:
     plan: ViewPlan | None = None
 
 
-class Enhancer:
+class SetEnhancer:
     """Enhances the targets of a set one by one.
 
     Where references are not warped and a target fits in one tile, references are encoded once for all targets.

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from gaussian_enhancer.checkpoint import SHIPPED
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.presets import Preset, choose, read_presets
 from gaussian_enhancer.metrics.cost import timed
 from gaussian_enhancer.scene.in_memory import single
@@ -38,7 +38,7 @@ def within_budget(
 
     Args:
         cfg: of the job enhance.
-        ready: gives an `Enhancer`, the job's input and more for a configuration.
+        ready: gives an `SetEnhancer`, the job's input and more for a configuration.
         device: where the network runs.
         console: is told what was chosen and why.
 
@@ -60,7 +60,7 @@ def within_budget(
     return _with(cfg, chosen)
 
 
-def calibrated(enhancer: Enhancer, rendered: RenderedSet) -> tuple[float, float]:
+def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, float]:
     """Milliseconds of the first view, the median of three after a warm-up, and the megapixels of what comes out.
 
     Args:
