@@ -168,7 +168,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
     photos = tuple(Photo(v.name, v.camera, v.read_photo) for v in (*finer.targets, *finer.references))
     scene = Scene("plane", photos, tuple(range(1, 8)), (0,))
     monkeypatch.setattr("gaussian_enhancer.runs.inputs.build", lambda node: scene)
-    monkeypatch.setattr("gaussian_enhancer.runs.inputs.finer_config", lambda node: node)
+    monkeypatch.setattr("gaussian_enhancer.runs.inputs.high_resolution_config", lambda node: node)
     options = ["scene=capture", "scene.path=unused", f"weights={fine_weights}", f"runs={tmp_path / 'runs'}"]
     run(configured(f"run={plane_run}", *options))
     (folder,) = (tmp_path / "runs/enhance").iterdir()
@@ -186,7 +186,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
 def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_run, fine_weights, tmp_path, capsys):
     run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
     told = capsys.readouterr().err.replace("\n", " ")
-    assert "no config.yaml" in told
+    assert "config.yaml: does not exist" in told
     assert "enlarging without" in told
     assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
 

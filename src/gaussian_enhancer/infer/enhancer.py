@@ -109,7 +109,11 @@ class SetEnhancer:
         self.colour_clamping = colour_clamping
 
     def __call__(
-        self, rendered: RenderedSet, planner: Planner | None = None, pool: Pool | None = None
+        self,
+        rendered: RenderedSet,
+        planner: Planner | None = None,
+        pool: Pool | None = None,
+        features: ReferenceFeatures | None = None,
     ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
@@ -117,12 +121,13 @@ class SetEnhancer:
             rendered: targets and references.
             planner: leaves out what a view does not need; None enhances every pixel with every reference.
             pool: the set's references, where some are in memory already; a planner has its own.
+            features: of these references, kept from an earlier call; without effect where references are warped.
 
         Raises:
             InputError: a view cannot be read, or lacks what the preparation or carrying changes needs.
         """
         before: PreviousChange | None = None
-        for one, target in self._each(rendered, planner, pool):
+        for one, target in self._each(rendered, planner, pool, features):
             if not self.temporal_smoothing:
                 yield one
                 continue
@@ -130,7 +135,11 @@ class SetEnhancer:
             yield dataclasses.replace(one, image=image)
 
     def _each(
-        self, rendered: RenderedSet, planner: Planner | None, pool: Pool | None
+        self,
+        rendered: RenderedSet,
+        planner: Planner | None,
+        pool: Pool | None,
+        features: ReferenceFeatures | None,
     ) -> Iterator[tuple[Enhanced, Pixels]]:
         """Each target enhanced by itself, and its pixels."""
         if not rendered.targets:
@@ -141,7 +150,7 @@ class SetEnhancer:
             pool = Pool(rendered.references)
         kept = None
         if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
-            kept = ReferenceFeatures(self.network)
+            kept = ReferenceFeatures(self.network) if features is None else features
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)

@@ -63,6 +63,10 @@ class Rules:
         return (self.references, self.depth, self.tiles) == ("all", "all", "all")
 
 
+AUTO = Rules("auto", "auto", "auto", small=65536)
+"""What the job enhance and the Python API leave out unless they are told otherwise: ``conf/plan/auto.yaml``."""
+
+
 @dataclass(frozen=True)
 class Part:
     """One part of the enhancement.

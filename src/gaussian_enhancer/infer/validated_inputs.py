@@ -11,7 +11,6 @@ from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_targe
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Part, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable
@@ -58,7 +57,11 @@ class ValidatedInputs:
 
 
 def validate_inputs(
-    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, scale: int = 1
+    rendered: RenderedSet,
+    reference_config: ReferenceConfig,
+    rules: Rules,
+    scale: int = 1,
+    pool: Pool | None = None,
 ) -> ValidatedInputs:
     """The input and the preparation as far as they can be used.
 
@@ -68,6 +71,7 @@ def validate_inputs(
         rules: with ``depth`` "auto", depth that is no depth of the render is left out, and with ``references`` "auto"
             references that lack the camera that others have.
         scale: how many times finer the enhanced images are than the renders.
+        pool: the set's references, where some are in memory already.
 
     Raises:
         InputError: there is no photo to refer to where references are asked for.
@@ -80,7 +84,8 @@ def validate_inputs(
     bare: list[str] = []
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
-    pool = Pool(rendered.references)
+    if pool is None or pool.views is not rendered.references:
+        pool = Pool(rendered.references)
     rendered, depth = _depth_part(rendered, reference_config, rules, pool)
     if rendered.references is not pool.views:
         pool = Pool(rendered.references)
@@ -168,9 +173,7 @@ def _depth_part(
         return rendered, Part("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
-        # Nor does depth need doubt that is rendered when it is asked for, and rendering costs more than looking at it.
-        files = [view for view in known if isinstance(view.read_depth, ReadDepth)]
-        why = depth_doubt(pool, reference_config, files[:: max(1, (len(files) + 1) // 2)][:2])
+        why = depth_doubt(pool, reference_config, known[:: max(1, (len(known) + 1) // 2)][:2])
     if not why:
         return rendered, Part("depth", True, kind)
     targets, references = (

@@ -22,7 +22,6 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_header, read_photo
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
 PROCEDURAL = "gaussian_enhancer.scene.procedural."
 
@@ -47,6 +46,9 @@ class HighResolutionPhotos:
         Raises:
             InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
         """
+        # Scenes load the procedural ones, which a job that needs no finer photos does without.
+        from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
+
         finer = high_resolution_values(read_scene_values(run / "config.yaml"))
         if not _is_procedural(finer):
             return attach_fine_photos(rendered, scene_from_values(finer))
