@@ -137,7 +137,8 @@ def _view(reference: Reference, name: str, fine: bool) -> RenderedView:
     def depth() -> Tensor:
         return read_planes(f"depth of {name}", reference.depth, batch=False)[0]
 
-    height, width = _size(reference.photo, "photo", name)
+    shape = reference.photo.shape  # checked when the reference was made
+    height, width = shape[-2:] if isinstance(reference.photo, Tensor) else shape[:2]
     camera = None if reference.camera is None else sized_camera(reference.camera, height, width, f"camera of {name}")
     return RenderedView(
         name,
