@@ -213,14 +213,14 @@ def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, c
     assert run(configured(*options, "plan.small=0", "dry_run=true")) is None
     printed = capsys.readouterr().out
     assert "references" in printed
-    assert "10 looked at for 2 views, 8 left out" in printed
+    assert "10 examined for 2 views, 8 left out" in printed
     assert not list(tmp_path.iterdir())
     run(configured(*options, "plan.small=0"))
     (folder,) = (tmp_path / "enhance").iterdir()
     plan = Plan.from_file(folder / "plan.json")
     assert [view.name for view in plan.views] == ["view_000.png", "view_004.png"]
     assert all(len(view.references or ()) == 1 for view in plan.views)
-    assert "10 looked at" in capsys.readouterr().err
+    assert "10 examined" in capsys.readouterr().err
     run(configured(*options, "plan=full"))
     (full,) = set((tmp_path / "enhance").iterdir()) - {folder}
     assert Plan.from_file(full / "plan.json").views == ()
@@ -231,7 +231,7 @@ def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, c
 def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
     options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "dry_run=true"]
     run(configured(*options, "plan.references=all"))
-    assert "looked at" not in capsys.readouterr().out
+    assert "examined" not in capsys.readouterr().out
     run(configured(*options, "plan.depth=none"))
     assert "switched off" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"plan\.tiles"):

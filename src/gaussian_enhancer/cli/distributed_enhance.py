@@ -25,7 +25,7 @@ class Prediction(LightningModule):
     """Enhances one view a step and writes it.
 
     Args:
-        enhancer: the network with its preparation; it stays on its own device.
+        enhancer: the enhancer; it stays on its own device.
         rendered: this process's part of the views.
         folder: where images are written.
         planner: leaves out what a view does not need.
