@@ -18,7 +18,7 @@ from ablations.report.plan_study_figure import diagram
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
@@ -105,7 +105,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         device: where the network runs.
     """
     found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
-    enhancer = Enhancer(pretrained.network, found.reference_config, device, strength=pretrained.strength)
+    enhancer = SetEnhancer(pretrained.network, found.reference_config, device, strength=pretrained.strength)
     planner = found.planner(rules)
     for read in file_reads(found, False, planner, False):
         read()

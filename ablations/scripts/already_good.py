@@ -24,7 +24,7 @@ from gaussian_enhancer.align.coarse_visibility import coarse
 from gaussian_enhancer.align.exposure import fit_colour
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.align.reproject import reproject
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.regions import BLOCK
@@ -56,7 +56,7 @@ def measured(run: Path, count: int, weights: str) -> Iterator[Record]:
     targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
     rendered = replace(rendered, targets=targets)
     planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
-    enhancer = Enhancer(pretrained.network, pretrained.reference_config)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config)
     for view, one in zip(targets, enhancer(rendered, planner), strict=True):
         if view.read_photo is None or one.plan is None:
             continue

@@ -13,7 +13,7 @@ import torch
 
 from ablations.scripts.renders import measured, table
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 
 
@@ -40,10 +40,10 @@ def loaded(candidates: list[str]) -> dict[str, Pretrained]:
     return made
 
 
-def enhancers(candidates: list[str]) -> dict[str, Enhancer]:
+def enhancers(candidates: list[str]) -> dict[str, SetEnhancer]:
     """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
     return {
-        name: Enhancer(found.network, found.reference_config, strength=found.strength)
+        name: SetEnhancer(found.network, found.reference_config, strength=found.strength)
         for name, found in loaded(candidates).items()
     }
 
@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, help="write every row there")
 
 
-def show(made: dict[str, Enhancer], options: argparse.Namespace, head: str) -> None:
+def show(made: dict[str, SetEnhancer], options: argparse.Namespace, head: str) -> None:
     """Enhance, measure, print a line for each row under a head."""
     torch.set_flush_denormal(True)
     print(table(measured(made, options.runs, options.lpips, options.json, options.every), head))

@@ -31,7 +31,7 @@ from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
@@ -121,7 +121,7 @@ def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     return torch.where(depth > 0, depth, FAR * depth.max().clamp_min(1.0))
 
 
-def at_one_size(enhancer: Enhancer) -> None:
+def at_one_size(enhancer: SetEnhancer) -> None:
     """Refuse networks whose images are finer than the renders that they are compared with."""
     if enhancer.network.scale != 1:
         raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
@@ -179,7 +179,7 @@ def reference_quality(
 
 def study(
     rendered: RenderedSet,
-    enhancer: Enhancer,
+    enhancer: SetEnhancer,
     depths: Mapping[str, Depths],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
@@ -262,7 +262,7 @@ def main() -> None:
     torch.set_flush_denormal(True)
     distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
     pretrained = load_weights(options.weights)
-    enhancer = Enhancer(pretrained.network, pretrained.reference_config, strength=options.strength)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=options.strength)
     note = f"{PROTOCOL}; weights {Path(options.weights).name}, strength {options.strength:g}"
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:

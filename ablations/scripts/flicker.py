@@ -32,7 +32,7 @@ from ablations.scripts.depth import at_one_size, world_of
 from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence_errors
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -84,7 +84,10 @@ def path_renders(run: Path, cameras: Sequence[Camera]) -> RenderedSet:
 
 
 def rendered_sequence(
-    rendered: RenderedSet, enhancer: Enhancer, photos: Sequence[Tensor] = (), temporal_smoothing: Sequence[float] = ()
+    rendered: RenderedSet,
+    enhancer: SetEnhancer,
+    photos: Sequence[Tensor] = (),
+    temporal_smoothing: Sequence[float] = (),
 ) -> Filmed:
     """Raw, enhanced and steadied frames of a path, and photos where they are known."""
     at_one_size(enhancer)
@@ -232,7 +235,7 @@ def main() -> None:
     torch.set_flush_denormal(True)
     pretrained = load_weights(options.weights)
     strength = pretrained.strength if options.strength is None else options.strength
-    enhancer = Enhancer(pretrained.network, pretrained.reference_config, strength=strength)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=strength)
     found: list[Record] = []
     for run in finished_runs(options.runs)[0]:
         cameras = path_cameras(run, options.cameras, options.frames)

@@ -4,8 +4,8 @@
         [--every N] [--lpips FOLDER] [--json FILE]
 
 GUARD is ``agreement`` (how far a reference may differ from the render, `Reprojected.agreement`), ``evidence`` (the
-window whose colours a pixel stays within, `Enhancer`) or ``strength`` (the share of the change that is applied). Runs
-must be validation runs (docs/data.md): limits that were chosen on test scenes would be worth nothing.
+window whose colours a pixel stays within, `SetEnhancer`) or ``strength`` (the share of the change that is applied).
+Runs must be validation runs (docs/data.md): limits that were chosen on test scenes would be worth nothing.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from dataclasses import replace
 from ablations.scripts.candidates import add_options, loaded, show
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import Pretrained
 
 LIMITS: dict[str, tuple[float | None, ...]] = {
@@ -25,7 +25,7 @@ LIMITS: dict[str, tuple[float | None, ...]] = {
 """What is compared of each guard; None and 0 leave agreement and evidence unguarded."""
 
 
-def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> Enhancer:
+def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> SetEnhancer:
     """A network held to a limit; all else is as the job enhance has it.
 
     Raises:
@@ -33,15 +33,15 @@ def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> Enhancer
     """
     reference_config = pretrained.reference_config
     if guard == "colour_clamping":
-        return Enhancer(
+        return SetEnhancer(
             pretrained.network, reference_config, strength=pretrained.strength, colour_clamping=int(limit or 0)
         )
     if guard == "strength":
-        return Enhancer(pretrained.network, reference_config, strength=1.0 if limit is None else limit)
+        return SetEnhancer(pretrained.network, reference_config, strength=1.0 if limit is None else limit)
     if not isinstance(reference_config.warp, Reprojected):
         raise InputError("weights", "do not warp their references", "give weights with alignment=reprojected")
     checked = replace(reference_config, warp=replace(reference_config.warp, photo_consistency=limit))
-    return Enhancer(pretrained.network, checked, strength=pretrained.strength)
+    return SetEnhancer(pretrained.network, checked, strength=pretrained.strength)
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ import torch
 from ablations.realism.realism import finished_runs, scene_of
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights, reference_config_of
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
 from gaussian_enhancer.metrics.pair import measure_pair
@@ -44,7 +44,7 @@ def trained(row: str, runs: Path) -> Path:
     return found[0] / "weights.safetensors"
 
 
-def enhancers(rows: Sequence[str], runs: Path) -> dict[str, Enhancer]:
+def enhancers(rows: Sequence[str], runs: Path) -> dict[str, SetEnhancer]:
     """The rows' networks, at full strength.
 
     Raises:
@@ -53,7 +53,7 @@ def enhancers(rows: Sequence[str], runs: Path) -> dict[str, Enhancer]:
     loaded = {row: load_weights(trained(row, runs)) for row in rows}
     if len({preparation_key(one.reference_config) for one in loaded.values()}) > 1:
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
-    return {row: Enhancer(one.network, one.reference_config) for row, one in loaded.items()}
+    return {row: SetEnhancer(one.network, one.reference_config) for row, one in loaded.items()}
 
 
 def preparation_key(reference_config: ReferenceConfig) -> str:
@@ -62,7 +62,7 @@ def preparation_key(reference_config: ReferenceConfig) -> str:
 
 
 def gains(
-    made: Mapping[str, Enhancer], run: Path, distances: list[PerceptualDistance], every: int = 1
+    made: Mapping[str, SetEnhancer], run: Path, distances: list[PerceptualDistance], every: int = 1
 ) -> list[dict[str, object]]:
     """Gain of every metric over the raw render, by every n-th view of the run's last step and row.
 
@@ -88,7 +88,7 @@ def gains(
 
 
 def measured(
-    made: Mapping[str, Enhancer], runs: Sequence[str], lpips: Path | None, json_file: Path | None, every: int = 1
+    made: Mapping[str, SetEnhancer], runs: Sequence[str], lpips: Path | None, json_file: Path | None, every: int = 1
 ) -> list[dict]:
     """`gains` of every finished run with where and when they were measured; the file is written again after each run.
 

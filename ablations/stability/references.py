@@ -14,7 +14,7 @@ from ablations.stability.geometry import as_target, plane, shifted
 from ablations.stability.images import run_network, shipped, views_of
 from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.types import NetworkInput
 
@@ -112,4 +112,4 @@ def spoilt(part: str) -> Problem:
 def _enhanced(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     if not isinstance(module, Network):
         raise TypeError(f"{type(module).__name__} is no network")
-    return Enhancer(module, ReferenceConfig(), precision="float32").enhance(NetworkInput(**inputs))  # type: ignore[arg-type]
+    return SetEnhancer(module, ReferenceConfig(), precision="float32").enhance(NetworkInput(**inputs))  # type: ignore[arg-type]

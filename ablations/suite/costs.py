@@ -1,6 +1,6 @@
 """Time and memory of one enhanced view by the resolution of the output, on whatever device there is.
 
-What is measured is an `Enhancer` on a view and its references in memory: choosing and aligning references, and the
+What is measured is an `SetEnhancer` on a view and its references in memory: choosing and aligning references, and the
 network. The scene is a textured plane at a slant with exact depth, so that no dataset is needed.
 
 Axes: h height, w width.
@@ -22,7 +22,7 @@ from ablations.suite.descriptions import Experiment
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.errors import reason_of
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.provenance import this_machine
@@ -110,7 +110,7 @@ def _call(
 ) -> Callable[[], object]:
     """One view enhanced by a file's weights; what is seen is made now."""
     pretrained = load_weights(path)
-    enhancer = Enhancer(pretrained.network, pretrained.reference_config, device)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)
     height, width = (side // pretrained.network.scale for side in shape)
     views = seen(height, width, pretrained.network.scale)
     return lambda: [one.image for one in enhancer(views)]

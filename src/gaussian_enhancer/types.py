@@ -15,7 +15,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gaussian_enhancer.errors import InputError
+
 _M = TypeVar("_M", bound="Movable")
+FARTHEST = 1e9
+"""Scene units of a pose; single precision is 64 units coarse there."""
 
 
 class Movable:
@@ -35,7 +39,9 @@ class Movable:
 
 @dataclass(frozen=True)
 class Camera(Movable):
-    """A pinhole camera: where it stands, what it projects, how large its image is.
+    """A pinhole camera: its intrinsics, its pose and the size of its image.
+
+    `from_matrices` builds one from numpy arrays, tensors or lists and checks them.
 
     Args:
         K: intrinsics in pixels, last row (0, 0, 1).
@@ -48,6 +54,43 @@ class Camera(Movable):
     world_to_camera: Float[Tensor, "4 4"]
     height: int
     width: int
+
+    @classmethod
+    def from_matrices(cls, K: Any, world_to_camera: Any, height: int, width: int) -> "Camera":
+        """A camera from its matrices, in OpenCV's convention: x right, y down, z forward.
+
+        Conversions: a camera-to-world matrix is inverted first (``np.linalg.inv``). One in OpenGL's or Blender's
+        convention, as nerfstudio and NeRF-Synthetic have it, is first multiplied from the right by
+        ``np.diag([1, -1, -1, 1])``.
+
+        Args:
+            K: intrinsics in pixels (fx, 0, cx; 0, fy, cy; 0, 0, 1), shape (3, 3). The first pixel's centre is at
+                (0.5, 0.5), so that the middle of the image is at (width / 2, height / 2).
+            world_to_camera: rigid transform from the world to the camera, shape (4, 4) or (3, 4), in scene units.
+            height: image height in pixels.
+            width: image width in pixels.
+
+        Raises:
+            InputError: a shape is wrong, a value is not finite, a focal length or a size is not positive, or the
+                transform is not rigid.
+
+        Example:
+            >>> camera = Camera.from_matrices([[50, 0, 32], [0, 50, 24], [0, 0, 1]], torch.eye(4), 48, 64)
+            >>> camera.centre.tolist()
+            [0.0, 0.0, 0.0]
+        """
+        intrinsics, pose = _matrix("camera K", K, (3, 3)), _matrix("camera pose", world_to_camera, (4, 4), (3, 4))
+        if not (int(height) == height > 0 and int(width) == width > 0):
+            raise InputError("camera", f"has an image of {width}x{height}", "give height and width in pixels, above 0")
+        if not bool(torch.isfinite(intrinsics).all()) or not (intrinsics[0, 0] > 0 and intrinsics[1, 1] > 0):
+            raise InputError("camera K", f"is {intrinsics.tolist()}", "give finite values and focal lengths above 0")
+        if intrinsics[2].tolist() != [0, 0, 1]:
+            raise InputError("camera K", f"has the last row {intrinsics[2].tolist()}", "give (0, 0, 1)")
+        if pose.shape[0] == 3:
+            pose = torch.cat([pose, pose.new_tensor([[0, 0, 0, 1]])])
+        if not torch.allclose(pose[3], pose.new_tensor([0, 0, 0, 1]), atol=1e-6):
+            raise InputError("camera pose", f"has the last row {pose[3].tolist()}", "give (0, 0, 0, 1)")
+        return cls(intrinsics.float(), rigid(pose, "camera").float(), int(height), int(width))
 
     @property
     def rotation(self) -> Float[Tensor, "3 3"]:
@@ -207,3 +250,42 @@ def precise(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
 def quantised(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
     """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
     return torch.round(image.clamp(0, 1) * 255) / 255
+
+
+def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
+    """Make the rotation of a pose exactly orthonormal; files round it.
+
+    Args:
+        world_to_camera: the pose.
+        where: what the pose belongs to, for messages.
+
+    Raises:
+        InputError: the pose is not finite or too far away for single precision, or its rotation is scaled, skewed or
+            mirrored by more than 1%.
+    """
+    if not bool(torch.isfinite(world_to_camera).all()):
+        raise InputError(where, "has a pose with NaN or infinity", "remove the photo or calibrate again")
+    largest = float(world_to_camera.abs().max())
+    if largest > FARTHEST:
+        received = f"has a pose with the value {largest:g}"
+        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
+    U, scales, Vh = torch.linalg.svd(world_to_camera[:3, :3])
+    if float((scales - 1).abs().max()) > 0.01 or float(torch.linalg.det(U @ Vh)) < 0:
+        received = f"has a pose whose 3x3 part has scales {[round(s, 4) for s in scales.tolist()]} or is mirrored"
+        raise InputError(where, received, "export rigid poses: rotation and translation only")
+    pose = torch.eye(4, dtype=world_to_camera.dtype)
+    pose[:3, :3] = U @ Vh
+    pose[:3, 3] = world_to_camera[:3, 3]
+    return pose
+
+
+def _matrix(name: str, values: Any, *shapes: tuple[int, int]) -> Tensor:
+    """Values as a matrix in double precision, of one of the shapes."""
+    try:
+        matrix = torch.as_tensor(values, dtype=torch.float64, device="cpu")
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(name, f"is no matrix ({error})", "give a numpy array, a tensor or a list of rows") from None
+    if tuple(matrix.shape) not in shapes:
+        known = " or ".join(str(shape) for shape in shapes)
+        raise InputError(name, f"has shape {tuple(matrix.shape)}", f"give shape {known}")
+    return matrix.detach()

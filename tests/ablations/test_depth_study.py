@@ -21,7 +21,7 @@ from ablations.scripts.depth import (
 from gaussian_enhancer.align.alignment import Aligned, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
@@ -49,7 +49,7 @@ def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]
 
 def test_the_better_the_depth_the_better_the_references(misplaced):
     rendered, depths = misplaced
-    found = list(study(rendered, Enhancer(small(), ReferenceConfig(), precision="float32"), depths))
+    found = list(study(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
     for raw, expected, searched, _, surface, *_, exact in zip(*by.values(), strict=True):
@@ -146,7 +146,7 @@ def test_table_states_gains_over_the_raw_render(misplaced):
     rendered, depths = misplaced
     records = [
         Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in study(rendered, Enhancer(small(), ReferenceConfig()), depths)
+        for view, variant, metrics, reasons in study(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
     ]
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table(records).splitlines()]
     assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]

@@ -8,7 +8,7 @@ from test_sif import small
 from ablations.scripts.flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.records import read_records, write_records
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.path import smooth_path
@@ -56,7 +56,7 @@ class Enlarging(Network):
 
 
 def filmed(network):
-    return rendered_sequence(plane_path(), Enhancer(network, ReferenceConfig(), precision="float32"))
+    return rendered_sequence(plane_path(), SetEnhancer(network, ReferenceConfig(), precision="float32"))
 
 
 def means(run, film):
@@ -76,7 +76,7 @@ def named(plane_run, tmp_path):
 def test_carrying_changes_over_calms_what_is_unsteady(plane_run, tmp_path):
     rendered = plane_path()
     photos = [view.read() + 0.05 for view in rendered.targets]
-    enhancer = Enhancer(Unsteady(0.1), ReferenceConfig(), precision="float32")
+    enhancer = SetEnhancer(Unsteady(0.1), ReferenceConfig(), precision="float32")
     found, all_records = means(named(plane_run, tmp_path), rendered_sequence(rendered, enhancer, photos, [0.5]))
     assert sum(found["steady 0.5"]) < 0.6 * sum(found["enhanced"])
     lines = [line.split("|")[2:5] for line in table(all_records).splitlines()[-2:]]
@@ -126,7 +126,7 @@ def test_frames_without_depth_are_refused():
     path = plane_path(2)
     bare = dataclasses.replace(path, targets=tuple(dataclasses.replace(v, read_depth=None) for v in path.targets))
     with pytest.raises(InputError, match="lacks"):
-        rendered_sequence(bare, Enhancer(small(), ReferenceConfig(references=0)))
+        rendered_sequence(bare, SetEnhancer(small(), ReferenceConfig(references=0)))
 
 
 def test_networks_that_enlarge_are_refused():

@@ -168,7 +168,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
     photos = tuple(Photo(v.name, v.camera, v.read_photo) for v in (*finer.targets, *finer.references))
     scene = Scene("plane", photos, tuple(range(1, 8)), (0,))
     monkeypatch.setattr("gaussian_enhancer.runs.inputs.build", lambda node: scene)
-    monkeypatch.setattr("gaussian_enhancer.runs.inputs.finer_config", lambda node: node)
+    monkeypatch.setattr("gaussian_enhancer.runs.inputs.high_resolution_config", lambda node: node)
     options = ["scene=capture", "scene.path=unused", f"weights={fine_weights}", f"runs={tmp_path / 'runs'}"]
     run(configured(f"run={plane_run}", *options))
     (folder,) = (tmp_path / "runs/enhance").iterdir()
@@ -186,7 +186,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
 def test_without_finer_photos_a_run_is_enlarged_all_the_same_and_told_so(plane_run, fine_weights, tmp_path, capsys):
     run(configured(f"run={plane_run}", f"weights={fine_weights}", f"output={tmp_path / 'out'}", f"runs={tmp_path}"))
     told = capsys.readouterr().err.replace("\n", " ")
-    assert "no config.yaml" in told
+    assert "config.yaml: does not exist" in told
     assert "enlarging without" in told
     assert read_photo(tmp_path / "out/view_000.png").shape == (3, 192, 256)
 
@@ -213,14 +213,14 @@ def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, c
     assert run(configured(*options, "plan.small=0", "dry_run=true")) is None
     printed = capsys.readouterr().out
     assert "references" in printed
-    assert "10 looked at for 2 views, 8 left out" in printed
+    assert "10 examined for 2 views, 8 left out" in printed
     assert not list(tmp_path.iterdir())
     run(configured(*options, "plan.small=0"))
     (folder,) = (tmp_path / "enhance").iterdir()
     plan = Plan.from_file(folder / "plan.json")
     assert [view.name for view in plan.views] == ["view_000.png", "view_004.png"]
     assert all(len(view.references or ()) == 1 for view in plan.views)
-    assert "10 looked at" in capsys.readouterr().err
+    assert "10 examined" in capsys.readouterr().err
     run(configured(*options, "plan=full"))
     (full,) = set((tmp_path / "enhance").iterdir()) - {folder}
     assert Plan.from_file(full / "plan.json").views == ()
@@ -231,7 +231,7 @@ def test_the_plan_is_made_first_printed_and_kept(plane_run, weights, tmp_path, c
 def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
     options = [f"run={plane_run}", f"weights={weights}", f"runs={tmp_path}", "dry_run=true"]
     run(configured(*options, "plan.references=all"))
-    assert "looked at" not in capsys.readouterr().out
+    assert "examined" not in capsys.readouterr().out
     run(configured(*options, "plan.depth=none"))
     assert "switched off" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"plan\.tiles"):

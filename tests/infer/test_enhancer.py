@@ -8,7 +8,7 @@ from test_ssif_lr import trained as trained_scales
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer, choose_precision
+from gaussian_enhancer.infer.enhancer import SetEnhancer, choose_precision
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
@@ -20,7 +20,7 @@ from gaussian_enhancer.scene.renders import read_run
 
 def test_untrained_network_returns_every_render(plane_run):
     rendered = read_run(plane_run)
-    enhanced = list(Enhancer(small(), ReferenceConfig())(rendered))
+    enhanced = list(SetEnhancer(small(), ReferenceConfig())(rendered))
     assert [one.name for one in enhanced] == [view.name for view in rendered.targets]
     for one, view in zip(enhanced, rendered.targets, strict=True):
         assert view.read is not None
@@ -31,7 +31,7 @@ def test_untrained_network_returns_every_render(plane_run):
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_result_is_an_image(plane_run, precision):
     one = next(
-        Enhancer(trained(), ReferenceConfig(references=1, candidates=2), precision=precision)(read_run(plane_run))
+        SetEnhancer(trained(), ReferenceConfig(references=1, candidates=2), precision=precision)(read_run(plane_run))
     )
     assert one.image.dtype == torch.float32
     assert 0 <= float(one.image.min()) <= float(one.image.max()) <= 1
@@ -40,7 +40,9 @@ def test_result_is_an_image(plane_run, precision):
 def test_strength_scales_the_change(plane_run):
     rendered, network = read_run(plane_run), trained()
     none, half, full = (
-        next(Enhancer(network, ReferenceConfig(), strength=s, precision="float32", colour_clamping=0)(rendered)).image
+        next(
+            SetEnhancer(network, ReferenceConfig(), strength=s, precision="float32", colour_clamping=0)(rendered)
+        ).image
         for s in (0.0, 0.5, 1.0)
     )
     assert rendered.targets[0].read is not None
@@ -48,7 +50,7 @@ def test_strength_scales_the_change(plane_run):
     inner = (full > 0) & (full < 1)
     torch.testing.assert_close(half[inner], ((none + full) / 2)[inner], rtol=0, atol=1e-5)
     with pytest.raises(InputError, match="strength"):
-        Enhancer(network, ReferenceConfig(), strength=1.5)
+        SetEnhancer(network, ReferenceConfig(), strength=1.5)
 
 
 def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run):
@@ -57,25 +59,27 @@ def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run
     target = read_target(view)
     seen = join(target, ReferenceConfig().align(target, view, pool))
     free, near = (
-        Enhancer(network, ReferenceConfig(), precision="float32", colour_clamping=n).enhance(seen) for n in (0, 3)
+        SetEnhancer(network, ReferenceConfig(), precision="float32", colour_clamping=n).enhance(seen) for n in (0, 3)
     )
     assert torch.equal(near, clamp_to_references(free, seen, 3))
     assert not torch.equal(near, free)
     unwarped = ReferenceConfig(Unwarped())
     beside = join(target, unwarped.align(target, view, pool))
-    free, near = (Enhancer(network, unwarped, precision="float32", colour_clamping=n).enhance(beside) for n in (0, 3))
+    free, near = (
+        SetEnhancer(network, unwarped, precision="float32", colour_clamping=n).enhance(beside) for n in (0, 3)
+    )
     assert torch.equal(near, free)
     with pytest.raises(InputError, match="colour_clamping"):
-        Enhancer(network, ReferenceConfig(), colour_clamping=4)
+        SetEnhancer(network, ReferenceConfig(), colour_clamping=4)
 
 
 def test_without_geometry_and_references_the_render_alone_is_enhanced(plane_run):
     rendered = read_run(plane_run)
     bare = [dataclasses.replace(view, camera=None, read_depth=None, read_alpha=None) for view in rendered.targets]
     rendered = dataclasses.replace(rendered, targets=tuple(bare))
-    assert next(Enhancer(trained(), ReferenceConfig(references=0))(rendered)).references == ()
+    assert next(SetEnhancer(trained(), ReferenceConfig(references=0))(rendered)).references == ()
     with pytest.raises(InputError, match="no depth"):
-        next(Enhancer(trained(), ReferenceConfig())(rendered))
+        next(SetEnhancer(trained(), ReferenceConfig())(rendered))
 
 
 def test_wrong_values_are_refused(plane_run):
@@ -87,7 +91,7 @@ def test_wrong_values_are_refused(plane_run):
         choose_precision("int8", torch.device("cpu"))
     empty = dataclasses.replace(read_run(plane_run), targets=())
     with pytest.raises(InputError, match="no render"):
-        next(Enhancer(small(), ReferenceConfig())(empty))
+        next(SetEnhancer(small(), ReferenceConfig())(empty))
 
 
 def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -127,7 +131,7 @@ def count_references(network) -> list[int]:
 def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, precision):
     rendered = many_targets(plane_run)
     network = make(refine=Deformable(kernel=1))
-    enhancer = Enhancer(network, ReferenceConfig(Unwarped(), 2, 2), precision=precision)
+    enhancer = SetEnhancer(network, ReferenceConfig(Unwarped(), 2, 2), precision=precision)
     seen = count_references(network)
     kept = list(enhancer(rendered))
     scales = len(network.encode(views()))
@@ -146,10 +150,10 @@ def test_each_photo_is_encoded_once_and_the_result_is_the_same(plane_run, make, 
 def test_warped_references_and_tiles_are_encoded_anew(plane_run):
     rendered, network = many_targets(plane_run), trained()
     seen = count_references(network)
-    warped = list(Enhancer(network, ReferenceConfig(Reprojected(), 2, 2))(rendered))
+    warped = list(SetEnhancer(network, ReferenceConfig(Reprojected(), 2, 2))(rendered))
     assert seen == [2] * len(warped)
     seen.clear()
-    enhancer = Enhancer(network, ReferenceConfig(Unwarped(), 2, 2), tile=64, halo=0)
+    enhancer = SetEnhancer(network, ReferenceConfig(Unwarped(), 2, 2), tile=64, halo=0)
     for _ in range(2):
         enhancer.enhance(views(height=64, width=96), ("a", "b"), ReferenceFeatures(network))
     assert seen == [2] * 4
@@ -179,4 +183,4 @@ def test_views_that_would_overflow_are_refused(field, value):
     seen = views()
     getattr(seen, field).flatten()[7] = value
     with pytest.raises(InputError, match=f"has 1 values that are not finite or beyond 1000 in its {field}"):
-        Enhancer(trained(), ReferenceConfig(), precision="float32").enhance(seen)
+        SetEnhancer(trained(), ReferenceConfig(), precision="float32").enhance(seen)

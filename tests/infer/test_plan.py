@@ -38,8 +38,8 @@ def test_the_table_says_what_is_used_what_is_not_and_why():
     lines = PLAN.table().splitlines()
     assert lines[0].split() == ["depth", "yes", "surface"]
     assert lines[1].split(maxsplit=3)[2:] == ["no", "not known"]
-    assert "5 looked at for 2 views, 2 left out, 1 of them since they see less than 10%" in lines[2]
-    assert "40% show background alone" in lines[3]
+    assert "5 examined for 2 views, 2 left out, 1 of them because they see less than 10%" in lines[2]
+    assert "40% show plain background" in lines[3]
     assert "candidates" not in Plan("full", Rules(), PLAN.parts, PLAN.views).table()
 
 

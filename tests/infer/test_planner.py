@@ -8,7 +8,7 @@ from test_sif import small, trained
 
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig, read_target
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.regions import Region
@@ -64,7 +64,7 @@ def test_background_is_passed_through_bit_for_bit_and_the_rest_is_enhanced():
     plan, planner = planned(rendered)
     assert plan.regions is not None
     assert 0.5 < plan.passed < 0.9
-    enhancer = Enhancer(network, ReferenceConfig(), precision="float32")
+    enhancer = SetEnhancer(network, ReferenceConfig(), precision="float32")
     (part,), (full,) = list(enhancer(rendered, planner)), list(enhancer(rendered))
     render = rendered.targets[0].read()  # type: ignore[misc]
     inside = torch.zeros(SIZE, dtype=torch.bool)
@@ -82,9 +82,9 @@ def test_an_untrained_network_returns_the_render_whatever_is_left_out():
     rendered = things()
     render = rendered.targets[0].read()  # type: ignore[misc]
     _, planner = planned(rendered)
-    (one,) = Enhancer(small(), ReferenceConfig())(rendered, planner)
+    (one,) = SetEnhancer(small(), ReferenceConfig())(rendered, planner)
     assert torch.equal(one.image, render)
-    (fine,) = Enhancer(SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(), precision="float32")(rendered, planner)
+    (fine,) = SetEnhancer(SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(), precision="float32")(rendered, planner)
     expected = upsampled(render[None], 4)[0].clamp(0, 1)
     inner = torch.nn.functional.max_pool2d((render != 1).any(0).float()[None], 9, 1, 4)[0] == 0
     flat = inner.repeat_interleave(4, 0).repeat_interleave(4, 1)
@@ -110,7 +110,7 @@ def test_an_image_without_background_is_enhanced_whole():
     empty = RenderedSet("white", (nothing,), (), (1.0, 1.0, 1.0))
     plan, planner = planned(empty, reference_config=ReferenceConfig(references=0))
     assert (plan.regions, plan.passed) == ((), 1.0)
-    (one,) = Enhancer(trained(), ReferenceConfig(references=0))(empty, planner)
+    (one,) = SetEnhancer(trained(), ReferenceConfig(references=0))(empty, planner)
     assert torch.equal(one.image, torch.ones(3, *SIZE))
 
 
@@ -119,7 +119,7 @@ def test_references_that_see_nothing_are_left_out_with_their_share():
     assert set(plan.references or ()) == {"2.png", "4.png"}
     assert plan.left_out == {"1.png": 0.0}
     assert {planner.index[name] for name in plan.references or ()} == set(planner.chosen(plan) or ())
-    (one,) = Enhancer(trained(), ReferenceConfig())(things(behind(1), thing(2), thing(4)), planner)
+    (one,) = SetEnhancer(trained(), ReferenceConfig())(things(behind(1), thing(2), thing(4)), planner)
     assert set(one.references) == {"2.png", "4.png"}
     every, _ = planned(things(behind(1), thing(2)), dataclasses.replace(AUTO, references="all"))
     assert (every.references, every.left_out) == (None, {})
@@ -141,7 +141,7 @@ def test_references_that_are_not_warped_belong_to_the_whole_image():
 @pytest.mark.parametrize("make", [small, trained])
 def test_rules_that_leave_nothing_out_change_no_bit(make):
     rendered = things()
-    enhancer = Enhancer(make(), ReferenceConfig())
+    enhancer = SetEnhancer(make(), ReferenceConfig())
     planner = Planner(Rules(), enhancer.reference_config, rendered)
     (with_rules,), (without,) = list(enhancer(rendered, planner)), list(enhancer(rendered))
     assert torch.equal(with_rules.image, without.image)

@@ -9,7 +9,7 @@ from test_sif import small
 from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.temporal_smoothing import smoothed_over_time
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.renders import read_run
@@ -61,18 +61,18 @@ def test_what_is_needed_is_named(lacking):
 
 def test_frames_of_a_run_are_steadied_in_their_order(plane_run):
     rendered = read_run(plane_run)
-    each = [one.image for one in Enhancer(small(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
-    both = [one.image for one in Enhancer(small(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
+    each = [one.image for one in SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=0.0)(rendered)]
+    both = [one.image for one in SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=0.5)(rendered)]
     assert all(torch.equal(a, b) for a, b in zip(each, both, strict=True))  # untrained: there is no change to carry
 
 
 @pytest.mark.parametrize("temporal_smoothing", [-0.1, 1.0])
 def test_shares_out_of_range_are_refused(temporal_smoothing):
     with pytest.raises(InputError, match="temporal_smoothing"):
-        Enhancer(small(), ReferenceConfig(), temporal_smoothing=temporal_smoothing)
+        SetEnhancer(small(), ReferenceConfig(), temporal_smoothing=temporal_smoothing)
 
 
 def test_super_resolution_is_refused():
     network = SSIFSR(widths=(8, 8), blocks=(1, 1))
     with pytest.raises(InputError, match="own resolution"):
-        Enhancer(network, ReferenceConfig(), temporal_smoothing=0.5)
+        SetEnhancer(network, ReferenceConfig(), temporal_smoothing=0.5)

@@ -63,7 +63,7 @@ def test_offers_without_a_time_are_refused(tmp_path) -> None:
 def offered(tmp_path, monkeypatch) -> Path:
     """Settings that every machine is fast enough for within an hour, and slow enough for a microsecond."""
     write_presets(tmp_path / "settings.json", OFFERS[:2])
-    monkeypatch.setattr(budget, "OFFERS", tmp_path / "settings.json")
+    monkeypatch.setattr(budget, "PRESETS", tmp_path / "settings.json")
     return tmp_path
 
 
@@ -103,13 +103,13 @@ def test_a_budget_that_is_no_time_is_refused(offered, plane_run, odd) -> None:
 
 
 def test_without_settings_a_budget_says_how_to_measure_them(tmp_path, monkeypatch, plane_run) -> None:
-    monkeypatch.setattr(budget, "OFFERS", tmp_path / "none.json")
+    monkeypatch.setattr(budget, "PRESETS", tmp_path / "none.json")
     with pytest.raises(InputError, match="gaussian-enhancer tradeoff kind=quality settings="):
         enhanced(tmp_path, plane_run, "budget_ms=33")
 
 
 def test_shipped_settings_if_there_are_any_name_shipped_weights() -> None:
-    if budget.OFFERS.is_file():
-        for one in read_presets(budget.OFFERS):
-            assert (budget.OFFERS.parent / f"{one.weights}.safetensors").is_file()
+    if budget.PRESETS.is_file():
+        for one in read_presets(budget.PRESETS):
+            assert (budget.PRESETS.parent / f"{one.weights}.safetensors").is_file()
             json.dumps(one.enhance)

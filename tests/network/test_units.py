@@ -8,7 +8,7 @@ from torch import nn
 
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.scene.procedural import procedural_scene
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -50,7 +50,7 @@ def enhanced(rendered: RenderedSet, depth: str) -> list[torch.Tensor]:
     for module in network.modules():  # so that depth and references tell
         if isinstance(module, nn.Conv2d) and not module.weight.any():
             nn.init.normal_(module.weight, std=0.05)
-    enhancer = Enhancer(network, ReferenceConfig(Reprojected(depth=depth)), precision="float32")
+    enhancer = SetEnhancer(network, ReferenceConfig(Reprojected(depth=depth)), precision="float32")
     return [quantised(one.image) for one in enhancer(rendered)]
 
 

@@ -14,7 +14,7 @@ from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.cli.train import _network, with_effect
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import effective
@@ -62,7 +62,7 @@ def test_every_alignment_trains_and_its_weights_enhance(alignment, plane_run, ot
     (weights,) = tmp_path.glob("train/*/weights.safetensors")
     loaded = load_weights(weights)
     assert loaded.card["steps"] == 2
-    one = next(Enhancer(loaded.network, loaded.reference_config)(read_run(other_plane_run)))
+    one = next(SetEnhancer(loaded.network, loaded.reference_config)(read_run(other_plane_run)))
     assert bool(torch.isfinite(one.image).all())
     assert run(configured(*options)) == pytest.approx(gain)
 

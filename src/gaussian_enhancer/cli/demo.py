@@ -1,4 +1,4 @@
-"""``gaussian-enhancer demo``: one procedural scene, start to finish, by the same jobs that a user would run.
+"""The job ``demo``: fit, enhance, measure and report one procedural scene, with the jobs that a user would run.
 
 A sparse splat is fitted, its held-out views are enhanced with the weights that come with the package, measured, and
 shown as a table and a page. The fit is taken from the runs' folder where it was done before.
@@ -11,8 +11,8 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
 from gaussian_enhancer.cli.pipeline import enhanced, finished_fit, measured
-from gaussian_enhancer.cli.report import open_measured, write_page
 from gaussian_enhancer.metrics.comparison import compare, paired
+from gaussian_enhancer.report.measured_run import open_measured, write_page
 from gaussian_enhancer.report.terminal import comparison_table, reasons
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.run import find_run, open_run

@@ -1,17 +1,22 @@
-"""The views of a set enhanced by several processes, each a part of them, in Lightning's prediction loop."""
+"""Several processes enhance the views of a set, each its own part, in Lightning's prediction loop."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
 from lightning import LightningModule, Trainer
+from omegaconf import DictConfig
 from torch.utils.data import DataLoader
 
-from gaussian_enhancer.infer.enhancer import Enhanced, Enhancer
+from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
+from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.runs.enhancement import ready
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.train.processes import Place
+from gaussian_enhancer.train.processes import Place, together
 from gaussian_enhancer.train.share import Strided, gathered
 from gaussian_enhancer.train.trainer import quieten
 
@@ -20,13 +25,15 @@ class Prediction(LightningModule):
     """Enhances one view a step and writes it.
 
     Args:
-        enhancer: the network with its preparation; it stays on its own device.
+        enhancer: the enhancer; it stays on its own device.
         rendered: this process's part of the views.
         folder: where images are written.
         planner: leaves out what a view does not need.
     """
 
-    def __init__(self, enhancer: Enhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None) -> None:
+    def __init__(
+        self, enhancer: SetEnhancer, rendered: RenderedSet, folder: Path, planner: Planner | None = None
+    ) -> None:
         super().__init__()
         # An iterator over all, since references that were read for one view serve the next.
         self.views, self.folder = enhancer(rendered, planner), folder
@@ -40,7 +47,7 @@ class Prediction(LightningModule):
 
 
 def predicted(
-    enhancer: Enhancer,
+    enhancer: SetEnhancer,
     rendered: RenderedSet,
     folder: Path,
     place: Place,
@@ -78,3 +85,31 @@ def predicted(
     written = [replace(one, image=torch.empty(3, 0, 0), plan=None) for one in module.written]
     found = {one.name: one for one in gathered(written)}
     return [found[view.name] for view in rendered.targets]
+
+
+def enhanced_together(folder: Path, plan: Plan, cfg: DictConfig, processes: int) -> list[Enhanced]:
+    """Enhance by several processes, by a plan that is made.
+
+    Args:
+        folder: where images are written.
+        plan: what of each view is enhanced.
+        cfg: configuration of the job ``enhance``.
+        processes: how many; at most as many as there are views.
+
+    Returns:
+        All views in the set's order, without their pixels and plans.
+
+    Raises:
+        InputError: a process refuses its input.
+    """
+    every: list[Enhanced] = together(partial(_part, folder, plan), cfg, processes)
+    return every
+
+
+def _part(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enhanced]:
+    """Enhance one process's part of the views."""
+    device = start(cfg.runtime)
+    device = torch.device("cuda", place.rank) if device.type == "cuda" else device
+    enhancer, task, found = ready(cfg, device)
+    planner = found.planner(plan.rules, plan.views)
+    return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)

@@ -1,4 +1,4 @@
-"""The job ``fit``: a scene and a method to a folder with the splat, its renders and their quality."""
+"""The job ``fit``: fit a splat to a scene; write the splat, its renders and their quality."""
 
 import statistics
 import time
@@ -24,13 +24,16 @@ from gaussian_enhancer.splat.methods import Method
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Fit a splat, unless this very fit is done already.
+    """Fit a splat, unless the same fit is done already.
 
     Args:
-        cfg: conf/fit.yaml, composed.
+        cfg: see ``conf/fit.yaml``.
 
     Returns:
-        Mean held-out PSNR in dB, for sweeps; None where nothing is held out.
+        Mean PSNR of the held-out views in dB, for sweeps; None where no view is held out.
+
+    Raises:
+        InputError: the scene cannot be read, a setting is out of range, or a file cannot be written.
     """
     device = start(cfg.runtime)
     with waiting("scene", cfg.runtime.progress):
@@ -61,7 +64,7 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def _measure(job: Run, scene: Scene, method: Method, settings: FitSettings, seconds: float, count: int) -> None:
-    """Write the records of every held-out render, 8 bit as stored, and of the fit's cost."""
+    """Write the quality of every held-out render, as stored in 8 bits, and the cost of the fit."""
     records = []
     for step in settings.snapshot_steps() if scene.test else ():
         rendered = read_run(job.folder, step, background=scene.background)
@@ -79,7 +82,7 @@ def _measure(job: Run, scene: Scene, method: Method, settings: FitSettings, seco
 
 
 def _held_out(folder: Path) -> float | None:
-    """Mean PSNR of the last step's held-out renders, from the records."""
+    """Mean PSNR of the held-out renders of the last step, from the records."""
     from gaussian_enhancer.metrics.records import read_records
 
     quality = [record for record in read_records(folder / "records.jsonl") if record.kind == "quality"]
@@ -90,7 +93,7 @@ def _held_out(folder: Path) -> float | None:
 
 
 def _discard(job: Run) -> None:
-    """Remove the folder of a fit that was refused before it wrote anything of its own."""
+    """Remove the folder of a fit that was refused before it wrote a result."""
     files = list(job.folder.iterdir())
     if {path.name for path in files} <= {"config.yaml", status.RUNNING}:
         for path in files:

@@ -1,4 +1,4 @@
-"""The command line: ``gaussian-enhancer JOB key=value ...``, every job a Hydra application.
+"""The command line: ``gaussian-enhancer JOB key=value ...``. Every job is a Hydra application.
 
 A job is a configuration ``conf/JOB.yaml`` and a module with ``run(cfg)``: ``cli/JOB.py``, or ``ablations/jobs/JOB.py``
 for jobs of the experiment suite. Everything after the job's name is Hydra's: overrides, ``--cfg job``, ``--help``,
@@ -94,11 +94,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def let_idle_threads_sleep() -> None:
-    """Set OpenMP's waiting policy, unless the user has set it; it is read once, when torch loads its OpenMP library.
+    """Set OpenMP's waiting policy for this process, unless the user has set it.
 
-    Idle OpenMP threads spin by default: on a machine that others use too, a fit then takes 20 times as long (28 against
-    450-740 ms a step, measured). If they slept at once, waking them would take longer than most loops of an enhancement
-    (250 against 140 ms a view, measured), so they spin for a moment first.
+    OpenMP reads it once, when torch loads it. Only the command line sets it; importing the package does not. Idle
+    OpenMP threads spin by default. On a machine that others use too, a fit then takes 20 times as long (28 against
+    450-740 ms a step, measured). Threads that sleep at once take longer to wake than most loops of an enhancement run
+    (250 against 140 ms a view, measured). So they spin for a moment first.
     """
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
@@ -145,7 +146,7 @@ def task(job: str) -> Callable[[Any], Any]:
 
 
 def complete(line: str) -> list[str]:
-    """Words that may stand at the end of a command line: job names first, then what Hydra offers.
+    """Completions of the last word of a command line: job names, then Hydra's.
 
     Args:
         line: the command line up to the cursor, the program's name included.

@@ -1,4 +1,4 @@
-"""``gaussian-enhancer measure``: compare images on disk with their photos; write records and tables."""
+"""The job ``measure``: compare images on disk with their photos; write records and tables."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -119,7 +119,7 @@ def _tables(records: Sequence[Record], pairs: Sequence[Pair]) -> dict[str, Table
 
 
 def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
-    """What a reader wants to see at once: the means with what is missing and why, and where the rest lies."""
+    """Print the means, what is missing and why, and where the records are."""
     print(table.markdown(), end="")
     print(f"{len(records)} records in {folder / 'records.jsonl'}")
 

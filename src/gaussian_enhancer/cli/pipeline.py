@@ -1,7 +1,7 @@
-"""The way from a scene to records, walked by the jobs themselves: fit, enhance, measure.
+"""From a scene to records: the jobs fit, enhance and measure, one after the other.
 
-Each step is the job that a user would start by hand, with a configuration composed from its own file; each finds its
-run again where it was done before.
+Each step is the job that a user would start by hand, with the configuration of its own file. A step that was done
+before is not repeated.
 """
 
 from pathlib import Path
@@ -18,14 +18,14 @@ from gaussian_enhancer.runs.run import Run, find_run
 
 
 def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
-    """A finished fit, made now where it is missing.
+    """The run of a fit. It is made where it is missing.
 
     Args:
         job: configuration of the job ``fit``.
-        refusal: what is raised where it is missing and shall not be made; None to make it.
+        refusal: raised where the run is missing and must not be made; None makes it.
 
     Raises:
-        InputError: the refusal, or that of the job.
+        InputError: the refusal, or an error of the job.
     """
     found = find_run(job, "fit")
     if found is not None and found.done:
@@ -38,12 +38,15 @@ def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
 
 
 def enhanced(job: DictConfig) -> Path:
-    """Enhance a run, or find it enhanced; the folder with renders, enhanced images and photos side by side.
+    """Enhance a run, unless that is done already.
 
-    What the weights hold is part of what determines the run, so that a file which was trained further is used anew.
+    The content of the weights enters the run's hash, so that a file which was trained further makes a new run.
 
     Args:
         job: configuration of the job ``enhance``.
+
+    Returns:
+        The folder with renders, enhanced images and photos.
 
     Raises:
         InputError: there are no such weights, or they cannot be used.
@@ -58,18 +61,21 @@ def enhanced(job: DictConfig) -> Path:
 
 
 def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
-    """Measure an enhanced run under the names of its scene and its splat; the records and their folder.
+    """Measure an enhanced run.
 
     Args:
         job: configuration of the job ``measure``.
-        fit_folder: the fit's folder, called scene-method-digest.
+        fit_folder: the fit's folder, named scene-method-digest; the records take scene and splat from it.
+
+    Returns:
+        The records and their folder.
     """
     job.scene_name, job.splat_name, _ = fit_folder.name.rsplit("-", 2)
     return write_measurement(job)
 
 
 def _made(job: DictConfig, name: str) -> Run:
-    """The run that a job has just made."""
+    """The finished run of a job."""
     found = find_run(job, name)
     if found is None or not found.done:
         raise RuntimeError(f"the job {name} left no finished run behind")

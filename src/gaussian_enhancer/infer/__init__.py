@@ -1,1 +1,1 @@
-"""From renders and references to enhanced images: enhancer, tiles, plan, weights."""
+"""Inference: the enhancer of a set, tiles, plan, temporal smoothing, presets and weights."""

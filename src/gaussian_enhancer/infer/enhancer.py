@@ -1,4 +1,4 @@
-"""From a set of renders to enhanced images.
+"""Enhancing the views of a set, one after the other.
 
 Axes: b batch, h height, w width, H, W the same times the network's scale.
 """
@@ -38,10 +38,11 @@ class Enhanced:
     Args:
         name: the render's file name.
         image: of the render's size, or finer by the network's scale, [0, 1].
-        preparing: milliseconds spent on choosing, reading and warping references.
-        enhancing: milliseconds spent in the network.
-        references: names of the references that were used, best first; those of the first region that was enhanced.
-        plan: what was enhanced of the view; None where everything was.
+        preparing: milliseconds that choosing, reading and warping references took.
+        enhancing: milliseconds that the network took.
+        references: names of the references that were used, best first. Where several regions were enhanced, those of
+            the first.
+        plan: which parts were enhanced; None where everything was.
     """
 
     name: str
@@ -52,28 +53,28 @@ class Enhanced:
     plan: ViewPlan | None = None
 
 
-class Enhancer:
+class SetEnhancer:
     """Enhances the targets of a set one by one.
 
-    Where references are not warped and a target fits in one tile, references are encoded once for all targets.
+    Where references are not warped and a target fits in one tile, each reference is encoded once for all targets.
 
     Args:
-        network: maps views to enhanced images.
+        network: the enhancement network.
         reference_config: how references are chosen and aligned.
-        device: where the network runs.
+        device: where the network runs; None is the processor.
         precision: of the network's convolutions; "auto" is bfloat16 on processors and float16 on graphics cards
             that compute in it, float32 elsewhere.
         tile: side of the tiles that larger images are cut into, a multiple of 16.
-        halo: pixels around a tile that are computed and thrown away, a multiple of 16.
+        halo: width in pixels of the border of a tile that is computed and discarded, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
-        steady: share of the change that each target takes over from the one before it, in [0, 1): for frames of a path,
-            at the render's own resolution (`smoothed_over_time`).
-        evidence: side of the window within whose colours, the render's and the warped references', an enhanced pixel
-            stays (`clamp_to_references`); 0 sets no limit. None is set at finer resolutions, where references are not
-            warped, or where there are none.
+        temporal_smoothing: for frames of a path: share of the change that each target takes over from the one before
+            it, in [0, 1) (`smoothed_over_time`). Super-resolution does not support it.
+        colour_clamping: side in pixels of the window to whose colours, the render's and the warped references', an
+            enhanced pixel is clamped (`clamp_to_references`); 0 sets no limit. Super-resolution, and references that
+            are not warped, set none.
 
     Raises:
-        InputError: precision, strength, steady or evidence is out of range.
+        InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
     """
 
     def __init__(
@@ -114,20 +115,25 @@ class Enhancer:
         self.colour_clamping = colour_clamping
 
     def __call__(
-        self, rendered: RenderedSet, planner: Planner | None = None, pool: Pool | None = None
+        self,
+        rendered: RenderedSet,
+        planner: Planner | None = None,
+        pool: Pool | None = None,
+        features: ReferenceFeatures | None = None,
     ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
         Args:
             rendered: targets and references.
-            planner: leaves out what a view does not need; None enhances every pixel with every reference.
-            pool: the set's references, where some are in memory already; a planner has its own.
+            planner: decides what a view does not need; None enhances every pixel with every reference.
+            pool: the set's references, where some are in memory already. A planner brings its own.
+            features: of these references, kept from an earlier call; without effect where references are warped.
 
         Raises:
-            InputError: a view cannot be read, or lacks what the preparation or carrying changes needs.
+            InputError: a view cannot be read, or has no camera or depth where alignment or smoothing needs it.
         """
         before: PreviousChange | None = None
-        for one, target in self._each(rendered, planner, pool):
+        for one, target in self._each(rendered, planner, pool, features):
             if not self.temporal_smoothing:
                 yield one
                 continue
@@ -135,9 +141,13 @@ class Enhancer:
             yield dataclasses.replace(one, image=image)
 
     def _each(
-        self, rendered: RenderedSet, planner: Planner | None, pool: Pool | None
+        self,
+        rendered: RenderedSet,
+        planner: Planner | None,
+        pool: Pool | None,
+        features: ReferenceFeatures | None,
     ) -> Iterator[tuple[Enhanced, Pixels]]:
-        """Each target enhanced by itself, and its pixels."""
+        """Enhance each target by itself; yield it with the target's pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
         if planner is not None:
@@ -146,7 +156,7 @@ class Enhancer:
             pool = Pool(rendered.references)
         kept = None
         if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
-            kept = ReferenceFeatures(self.network)
+            kept = ReferenceFeatures(self.network) if features is None else features
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)
@@ -166,7 +176,7 @@ class Enhancer:
     def _in_parts(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
     ) -> Enhanced:
-        """A view of which regions are enhanced, each as if it were an image of its own, and the rest passed through."""
+        """Enhance the planned regions of a view, each as an image of its own; the rest stays as it was rendered."""
         height, width = plan.size
         scale, chosen = self.network.scale, planner.chosen(plan)
         unit = None if target.depth is None else depth_unit(target.depth[None])
@@ -219,7 +229,7 @@ class Enhancer:
 
 
 def choose_precision(precision: str, device: torch.device) -> torch.dtype:
-    """The type that convolutions compute in.
+    """The type in which convolutions are computed.
 
     Raises:
         InputError: the name is unknown.

@@ -1,4 +1,4 @@
-"""Views that a network cannot make anything of."""
+"""Refusing views with values that are not finite."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ LARGEST = 1e3
 def refuse_not_finite(views: NetworkInput) -> None:
     """Refuse views with numbers that are not finite or no colours, which a network would spread over the image.
 
-    Depth that is not finite counts as unknown and is left to the network.
+    Depth that is not finite is allowed: it counts as unknown.
 
     Args:
         views: what is known of the targets.

@@ -1,6 +1,6 @@
-"""What enhancing a scene needs and what it leaves out: plain data that is printed, saved and read back.
+"""The plan of an enhancement: what of a scene is used, and what is left out and why.
 
-`gaussian_enhancer.infer.planner` makes it.
+It is plain data that is printed, saved and read back. `gaussian_enhancer.infer.planner` makes it.
 """
 
 import dataclasses
@@ -21,18 +21,18 @@ CHOICES = {"references": ("all", "auto"), "depth": ("all", "auto", "none"), "til
 
 @dataclass(frozen=True)
 class Rules:
-    """What may be left out, and from where on. The defaults leave nothing out.
+    """What a plan may leave out. The defaults leave nothing out.
 
     Args:
-        references: "auto" looks at the candidates on a coarse grid and warps those alone that would be taken and see
-            at least ``share``; "all" warps all candidates.
-        depth: "auto" uses depth where it is depth of the render; "all" as it is given; "none" not at all.
-        tiles: "auto" passes through what shows nothing but the background; "all" enhances every pixel.
-        share: of what there is to see of a target that a reference must see at least, in [0, 1].
-        tolerance: difference in colour up to which a pixel counts as background, in [0, 1].
-        margin: pixels around what is enhanced that the network sees as well.
-        small: pixels of a view up to which candidates are looked at only where background is left out: looking takes
-            as long as warping them all.
+        references: "auto" warps all candidates on a coarse grid first, and at full size only the best ones that see at
+            least ``share``; "all" warps all candidates at full size.
+        depth: "auto" uses depth unless it does not fit the renders; "all" uses it unchecked; "none" never uses it.
+        tiles: "auto" passes plain background through; "all" enhances every pixel.
+        share: of a target's covered pixels that a reference must see at least, in [0, 1].
+        tolerance: colour difference up to which a pixel counts as background, in [0, 1].
+        margin: width in pixels of the border around an enhanced region that the network sees as well; a multiple of 8.
+        small: number of pixels up to which a view's candidates are all warped at full size, since the coarse grid would
+            take as long. It has no effect where background is passed through.
 
     Raises:
         InputError: a choice is unknown or a number out of range.
@@ -65,14 +65,18 @@ class Rules:
         return (self.references, self.depth, self.tiles) == ("all", "all", "all")
 
 
+AUTO = Rules("auto", "auto", "auto", small=65536)
+"""What the job enhance and the Python API leave out unless they are told otherwise: ``conf/plan/auto.yaml``."""
+
+
 @dataclass(frozen=True)
 class Part:
-    """One part of the enhancement.
+    """One part of the input and whether it is used.
 
     Args:
-        name: what it is.
+        name: the part: "cameras", "depth", "references", ...
         used: whether it is used.
-        why: what it is used for, or why it is left out.
+        why: how it is used, or why it is left out.
     """
 
     name: str
@@ -82,14 +86,14 @@ class Part:
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """What of one view is enhanced, and with what.
+    """Which regions of one view are enhanced, and with which references.
 
     Args:
         name: the render's file name.
         size: height and width of the render, in pixels.
-        regions: what is enhanced; the rest of the render is passed through. None means all of it.
-        references: the references that are warped, by name; None leaves them to the reference_config.
-        left_out: candidates that were looked at and left out, with the share of the view that each sees.
+        regions: regions that are enhanced; the rest of the render is passed through. None enhances all of it.
+        references: names of the references that are warped; None leaves the choice to the reference configuration.
+        left_out: candidates that are left out, with the share of the view that each sees.
     """
 
     name: str
@@ -108,13 +112,13 @@ class ViewPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """What enhancing a scene needs.
+    """What of a scene is used and what is left out.
 
     Args:
         scene: its name.
-        rules: what might be left out.
-        parts: used or left out for the whole scene.
-        views: of each view that is decided.
+        rules: what may be left out.
+        parts: parts of the input, for the whole scene.
+        views: the views that are planned so far.
     """
 
     scene: str
@@ -129,25 +133,25 @@ class Plan:
         return sum(view.passed * view.size[0] * view.size[1] for view in self.views) / max(1, total)
 
     def table(self) -> str:
-        """The plan for the terminal: one line a part with whether it is used and why, and what views leave out."""
+        """The plan as text: one line a part, then what the views leave out."""
         lines = [(part.name, "yes" if part.used else "no", part.why) for part in self.parts]
         if self.views:
             if self.rules.references == "auto":
                 lines.append(("candidates", "", self._candidates()))
             if self.rules.tiles == "auto":
                 share = f"{self.passed:.0%}" if self.passed else "none"
-                lines.append(("pixels", "", f"{share} show background alone and are passed through"))
+                lines.append(("pixels", "", f"{share} show plain background and are passed through"))
         return "\n".join(f"{name:<18}{used:<5}{why}".rstrip() for name, used, why in lines)
 
     def _candidates(self) -> str:
         looked = [view for view in self.views if view.references is not None]
         if not looked:
-            return "all are warped: on views of this size that takes no longer than a look at them"
+            return "all are warped: on views of this size a coarse look first would save no time"
         shares = [share for view in looked for share in view.left_out.values()]
         taken = sum(len(view.references or ()) for view in looked)
-        text = f"{taken + len(shares)} looked at for {len(looked)} views, {len(shares)} left out"
+        text = f"{taken + len(shares)} examined for {len(looked)} views, {len(shares)} left out"
         few = sum(share < self.rules.share for share in shares)
-        return text + (f", {few} of them since they see less than {self.rules.share:.0%}" if few else "")
+        return text + (f", {few} of them because they see less than {self.rules.share:.0%}" if few else "")
 
     def to_file(self, path: Path) -> None:
         """Write the plan as JSON, whole or not at all.

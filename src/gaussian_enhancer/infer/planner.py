@@ -1,4 +1,4 @@
-"""Making the plan of a scene: what its input allows, what its views need.
+"""Planning a scene view by view: regions and references.
 
 Axes: i, j blocks of a target.
 """
@@ -18,17 +18,17 @@ from gaussian_enhancer.infer.regions import Region, background_blocks, regions_o
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 WHOLE = 0.9
-"""Share of the image from which on regions with their margins cost as much as the whole."""
+"""Share of the image above which regions with their margins cost as much as the whole image."""
 
 
 class Planner:
-    """Decides view by view what is enhanced, and with which references.
+    """Decides view by view which regions are enhanced, and with which references.
 
     Args:
         rules: what may be left out.
-        preparation: how references reach the target, as far as the input allows.
+        reference_config: how references are chosen and aligned, as far as the input allows.
         rendered: the set that is enhanced.
-        known: views that were decided before.
+        known: plans of views that were made before.
         pool: the set's references, where some are in memory already.
     """
 
@@ -47,7 +47,7 @@ class Planner:
         self._small: dict[int, Pixels] = {}
 
     def __call__(self, view: RenderedView, target: Pixels) -> ViewPlan:
-        """What of a view is enhanced; decided once.
+        """The plan of a view; it is made once.
 
         Args:
             view: the target.
@@ -58,7 +58,7 @@ class Planner:
         return self.known[view.name]
 
     def chosen(self, plan: ViewPlan) -> tuple[int, ...] | None:
-        """The references of a view's plan as indices into the pool; None leaves them to the reference_config."""
+        """The references of a plan as indices into the pool; None leaves the choice to the reference configuration."""
         return None if plan.references is None else tuple(self.index[name] for name in plan.references)
 
     def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
@@ -79,7 +79,7 @@ class Planner:
         return plan if needed is None else replace(plan, regions=self._regions(needed, seen, height, width))
 
     def _reference(self, index: int) -> Pixels:
-        """A reference on a coarse grid; it is small, and stays in memory."""
+        """A reference on a coarse grid, which stays in memory."""
         if index not in self._small:
             self._small[index] = coarse(self.pool.read(index, self.reference_config.fine))
         return self._small[index]
@@ -94,7 +94,7 @@ class Planner:
     def _regions(
         self, needed: Bool[Tensor, "i j"], seen: Aligned | None, height: int, width: int
     ) -> tuple[Region, ...] | None:
-        """What is enhanced, or None where that is nearly all."""
+        """The regions that are enhanced; None where they are nearly all of the image."""
         if seen is not None:
             needed = needed | self._contradicted(seen, *needed.shape)
         found = regions_of(needed, height, width, self.rules.margin)
@@ -102,7 +102,7 @@ class Planner:
         return None if cost > WHOLE * height * width else found
 
     def _contradicted(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
-        """Blocks where a reference shows something else than the background."""
+        """Blocks where a reference shows something that is not the background."""
         colour = seen.references.new_tensor(self.background)[:, None, None]
         differs = ((seen.references - colour).abs().amax(1) > self.rules.tolerance) & (seen.visibility[:, 0] > 0.5)
         anywhere = differs.any(0).to(seen.references.dtype)[None]

@@ -1,4 +1,4 @@
-"""What a job enhances is read before it writes: damaged files are found, and what is used stays in memory."""
+"""Reading all input before anything is written, so that a damaged file is found first."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -16,16 +16,19 @@ from gaussian_enhancer.scene.rendered import RenderedView
 def file_reads(
     found: ValidatedInputs, keep_photos: bool, planner: Planner | None, rendering: bool
 ) -> list[Callable[[], object]]:
-    """All that will be read from files: read once before the first image is written, so that a damaged one is found.
+    """The reads that find damaged files before the first image is written.
 
-    Targets are planned as they are read, and the references that come into question for them stay in memory; the
-    others are not read at all. Targets that are rendered when they are asked for are planned when they are enhanced.
+    Targets are planned as they are read. Their candidate references are read and stay in memory; other references are
+    not read. Targets that are rendered from a splat are planned later, when they are enhanced.
 
     Args:
-        found: targets, references and how they are prepared.
-        keep_photos: whether the targets' own photos are looked at.
-        planner: decides what of each target is enhanced; None where nothing is left out.
-        rendering: plan targets that are rendered, too.
+        found: the validated input.
+        keep_photos: whether the targets' own photos are read, too.
+        planner: plans each target; None where nothing may be left out.
+        rendering: plan targets now that are rendered from a splat.
+
+    Returns:
+        Functions without arguments; each raises `InputError` where a file is damaged.
     """
     reads: list[Callable[[], object]] = []
     for view in found.rendered.targets:
@@ -41,7 +44,7 @@ def file_reads(
 
 
 def _look(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
-    """Read a target, plan it where it is to be planned, and read what it may refer to."""
+    """Read a target, plan it, and read its candidate references."""
     target = read_target(view)
     plan = None if planner is None else planner(view, target)
     if plan is not None and plan.regions == ():

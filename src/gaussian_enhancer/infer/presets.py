@@ -1,4 +1,4 @@
-"""The settings that ``enhance budget_ms=`` chooses from, on disk, and the choice among them."""
+"""Presets on disk, and the choice of the best one within a time budget (``enhance budget_ms=``)."""
 
 import json
 from collections.abc import Sequence
@@ -12,16 +12,16 @@ from gaussian_enhancer.metrics.tradeoff import Point, best_within, mean_squared
 
 @dataclass(frozen=True)
 class Preset:
-    """A setting of the job enhance with what it was measured to cost and to reach.
+    """A setting of the job ``enhance`` with its measured time and quality.
 
     Args:
         name: "curve/setting".
-        weights: shipped name.
-        enhance: overrides of the job enhance.
-        milliseconds: a megapixel of output, median.
+        weights: name of the package's weights.
+        enhance: overrides of the job ``enhance``.
+        milliseconds: median time a megapixel of output.
         psnr: mean over validation views, dB.
-        machine: that it was measured on.
-        commit: of the code that it was measured with.
+        machine: on which it was measured.
+        commit: of the code with which it was measured.
     """
 
     name: str
@@ -34,12 +34,12 @@ class Preset:
 
     @property
     def point(self) -> Point:
-        """Mean squared error over time."""
+        """Time and mean squared error."""
         return Point(self.name, self.milliseconds, mean_squared(self.psnr))
 
 
 def write_presets(path: Path, presets: Sequence[Preset]) -> None:
-    """Write what `read_presets` reads.
+    """Write presets as JSON.
 
     Raises:
         InputError: the file cannot be written.
@@ -48,10 +48,13 @@ def write_presets(path: Path, presets: Sequence[Preset]) -> None:
 
 
 def read_presets(path: Path) -> tuple[Preset, ...]:
-    """The settings that a budget can choose from, at least one, the fastest first.
+    """Read presets, the fastest first.
+
+    Returns:
+        At least one preset.
 
     Raises:
-        InputError: the file is missing, or holds something else.
+        InputError: the file is missing or malformed.
     """
     remedy = f"measure them: gaussian-enhancer tradeoff kind=quality settings={path}"
     try:
@@ -67,16 +70,19 @@ def read_presets(path: Path) -> tuple[Preset, ...]:
 
 
 def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: float) -> tuple[Preset, str]:
-    """The best setting within a budget, and what was chosen and why in words.
+    """Choose the preset with the best quality within a budget.
 
     Args:
         presets: at least one, the fastest first.
         budget: milliseconds an image.
         megapixels: of the image.
-        speed: times of this machine over recorded ones; above 1 where this one is slower.
+        speed: time on this machine divided by the recorded time; above 1 where this machine is slower.
+
+    Returns:
+        The preset, and a sentence that says what was chosen and why.
 
     Raises:
-        InputError: nothing keeps within the budget.
+        InputError: no preset keeps within the budget.
     """
     best = best_within((one.point for one in presets), budget / (megapixels * speed))
     chosen = presets[0] if best is None else next(one for one in presets if one.name == best.name)

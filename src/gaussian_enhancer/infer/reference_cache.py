@@ -1,4 +1,4 @@
-"""Features of references that serve many targets.
+"""A cache of the network's features of references.
 
 Axes: b batch, r references, c channels, i, j sides of the features.
 """
@@ -16,14 +16,14 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class ReferenceFeatures:
-    """The features of the references that were used last, for references that are not warped.
+    """Keeps the features of the references that were used last, where references are not warped.
 
-    They are kept by the reference's name, the size that it is read in, and what is known of it. Names must be unique:
-    one cache serves one set of views.
+    The key is the reference's name, the target's size, and whether its render and its finer photo are known. Names must
+    be unique: one cache serves one set of views.
 
     Args:
-        network: what encodes references and takes their features.
-        capacity: of how many references features are kept; one target never needs more than 8.
+        network: the network, which encodes references.
+        capacity: number of references whose features are kept; one target never needs more than 8.
     """
 
     def __init__(self, network: CachesReferences, capacity: int = 24) -> None:
@@ -31,11 +31,11 @@ class ReferenceFeatures:
         self.kept: OrderedDict[tuple[object, ...], tuple[Tensor, ...]] = OrderedDict()
 
     def __call__(self, views: NetworkInput, names: Sequence[str]) -> tuple[Float[Tensor, "b r c _ _"], ...] | None:
-        """What the network's ``encode`` gives for the views; None where there is no reference.
+        """The features of a target's references, as the network's ``encode`` gives them; None without references.
 
         Args:
-            views: of one target.
-            names: of its references.
+            views: the network's input for one target.
+            names: names of its references.
         """
         if not names:
             return None
@@ -54,7 +54,7 @@ class ReferenceFeatures:
 
 
 def _alone(views: NetworkInput, index: int) -> NetworkInput:
-    """The views with one of the references, and of the target only what its size is told by."""
+    """The network's input with one of the references, and nothing of the target but its size."""
 
     def one(images: Tensor | None) -> Tensor | None:
         return None if images is None else images[:, index : index + 1]

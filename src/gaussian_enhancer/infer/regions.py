@@ -1,4 +1,4 @@
-"""Which parts of an image need work, as few rectangles, and cutting a view down to one of them.
+"""Regions of an image: finding the parts that need work, and cropping a view to one.
 
 Axes: h height, w width, i = ceil(h / BLOCK), j = ceil(w / BLOCK) blocks.
 """
@@ -20,7 +20,7 @@ BLOCK = 16
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of pixels; ``bottom`` and ``right`` lie outside."""
+    """A rectangle of pixels; ``bottom`` and ``right`` are exclusive."""
 
     top: int
     left: int
@@ -33,16 +33,16 @@ class Region:
         return (self.bottom - self.top) * (self.right - self.left)
 
     def grown(self, margin: int, height: int, width: int) -> "Region":
-        """The region with a margin on every side, within an image."""
+        """The region with a margin on every side, clipped to the image."""
         top, left = max(0, self.top - margin), max(0, self.left - margin)
         return Region(top, left, min(height, self.bottom + margin), min(width, self.right + margin))
 
     def within(self, outer: "Region") -> "Region":
-        """The same pixels, counted from another region's first."""
+        """The same pixels in the coordinates of a region around them."""
         return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
 
     def cut(self, image: Tensor, scale: int = 1) -> Tensor:
-        """The region's part of an image (..., height, width) on a grid that is finer by ``scale``."""
+        """Crop an image (..., scale height, scale width) to the region."""
         rows, columns = (slice(scale * a, scale * b) for a, b in ((self.top, self.bottom), (self.left, self.right)))
         return image[..., rows, columns]
 
@@ -50,13 +50,13 @@ class Region:
 def background_blocks(
     image: Float[Tensor, "3 h w"], background: Sequence[float], tolerance: float
 ) -> Bool[Tensor, "i j"]:
-    """Blocks that show nothing but the background's colour.
+    """Blocks that show only the background's colour.
 
-    Opacity does not tell them: sparse fits put Gaussians of the background's colour all over it.
+    Opacity cannot find them, since sparse fits cover the background with Gaussians of its colour.
 
     Args:
         image: the render, [0, 1].
-        background: the colour under it, [0, 1].
+        background: the background's colour, [0, 1].
         tolerance: largest difference of any channel at any pixel of the block, in [0, 1].
     """
     colour = image.new_tensor(background)[:, None, None]
@@ -65,16 +65,16 @@ def background_blocks(
 
 
 def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int) -> tuple[Region, ...]:
-    """Rectangles that hold all blocks that need work: one, or several where gaps between them are worth it.
+    """Cover all blocks that need work by rectangles.
 
-    A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows and columns without a needed block, as
-    long as the parts with their margins are smaller than four fifths of the whole with its own.
+    A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows and columns without a needed block where
+    the parts with their margins have less than four fifths of the whole's area with its margin.
 
     Args:
         needed: blocks that need work.
         height: of the image, in pixels.
         width: of the image, in pixels.
-        margin: pixels around a region that are computed as well.
+        margin: width in pixels of the border around a region that is computed as well.
     """
 
     def pixels(box: tuple[int, int, int, int]) -> Region:
@@ -107,11 +107,11 @@ def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int
 
 
 def cut_pixels(target: Pixels, region: Region) -> Pixels:
-    """A target as if its camera had taken the region alone.
+    """Crop a target and its camera to a region.
 
     Args:
         target: render, and depth and opacity of its size where they are known.
-        region: what is kept.
+        region: the part that is kept.
     """
     return replace(
         target,
@@ -123,7 +123,7 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
 
 
 def cut_camera(camera: Camera, region: Region) -> Camera:
-    """The camera of a region: its principal point moves, what its pixels see stays."""
+    """Crop a camera to a region: the principal point moves by the region's corner."""
     K = camera.K.clone()
     K[0, 2] -= region.left
     K[1, 2] -= region.top
@@ -131,13 +131,13 @@ def cut_camera(camera: Camera, region: Region) -> Camera:
 
 
 def _runs(filled: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and last (outside) index of each run of True."""
+    """First and last (exclusive) index of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], filled.astype(np.int8), [0]])))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _tightened(mask: np.ndarray, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-    """The smallest box around what is True in a box that holds something."""
+    """The bounding box of what is True within a box, where something is."""
     inside = mask[box[0] : box[2], box[1] : box[3]]
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     return box[0] + int(rows[0]), box[1] + int(columns[0]), box[0] + int(rows[-1]) + 1, box[1] + int(columns[-1]) + 1

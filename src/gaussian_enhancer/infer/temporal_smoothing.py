@@ -1,4 +1,4 @@
-"""Frames of a path made steadier: what the network changes is carried over from frame to frame.
+"""Temporal smoothing: the network's change of a frame is averaged with that of the frame before.
 
 Axes: h height, w width.
 """
@@ -18,11 +18,11 @@ TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class PreviousChange:
-    """What is handed on from one frame to the next.
+    """The change of the frame before.
 
     Args:
-        change: what was added to the frame's render.
-        target: the frame, with camera and depth.
+        change: what was added to that frame's render.
+        target: that frame, with camera and depth.
     """
 
     change: Float[Tensor, "3 h w"]
@@ -32,17 +32,20 @@ class PreviousChange:
 def smoothed_over_time(
     image: Float[Tensor, "3 h w"], target: Pixels, before: PreviousChange | None, share: float
 ) -> tuple[Float[Tensor, "3 h w"], PreviousChange]:
-    """A frame whose change is mixed with that of the frame before, warped onto it through the rendered depth.
+    """Average a frame's change with that of the frame before, which is warped through the rendered depth.
 
-    change <- change + share v (warped change - change), where v is how surely both frames show the same surface: an
-    exponential mean along the path, which a reference that comes or goes cannot jump through. The render itself, and
-    with it all that moves by parallax, is never mixed.
+    change <- change + share v (warped change - change), where v in [0, 1] is the confidence that both frames show the
+    same surface. This is an exponential mean along the path: it prevents a jump where a reference comes or goes. The
+    render itself is never averaged, so that parallax stays sharp.
 
     Args:
         image: the enhanced frame, [0, 1].
         target: its render, with camera and depth.
-        before: of the frame before; None at the beginning of a path.
-        share: of the change before, in [0, 1).
+        before: the change of the frame before; None at the beginning of a path.
+        share: weight of that change, in [0, 1).
+
+    Returns:
+        The smoothed frame, and its change for the next frame.
 
     Raises:
         InputError: the frame has no camera or no depth.

@@ -1,4 +1,4 @@
-"""Enhancing large images by overlapping tiles, so that memory stays flat.
+"""Enhancing large images in overlapping tiles, so that memory does not grow with the image.
 
 Axes: b batch, h height, w width, H, W the same times the network's scale.
 """
@@ -24,17 +24,17 @@ def enhance_tiled(
     stride: int = 16,
     scale: int = 1,
 ) -> Float[Tensor, "b 3 H W"]:
-    """Run a network over tiles whose seams are blended.
+    """Run a network over overlapping tiles and blend them.
 
-    Each tile carries a halo that is thrown away and a ramp over which it fades into its neighbour. The result equals
-    the whole image's wherever the halo covers the network's reach; a smaller halo is hidden by the ramp. Depth is
-    normalised by the whole image's ``depth_unit``, which must be given where depth is.
+    Each tile has a halo, which is discarded, and a ramp over which it fades into its neighbour. The result equals that
+    of the whole image where the halo is as wide as the network's receptive field; the ramp hides the difference
+    elsewhere. Depth is normalised by the whole image's ``depth_unit``, which must be given where depth is.
 
     Args:
-        network: what maps views to enhanced images.
+        network: maps views to enhanced images.
         views: the whole image.
-        tile: side of a tile with halo in pixels of the render, as all that follow; a multiple of stride.
-        halo: pixels on each inner side that are computed and thrown away, a multiple of stride.
+        tile: side of a tile with its halo; a multiple of stride. This and the next three are in pixels of the render.
+        halo: pixels on each inner side that are computed and discarded, a multiple of stride.
         blend: pixels over which neighbours fade into each other, a multiple of stride.
         stride: tiles start at multiples of this, as the network's own grid does.
         scale: how many times finer the enhanced image is than the render.
@@ -63,7 +63,7 @@ def enhance_tiled(
 
 
 def check_tiles(tile: int, halo: int = 64, blend: int = 32, stride: int = 16) -> None:
-    """Refuse sides that `enhance_tiled` cannot work with.
+    """Refuse sizes that `enhance_tiled` cannot use.
 
     Raises:
         InputError: the tile leaves no room within its halo, or sides are no multiples of the stride.
@@ -75,7 +75,7 @@ def check_tiles(tile: int, halo: int = 64, blend: int = 32, stride: int = 16) ->
 
 
 def _spans(length: int, tile: int, halo: int, blend: int) -> Iterator[tuple[int, int]]:
-    """First and last pixel of the tiles along one axis: kept parts overlap by the ramp."""
+    """First and last (exclusive) pixel of the tiles along one axis; what is kept of them overlaps by the ramp."""
     step = tile - 2 * halo - blend
     start = 0
     while True:

@@ -1,7 +1,7 @@
-"""``enhance budget_ms=``: the best setting that is known to keep within a time, on this machine and at this size.
+"""``enhance budget_ms=``: choose the best preset that keeps within a time on this machine, at this image size.
 
-The settings and their times come from the validation scenes of ``gaussian-enhancer tradeoff``, measured on another
-machine as a rule. How much faster or slower this one is, is measured: the cheapest setting is timed on the first view.
+``gaussian-enhancer tradeoff`` measured the presets on validation scenes, usually on another machine. The fastest preset
+is timed on the first view here, and the recorded times are scaled by the ratio.
 """
 
 import math
@@ -17,13 +17,13 @@ from rich.console import Console
 
 from gaussian_enhancer.checkpoint import SHIPPED
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.presets import Preset, choose, read_presets
 from gaussian_enhancer.metrics.cost import timed
 from gaussian_enhancer.scene.in_memory import single
 from gaussian_enhancer.scene.rendered import RenderedSet
 
-OFFERS = SHIPPED / "settings.json"
+PRESETS = SHIPPED / "settings.json"
 
 CHOSEN = ("weights", "max_references", "precision", "tile")
 """What a budget decides and therefore cannot be given beside it."""
@@ -32,18 +32,20 @@ CHOSEN = ("weights", "max_references", "precision", "tile")
 def within_budget(
     cfg: DictConfig, ready: Callable[[DictConfig, torch.device], Any], device: torch.device, console: Console
 ) -> DictConfig:
-    """The configuration with the best setting that keeps within its ``budget_ms``; as it is without one.
+    """Replace ``budget_ms`` in a configuration by the best preset that keeps within it.
 
-    What is returned is what a user would write who asks for that setting by name, and is filed as such.
+    The result equals the configuration of a user who asks for that preset's values. A configuration without a budget
+    is returned as it is.
 
     Args:
-        cfg: of the job enhance.
-        ready: gives an `Enhancer`, the job's input and more for a configuration.
+        cfg: configuration of the job ``enhance``.
+        ready: makes a `SetEnhancer`, the job's input and more from a configuration.
         device: where the network runs.
-        console: is told what was chosen and why.
+        console: where the choice and its reason are printed.
 
     Raises:
-        InputError: no setting keeps within it, none was measured, or what it decides is given beside it.
+        InputError: no preset keeps within the budget, none was measured, or an option that the budget decides was given
+            as well.
     """
     if cfg.get("budget_ms") is None:
         return cfg
@@ -51,7 +53,7 @@ def within_budget(
     if isinstance(budget, bool) or not isinstance(budget, int | float) or not 0 < budget < math.inf:
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_given(cfg)
-    presets = read_presets(OFFERS)
+    presets = read_presets(PRESETS)
     enhancer, task, *_ = ready(_with(cfg, presets[0]), device)
     milliseconds, megapixels = calibrated(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
@@ -60,12 +62,15 @@ def within_budget(
     return _with(cfg, chosen)
 
 
-def calibrated(enhancer: Enhancer, rendered: RenderedSet) -> tuple[float, float]:
-    """Milliseconds of the first view, the median of three after a warm-up, and the megapixels of what comes out.
+def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, float]:
+    """Time the first view: the median of three runs after a warm-up.
 
     Args:
-        enhancer: of the cheapest setting.
+        enhancer: of the fastest preset.
         rendered: what the job enhances.
+
+    Returns:
+        Milliseconds, and the megapixels of the enhanced image.
 
     Raises:
         InputError: there is no view, or it cannot be read.
@@ -78,18 +83,18 @@ def calibrated(enhancer: Enhancer, rendered: RenderedSet) -> tuple[float, float]
     return timing.milliseconds, height * width / 1e6
 
 
-def _with(cfg: DictConfig, offer: Preset) -> DictConfig:
-    """The configuration with an offer's setting, as if the user had asked for it."""
-    chosen = OmegaConf.merge(cfg, OmegaConf.from_dotlist(list(offer.enhance)))
+def _with(cfg: DictConfig, preset: Preset) -> DictConfig:
+    """The configuration with the values of a preset in place of the budget."""
+    chosen = OmegaConf.merge(cfg, OmegaConf.from_dotlist(list(preset.enhance)))
     if not isinstance(chosen, DictConfig):
         raise TypeError("a job's configuration is a mapping")
     with open_dict(chosen):
-        chosen.update({"weights": offer.weights, "budget_ms": None})
+        chosen.update({"weights": preset.weights, "budget_ms": None})
     return chosen
 
 
 def _refuse_given(cfg: DictConfig) -> None:
-    """Refuse what the budget decides where the user gives it, by another value than the default or by name."""
+    """Refuse options that the budget decides, where the user named one or gave another value than the default."""
     defaults = compose("enhance")
     words = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     named = {word.split("=")[0].lstrip("+") for word in words}

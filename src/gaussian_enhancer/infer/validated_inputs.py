@@ -1,4 +1,4 @@
-"""What of a scene's input can be used: cameras, depth, references, fine photos; where one cannot, why."""
+"""Validating the input of a scene: cameras, depth, references and fine photos; what cannot be used, and why."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -11,15 +11,14 @@ from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_targe
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Part, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.scene.depth_files import ReadDepth
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import usable
 
 SCALED = (0.1, 0.5, 2.0, 10.0)
-"""Multiples of a depth that it has to agree better than."""
+"""Factors: a depth is doubted where the depth times one of them agrees clearly better with the renders."""
 CLEARLY = 0.9
-"""What share of the disagreement through the given depth another one's must fall below, to put it in doubt.
+"""A depth is doubted where another one's disagreement is below this share of its own.
 
 Of six training fits of all families and methods, the plane's is 1.15 to 2.1 times that through the splat's depth and
 0.70 to 0.89 times that through inverse depth.
@@ -28,13 +27,13 @@ Of six training fits of all families and methods, the plane's is 1.15 to 2.1 tim
 
 @dataclass(frozen=True)
 class ValidatedInputs:
-    """What remains of a scene's input.
+    """The part of a scene's input that can be used.
 
     Args:
         rendered: the set without what cannot be used.
-        reference_config: how references reach the target, as far as the input allows.
-        parts: what is used, and what is not and why.
-        pool: the set's references; those that were looked at are in memory.
+        reference_config: how references are chosen and aligned, as far as the input allows.
+        parts: which parts are used, and why others are not.
+        pool: the set's references; those that were read for validation are in memory.
     """
 
     rendered: RenderedSet
@@ -43,31 +42,36 @@ class ValidatedInputs:
     pool: Pool
 
     def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
-        """What decides view by view what is left out; None where nothing may be.
+        """The planner of the views; None where nothing may be left out.
 
         Args:
             rules: what may be left out.
-            known: views that were decided before.
+            known: plans of views that were made before.
         """
         return None if rules.full else Planner(rules, self.reference_config, self.rendered, known, self.pool)
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """Why references or their fine photos are not used, where they were asked for."""
+        """Reasons why references or their fine photos are not used although the weights ask for them."""
         return tuple(one.why for one in self.parts if not one.used and one.name in ("references", "fine photos"))
 
 
 def validate_inputs(
-    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, scale: int = 1
+    rendered: RenderedSet,
+    reference_config: ReferenceConfig,
+    rules: Rules,
+    scale: int = 1,
+    pool: Pool | None = None,
 ) -> ValidatedInputs:
-    """The input and the preparation as far as they can be used.
+    """Leave out of the input what cannot be used.
 
     Args:
         rendered: targets and references.
-        reference_config: what the network was trained with.
-        rules: with ``depth`` "auto", depth that is no depth of the render is left out, and with ``references`` "auto"
-            references that lack the camera that others have.
+        reference_config: how references were chosen and aligned in training.
+        rules: with ``depth`` "auto", depth that does not fit the renders is left out. With ``references`` "auto",
+            references without a camera are left out where others have one.
         scale: how many times finer the enhanced images are than the renders.
+        pool: the set's references, where some are in memory already.
 
     Raises:
         InputError: there is no photo to refer to where references are asked for.
@@ -80,7 +84,8 @@ def validate_inputs(
     bare: list[str] = []
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
-    pool = Pool(rendered.references)
+    if pool is None or pool.views is not rendered.references:
+        pool = Pool(rendered.references)
     rendered, depth = _depth_part(rendered, reference_config, rules, pool)
     if rendered.references is not pool.views:
         pool = Pool(rendered.references)
@@ -98,14 +103,14 @@ def validate_inputs(
 
 
 def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
-    """Why the depth of some views is none of what they show; empty where nothing speaks against it.
+    """Reason why depth does not fit the renders; empty where it does, or where that cannot be judged.
 
-    The two nearest references' renders are brought to the view on a coarse grid: through the depth, through the same
-    depth halved and doubled, and through a plane at its median. Where one of those agrees clearly better with the
-    render in every view, what was given is of another scale or no depth at all, such as inverse depth.
+    The renders of the two nearest references are warped to each view on a coarse grid: through the depth, through the
+    depth times each of `SCALED`, and through a plane at its median. Where one of the others agrees clearly better with
+    the render in every view, the depth has another scale, or is another quantity such as inverse depth.
 
     Args:
-        pool: where references come from.
+        pool: the references.
         reference_config: how they are warped.
         views: targets with cameras and depth.
     """
@@ -134,7 +139,7 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
 
 
 def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
-    """Mean colour difference of references to the render where they are seen; infinite where less than a tenth is."""
+    """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
     exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
     how = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
     seen = how(target, references, len(references))
@@ -146,7 +151,7 @@ def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels
 
 
 def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
-    """The set without references that lack the camera that others have, and their names."""
+    """The set without references that have no camera where others have one, and their names."""
     bare = [view.name for view in rendered.references if view.camera is None]
     if not bare or len(bare) == len(rendered.references):
         return rendered, []
@@ -161,16 +166,14 @@ def _camera_part(rendered: RenderedSet) -> Part:
 def _depth_part(
     rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool
 ) -> tuple[RenderedSet, Part]:
-    """The set without depth where it is not to be used, and what is said of it."""
+    """The set without depth where depth is not used, and the plan's part on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     known = [view for view in rendered.targets if view.read_depth is not None]
     if not known:
         return rendered, Part("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
-        # Nor does depth need doubt that is rendered when it is asked for, and rendering costs more than looking at it.
-        files = [view for view in known if isinstance(view.read_depth, ReadDepth)]
-        why = depth_doubt(pool, reference_config, files[:: max(1, (len(files) + 1) // 2)][:2])
+        why = depth_doubt(pool, reference_config, known[:: max(1, (len(known) + 1) // 2)][:2])
     if not why:
         return rendered, Part("depth", True, kind)
     targets, references = (
@@ -180,7 +183,7 @@ def _depth_part(
 
 
 def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, Part]:
-    """The preparation without references where they cannot be brought to the targets."""
+    """The reference configuration, without references where they cannot be warped, and the plan's part on them."""
     found = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, Part("references", True, found)

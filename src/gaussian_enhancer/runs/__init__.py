@@ -1,1 +1,1 @@
-"""Run folders: their address, their status, and finding them again."""
+"""Runs of jobs: their folders, their input and output, and the objects that configurations name."""

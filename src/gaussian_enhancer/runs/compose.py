@@ -1,4 +1,4 @@
-"""Configurations of one job composed by another."""
+"""Composing the configuration of one job within another."""
 
 import copy
 import functools
@@ -13,11 +13,11 @@ from gaussian_enhancer.errors import InputError
 
 
 def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **values: object) -> DictConfig:
-    """Another job's configuration, in which mandatory values may still be open.
+    """Compose another job's configuration. Mandatory values may still be missing in it.
 
     Args:
         name: the other job.
-        cfg: the calling job's configuration: ``runs`` and ``runtime``.
+        cfg: the calling job's configuration, from which ``runs`` and ``runtime`` are taken.
         overrides: as on the command line.
         **values: top-level values that a command line cannot hold.
 
@@ -36,7 +36,7 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
 
 @functools.lru_cache(maxsize=512)
 def _once(name: str, overrides: tuple[str, ...]) -> DictConfig:
-    """Composing takes a tenth of a second, and the cells of a study ask for the same again and again."""
+    """Cached, since composing takes a tenth of a second and studies ask for the same configuration many times."""
     return compose(name, overrides=list(overrides))
 
 

@@ -1,4 +1,4 @@
-"""Photos 4 times as fine as a fitted run's renders, from the scene that the run's configuration names.
+"""Photos 4 times as fine as the renders of a fitted run, from the scene that its configuration names.
 
 Axes: h height, w width.
 """
@@ -22,7 +22,6 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_header, read_photo
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
 PROCEDURAL = "gaussian_enhancer.scene.procedural."
 
@@ -31,22 +30,25 @@ class HighResolutionPhotos:
     """Attaches fine photos to the views of fitted runs.
 
     Args:
-        folder: where drawn photos of procedural scenes are kept, since drawing them takes seconds each.
+        folder: where rendered photos of procedural scenes are kept, since each takes seconds to render.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def __call__(self, run: Path, rendered: RenderedSet) -> RenderedSet:
-        """The set with ``read_fine_photo`` of all views.
+        """Attach ``read_fine_photo`` to all views.
 
         Args:
             run: folder of the run.
             rendered: its views.
 
         Raises:
-            InputError: the run does not tell its scene, or the scene's photos are not 4 times as fine as its renders.
+            InputError: the run names no scene, or the scene's photos are not 4 times as fine as its renders.
         """
+        # Scenes load the procedural ones, which a job that needs no finer photos does without.
+        from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
+
         finer = high_resolution_values(read_scene_values(run / "config.yaml"))
         if not _is_procedural(finer):
             return attach_fine_photos(rendered, scene_from_values(finer))
@@ -55,7 +57,7 @@ class HighResolutionPhotos:
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:
-    """A scene's configuration on a grid 4 times as fine.
+    """The configuration of a scene, with photos 4 times as fine.
 
     Args:
         scene: configuration of a procedural scene or a capture.
@@ -67,7 +69,7 @@ def high_resolution_config(scene: DictConfig) -> DictConfig:
 
 
 def high_resolution_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same of plain values.
+    """The plain values of a scene's configuration, with photos 4 times as fine.
 
     Args:
         values: of a procedural scene or a capture.
@@ -114,10 +116,10 @@ def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> R
 
 @dataclass(frozen=True)
 class ReadDrawn:
-    """Reads a photo from its file, after drawing it where that is not there.
+    """Reads a photo of a procedural scene from its file, which is rendered first where it is missing.
 
     Args:
-        scene: gives the scene, which is built when a photo is drawn.
+        scene: returns the scene; it is called where the photo is rendered.
         stem: the photo's name without ending.
         path: its file.
         height: in pixels.

@@ -1,4 +1,4 @@
-"""From configuration to objects: the only place that instantiates what a configuration names."""
+"""Building the objects that a configuration names. Nothing else in the package instantiates a ``_target_``."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
 
 
 def _refusal(error: BaseException) -> InputError | None:
-    """The user's mistake that Hydra wrapped, if it is one; an error of our own stays wrapped with its traceback."""
+    """The user's mistake that Hydra wrapped, if there is one. Other errors keep Hydra's traceback."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, InputError):
         cause = cause.__cause__
@@ -40,7 +40,7 @@ def _refusal(error: BaseException) -> InputError | None:
 
 
 def require(cfg: DictConfig) -> None:
-    """Refuse a configuration that lacks a mandatory value (``???``) or an environment variable, naming both.
+    """Refuse a configuration without a mandatory value (``???``) or an environment variable that it reads.
 
     Raises:
         InputError: a value marked ``???`` was not given, or a variable that the configuration reads is not set.

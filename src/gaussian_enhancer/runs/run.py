@@ -1,7 +1,7 @@
-"""Runs: folders named by the hash of what determines their content, with a marker for completion.
+"""Run folders, named by the hash of the configuration, with a file that marks completion.
 
-A run that was finished once is found again, so a killed sweep resumes where it stopped and equal cells of
-different tables are computed once (as DomainBed names its jobs).
+A finished run is found again. So a killed sweep resumes where it stopped, and what several tables need is computed once
+(as DomainBed names its jobs).
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import require
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
-"""Keys that do not change a result: where it is written, on which device, with how many threads."""
+"""Keys that do not change a result and do not enter the hash: output folders, device, threads."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Run:
     """A run's folder.
 
     Args:
-        folder: where the run writes; it exists.
-        digest: eight hexadecimal digits of the hash of job and configuration.
+        folder: the folder; it exists.
+        digest: first eight hexadecimal digits of the hash of job and configuration.
     """
 
     folder: Path
@@ -36,22 +36,22 @@ class Run:
 
     @property
     def done(self) -> bool:
-        """Whether this very run was completed."""
+        """Whether the folder holds this run, completed."""
         return finished_digest(self.folder) == self.digest
 
     def finish(self) -> None:
-        """Mark the run as completed; the last thing that a job does."""
+        """Mark the run as completed. A job does this last."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
         status.end(self.folder)
 
 
 def open_run(cfg: DictConfig, job: str, label: str) -> Run:
-    """Create or find the folder of a run and write its configuration there; if it is not done, mark it as running.
+    """Create or find the folder of a run and write its configuration there. Unless it is done, mark it as running.
 
     Args:
         cfg: the job's whole configuration.
-        job: the job's name, the folder's first part.
-        label: a readable part of the folder's name, for instance scene and splat.
+        job: the job's name, which is the parent folder's name.
+        label: the readable part of the folder's name, for instance scene and splat.
 
     Raises:
         InputError: a value marked ``???`` was not given, the folder cannot be written, or it holds another run.
@@ -72,7 +72,7 @@ def open_run(cfg: DictConfig, job: str, label: str) -> Run:
 
 
 def find_run(cfg: DictConfig, job: str) -> Run | None:
-    """The folder of a run that was opened before with this configuration; None where there is none.
+    """Find the run of a configuration; None where it was never opened.
 
     Args:
         cfg: the job's whole configuration.
@@ -85,7 +85,7 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
 
 
 def run_digest(cfg: DictConfig, job: str) -> str:
-    """The digest of a job's run, whether it was begun or not."""
+    """The digest of a job's run, whether or not it was started."""
     return digest_of({"job": job, **effective(cfg)})
 
 
@@ -93,7 +93,7 @@ def finished_digest(folder: Path) -> str | None:
     """The digest of the run that was completed in a folder; None where none was.
 
     Raises:
-        InputError: the marker of completion cannot be read.
+        InputError: the file ``done`` cannot be read.
     """
     marker = folder / "done"
     if not marker.is_file():
@@ -101,7 +101,7 @@ def finished_digest(folder: Path) -> str | None:
     try:
         return str(json.loads(marker.read_text(encoding="utf-8"))["digest"])
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(marker, f"is no marker of a completed run ({error})", "delete it to run again") from error
+        raise InputError(marker, f"does not mark a completed run ({error})", "delete it to run again") from error
 
 
 def effective(cfg: DictConfig) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Where a job computes: device, threads, progress bars."""
+"""Device, threads and memory of a job."""
 
 import os
 
@@ -10,11 +10,11 @@ from gaussian_enhancer.errors import InputError
 
 
 def start(runtime: DictConfig) -> torch.device:
-    """Set the number of CPU threads and what becomes of freed memory, and choose the device.
+    """Choose the device, and set the number of CPU threads and the use of freed memory for this process.
 
     Args:
-        runtime: ``device`` (auto, cpu or cuda), ``threads`` (None: all cores), and ``keep_memory``: whether freed
-            memory is kept for what is allocated next, not given back to the system.
+        runtime: ``device`` (auto, cpu or cuda); ``threads`` (None takes all cores); ``keep_memory``: keep freed memory
+            for later allocations instead of returning it to the system.
 
     Raises:
         InputError: the device is unknown or absent, or the thread count is not positive.
@@ -31,7 +31,11 @@ def start(runtime: DictConfig) -> torch.device:
 
 
 def choose_device(name: str) -> torch.device:
-    """The device that a name stands for; ``auto`` is CUDA where there is one."""
+    """The device of a name; ``auto`` is CUDA where there is one.
+
+    Raises:
+        InputError: the name is unknown, or there is no CUDA device.
+    """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if name not in ("cpu", "cuda"):

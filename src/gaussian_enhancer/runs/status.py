@@ -1,7 +1,7 @@
-"""What became of a run, as marks in its folder tell: who works on it, why it failed, whether it is done.
+"""The status of a run, from files in its folder: ``running``, ``failed`` and ``done``.
 
-``running`` names the process that works on the run; a process that was killed leaves it behind, and is then no longer
-there. ``failed`` holds the error. Both vanish when the run is finished.
+``running`` names the process that works on the run. A killed process leaves the file behind; the run then counts as
+stopped, since the process no longer exists. ``failed`` holds the error. A finished run keeps neither file.
 """
 
 import json
@@ -28,11 +28,11 @@ _opened: ContextVar[list[Path] | None] = ContextVar("_opened", default=None)
 
 @dataclass(frozen=True)
 class State:
-    """What became of a run.
+    """The status of a run.
 
     Args:
-        name: "stopped" is a run that was begun and that nobody works on: the same command goes on with it.
-        detail: the error, or who works on it.
+        name: "stopped" is a run that was started and that no process works on; the same command resumes it.
+        detail: the error, or the process that works on it.
     """
 
     name: Name
@@ -40,10 +40,10 @@ class State:
 
 
 def state_of(folder: Path | None) -> State:
-    """The state of the run in a folder; None, or a folder without a run, is not started.
+    """The status of the run in a folder. None, or a folder without a run, is not started.
 
     Raises:
-        InputError: a mark cannot be read.
+        InputError: a status file cannot be read.
     """
     if folder is None or not (folder / "config.yaml").is_file():
         return State("not started")
@@ -51,7 +51,7 @@ def state_of(folder: Path | None) -> State:
         return State("done")
     running = _read(folder / RUNNING)
     if running and running.get("host") != socket.gethostname():
-        return State("running", f"on {running.get('host')}, which cannot be asked from here")
+        return State("running", f"on {running.get('host')}, another machine; whether it still runs is unknown")
     if running and _alive(running):
         return State("running", f"process {running['pid']}")
     failed = _read(folder / FAILED)
@@ -59,7 +59,7 @@ def state_of(folder: Path | None) -> State:
 
 
 def begin(folder: Path) -> None:
-    """Mark a run as being worked on by this process; what it failed with before is forgotten."""
+    """Mark a run as running in this process and remove an earlier error."""
     from psutil import Process
 
     (folder / FAILED).unlink(missing_ok=True)
@@ -71,16 +71,16 @@ def begin(folder: Path) -> None:
 
 
 def end(folder: Path) -> None:
-    """Take the marks away."""
+    """Remove the files ``running`` and ``failed``."""
     for mark in (RUNNING, FAILED):
         (folder / mark).unlink(missing_ok=True)
 
 
 @contextmanager
 def attempt() -> Iterator[None]:
-    """Whatever run is begun inside and left unfinished is no longer running afterwards; an error is kept as its reason.
+    """Update the status of all runs that are started inside the context and left unfinished.
 
-    A run that is stopped by the user is no failure.
+    An exception is written to ``failed`` as the reason. A run that the user interrupts counts as stopped, not failed.
     """
     folders: list[Path] = []
     token = _opened.set(folders)
@@ -101,7 +101,7 @@ def _unfinished(folders: list[Path]) -> list[Path]:
 
 
 def _alive(who: dict[str, object]) -> bool:
-    """Whether the very process that wrote a mark is there; another one may have got its number since."""
+    """Whether the process that wrote ``running`` still exists; another process may have its number by now."""
     import psutil
 
     try:
@@ -112,13 +112,13 @@ def _alive(who: dict[str, object]) -> bool:
 
 
 def _read(mark: Path) -> dict[str, object]:
-    """The content of a mark; empty where there is none."""
+    """The content of a status file; empty where there is none."""
     try:
         values = json.loads(mark.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
-        raise InputError(mark, f"is no mark of a run ({error})", "delete it") from error
+        raise InputError(mark, f"is not a status file ({error})", "delete it") from error
     return values if isinstance(values, dict) else {}
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -27,10 +26,8 @@ from gaussian_enhancer.scene.photos import (
 from gaussian_enhancer.scene.scene import Photo, Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Camera, rigid
 
-FARTHEST = 1e9
-"""Scene units; single precision is 64 units coarse there."""
 FARTHEST_POINT = 1e15
 """Scene units; the square of a distance overflows single precision beyond 1e19."""
 
@@ -163,29 +160,6 @@ def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str
         first = ", ".join(sorted(names)[:4]) + (", ..." if len(names) > 4 else "")
         remedy = "complete the capture or pass missing=drop (on the command line scene.missing=drop)"
         raise InputError(source, f"has {len(names)} {what}: {first}", remedy)
-
-
-def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
-    """A pose with its rotation made exactly orthonormal (files round it).
-
-    Raises:
-        InputError: the pose is not finite or too far away for single precision, or its rotation is scaled, skewed or
-            mirrored by more than 1%.
-    """
-    if not bool(torch.isfinite(world_to_camera).all()):
-        raise InputError(where, "has a pose with NaN or infinity", "remove the photo or calibrate again")
-    largest = float(world_to_camera.abs().max())
-    if largest > FARTHEST:
-        received = f"has a pose with the value {largest:g}"
-        raise InputError(where, received, f"bring the scene near the origin: at most {FARTHEST:g} units away")
-    U, scales, Vh = torch.linalg.svd(world_to_camera[:3, :3])
-    if float((scales - 1).abs().max()) > 0.01 or float(torch.linalg.det(U @ Vh)) < 0:
-        received = f"has a pose whose 3x3 part has scales {[round(s, 4) for s in scales.tolist()]} or is mirrored"
-        raise InputError(where, received, "export rigid poses: rotation and translation only")
-    pose = torch.eye(4, dtype=world_to_camera.dtype)
-    pose[:3, :3] = U @ Vh
-    pose[:3, 3] = world_to_camera[:3, 3]
-    return pose
 
 
 def fitted_lens(lens: Lens, height: int, width: int, path: Path) -> Lens:

@@ -46,7 +46,7 @@ class RenderedSet:
         references: views with ``read_photo``; ``read_depth`` (rendered) allows the occlusion check, ``read`` may
             be None.
         background: colour composited under the renders.
-        own_depth: depth was written beside the renders by this project's own rasteriser, so that its kind is known.
+        own_depth: depth is known to fit the renders: this project's own rasteriser made both, or it was checked before.
     """
 
     name: str

@@ -19,10 +19,11 @@ from gaussian_enhancer.input_files import reader, shown
 from gaussian_enhancer.ply_file import read_ply_elements
 from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
-from gaussian_enhancer.scene.posed import FARTHEST, PosedFile, build_scene, refuse_or_drop
+from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
 from gaussian_enhancer.scene.scene import Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens
+from gaussian_enhancer.types import FARTHEST
 
 Side = Literal["train", "test", "neither"]
 SYNTHETIC_SIDES: dict[str, Side] = {"train": "train", "test": "test", "val": "neither"}

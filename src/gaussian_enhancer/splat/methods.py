@@ -7,6 +7,9 @@ thresholds are common to all.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Gaussians
+
 
 @dataclass(frozen=True)
 class ThreeDGS:
@@ -49,3 +52,23 @@ class MipSplatting:
 
 
 Method = ThreeDGS | TwoDGS | MipSplatting
+
+
+def choose_method(name: str, gaussians: Gaussians) -> Method:
+    """The method of a name.
+
+    Args:
+        name: "3dgs", "2dgs", "mip_splatting", or "auto": disks are drawn by 2DGS, ellipsoids with a 3D filter by
+            Mip-Splatting, other ellipsoids by 3DGS.
+        gaussians: the splat.
+
+    Raises:
+        InputError: the name is unknown.
+    """
+    disks = gaussians.log_scales.shape[1] == 2
+    own = TwoDGS() if disks else ThreeDGS() if gaussians.smoothing is None else MipSplatting()
+    known: tuple[Method, ...] = (ThreeDGS(), TwoDGS(), MipSplatting())
+    methods: dict[str, Method] = {"auto": own, **{one.name: one for one in known}}
+    if name not in methods:
+        raise InputError("method", f"is {name!r}", f"choose {', '.join(methods)}")
+    return methods[name]

@@ -92,13 +92,15 @@ def test_a_run_on_another_host_cannot_be_asked(tmp_path) -> None:
     run = opened(tmp_path)
     mark = run.folder / "running"
     mark.write_text('{"pid": 1, "host": "elsewhere"}')
-    assert status.state_of(run.folder) == status.State("running", "on elsewhere, which cannot be asked from here")
+    assert status.state_of(run.folder) == status.State(
+        "running", "on elsewhere, another machine; whether it still runs is unknown"
+    )
 
 
 def test_a_damaged_mark_is_named(tmp_path) -> None:
     run = opened(tmp_path)
     (run.folder / "running").write_text("{")
-    with pytest.raises(InputError, match="running: is no mark of a run"):
+    with pytest.raises(InputError, match="running: is not a status file"):
         status.state_of(run.folder)
 
 

@@ -1,0 +1,1 @@
+"""The Python API; its names are imported from ``gaussian_enhancer``."""

@@ -1,0 +1,279 @@
+"""`Enhancer`: enhance renders from Python, in a notebook or a trainer's render loop.
+
+Axes: b batch, h height, w width, H, W the same times the weights' scale.
+"""
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Reprojected, Unwarped
+from gaussian_enhancer.api.images import read_images, read_planes, same_size, sequence_of
+from gaussian_enhancer.api.references import KnownReferences, Reference, sized_camera
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
+from gaussian_enhancer.infer.weights import Pretrained, load_weights
+from gaussian_enhancer.network.network import CachesReferences
+from gaussian_enhancer.runs.runtime import choose_device
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Camera
+
+REASONS = ("depth", "references", "fine photos")
+"""Parts of the input whose absence a user is warned of."""
+
+
+class Enhancer:
+    """Enhances renders of a splat with the help of photos of the same scene.
+
+    It does what ``gaussian-enhancer enhance`` does, and gives the same images for the same input. Images are numpy
+    (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8, one or a batch. Cameras follow OpenCV's convention
+    (`Camera.from_matrices`). All inputs are moved to the CPU, where references are chosen; warps and the network run on
+    ``device``. No gradient passes through.
+
+    Args:
+        pretrained: weights, as `load_weights` reads them.
+        device: where the network runs: "cpu", "cuda", "cuda:1", ...; None takes CUDA where there is one.
+        background: colour behind the scene, in [0, 1]. Parts of a render that show nothing but this colour are passed
+            through.
+        options: how renders are enhanced.
+
+    Raises:
+        InputError: an option is out of range, or there is no such device.
+
+    Example:
+        >>> import torch
+        >>> from gaussian_enhancer import Camera, Enhancer, Reference
+        >>> enhancer = Enhancer.from_pretrained("lr_tiny", device="cpu")
+        >>> camera = Camera.from_matrices([[50, 0, 16], [0, 50, 12], [0, 0, 1]], torch.eye(4), height=24, width=32)
+        >>> photo, depth = torch.rand(3, 24, 32), torch.full((24, 32), 2.0)
+        >>> references = [Reference(photo, camera, render=photo, depth=depth)]
+        >>> image = enhancer(photo, camera=camera, depth=depth, references=references)
+        >>> image.shape, image.dtype
+        (torch.Size([3, 24, 32]), torch.float32)
+    """
+
+    def __init__(
+        self,
+        pretrained: Pretrained,
+        device: str | torch.device | None = None,
+        background: Sequence[int | float] = (0.0, 0.0, 0.0),
+        options: EnhancementOptions | None = None,
+    ) -> None:
+        self.pretrained, self.device = pretrained, _device(device)
+        self.background = _colour(background)
+        self.options = EnhancementOptions() if options is None else options
+        self.reference_config = self.options.reference_config(pretrained, "expected")
+        self._set_enhancer = self.options.enhancer(pretrained, self.reference_config, self.device)
+        self._kept = self._given = KnownReferences.of((), False)
+
+    @classmethod
+    def from_pretrained(
+        cls,
+        weights: str | Path = "lr_tiny",
+        device: str | torch.device | None = None,
+        background: Sequence[int | float] = (0.0, 0.0, 0.0),
+        **options: Any,
+    ) -> "Enhancer":
+        """An enhancer with weights of the package or from a file.
+
+        Args:
+            weights: a name ("lr_tiny", "lr_base", "sr_tiny", "sr_base") or the path of a ``.safetensors`` file.
+            device: where the network runs; None takes CUDA where there is one.
+            background: colour behind the scene, in [0, 1].
+            **options: fields of `EnhancementOptions`, for instance ``strength=0.5`` or ``depth_kind="surface"``.
+
+        Raises:
+            InputError: there are no such weights, the file is damaged, or an option is out of range.
+        """
+        return cls(load_weights(weights), device, background, EnhancementOptions(**options))
+
+    @property
+    def scale(self) -> int:
+        """How many times finer the enhanced image is than the render: 1, or 4 for super-resolution weights."""
+        return self.pretrained.network.scale
+
+    @property
+    def references(self) -> tuple[Reference, ...]:
+        """The references that are kept between calls."""
+        return self._kept.references
+
+    def add_reference(self, reference: Reference) -> None:
+        """Keep a reference for all later calls that give none of their own.
+
+        Its pixels are converted once, and what is computed of them is kept as well.
+
+        Args:
+            reference: a photo and what is known of its view.
+
+        Raises:
+            InputError: it is no reference, or its name is taken.
+        """
+        self._kept = KnownReferences.of((*self._kept.references, reference), self.reference_config.fine)
+
+    def clear_references(self) -> None:
+        """Forget all references that are kept."""
+        self._kept = self._given = KnownReferences.of((), False)
+
+    def __call__(
+        self,
+        render: np.ndarray | Tensor,
+        camera: Camera | Sequence[Camera] | None = None,
+        depth: np.ndarray | Tensor | None = None,
+        references: Sequence[Reference] | None = None,
+        *,
+        alpha: np.ndarray | Tensor | None = None,
+        name: str | Sequence[str] | None = None,
+    ) -> np.ndarray | Tensor:
+        """Enhance one render or a batch.
+
+        Args:
+            render: numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8; a batch has one axis more in front.
+            camera: of the render; a list for a batch. References that are reprojected need it.
+            depth: rendered z depth in scene units, 0 where nothing was hit: (h, w), for a batch (b, h, w). References
+                that are reprojected need it.
+            references: for this call; None uses the references that were added, an empty list none. Where the same
+                objects are given again, what was computed of them is used again.
+            alpha: rendered opacity in [0, 1], (h, w) or (b, h, w); it is optional and tells where holes are.
+            name: of the render; a list for a batch. A reference of that name is left out, for instance the photo of
+                the very view.
+
+        Returns:
+            The enhanced image, of the render's library, type, device and size (4 times the size for super-resolution).
+            Without references it is made from the render alone.
+
+        Raises:
+            InputError: a shape or type is wrong, sizes differ, values are not finite, or references were given without
+                the camera or depth that they are reprojected by.
+
+        Warns:
+            UserWarning: references are not used since the depth does not fit the renders.
+        """
+        images, kind = read_images("render", render)
+        known = self._known(references)
+        targets = self._targets(images, kind.batch, camera, depth, alpha, name)
+        self._check_geometry(targets, known)
+        rendered = RenderedSet("input", targets, known.views, self.background, known.depth_fits)
+        config, rules = self.reference_config, self.options.rules
+        if not known.views:
+            config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
+        found = validate_inputs(rendered, config, rules, self.scale, known.pool)
+        if found.lacks:
+            reasons = [one.why for one in found.parts if not one.used and one.name in REASONS]
+            warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
+        self._remember(known, found)
+        self._set_enhancer.reference_config = found.reference_config
+        planner = known.planner if known.planner is not None else found.planner(rules)
+        enhanced = self._set_enhancer(found.rendered, planner, found.pool, known.features)
+        result = torch.stack([one.image for one in enhanced])
+        if planner is not None:
+            planner.known.clear()
+        return kind.restored(result)
+
+    def _known(self, references: Sequence[Reference] | None) -> KnownReferences:
+        """The references of a call."""
+        if references is None:
+            return self._kept
+        if isinstance(references, Reference):
+            raise InputError("references", "is one reference", "give a list: references=[reference]")
+        if not self._given.same(references):
+            self._given = KnownReferences.of(tuple(references), self.reference_config.fine)
+        return self._given
+
+    def _targets(
+        self, images: Tensor, batch: bool, camera: Any, depth: Any, alpha: Any, name: Any
+    ) -> tuple[RenderedView, ...]:
+        """The renders as views."""
+        count, height, width = len(images), *images.shape[-2:]
+        planes = {
+            what: None if given is None else read_planes(what, given, batch)
+            for what, given in (("depth", depth), ("alpha", alpha))
+        }
+        for what, plane in planes.items():
+            if plane is not None:
+                same_size(what, plane, "render", images)
+        cameras = sequence_of("camera", camera, count, batch)
+        names = [one or f"render {i}" for i, one in enumerate(sequence_of("name", name, count, batch))]
+        if len(set(names)) < count:
+            raise InputError("name", f"is {names}", "give each render of a batch a name of its own")
+        return tuple(
+            RenderedView(
+                names[i],
+                lambda i=i: images[i],  # type: ignore[misc]
+                None if cameras[i] is None else sized_camera(cameras[i], height, width, "camera"),
+                _reader(planes["depth"], i),
+                _reader(planes["alpha"], i),
+            )
+            for i in range(count)
+        )
+
+    def _check_geometry(self, targets: Sequence[RenderedView], known: KnownReferences) -> None:
+        """Refuse references that cannot be reprojected for want of a camera or of depth.
+
+        Raises:
+            InputError: a camera or depth is missing.
+        """
+        config = self.reference_config
+        if not known.views or not config.references or not isinstance(config.warp, Reprojected):
+            return
+        for view in targets:
+            for what, given in (("camera", view.camera), ("depth", view.read_depth)):
+                if given is None:
+                    remedy = f"give {what}=, or references=[] to enhance from the render alone"
+                    raise InputError(view.name, f"has references but no {what} to reproject them by", remedy)
+        bare = next((view.name for view in known.views if view.camera is None), None)
+        if bare is not None:
+            raise InputError(f"reference {bare}", "has no camera", "give Reference(photo, camera, ...)")
+
+    def _remember(self, known: KnownReferences, found: ValidatedInputs) -> None:
+        """Keep what later calls with the same references need not compute again."""
+        if found.pool is not known.pool:
+            known.planner = None  # depth was refused for this call, and the references' with it
+            return
+        known.depth_fits = bool(known.views) and self.options.rules.depth == "auto"
+        if known.planner is None and not self.options.rules.full:
+            known.planner = Planner(self.options.rules, found.reference_config, found.rendered, pool=known.pool)
+        network = self.pretrained.network
+        unwarped = isinstance(found.reference_config.warp, Unwarped)
+        if known.features is None and isinstance(network, CachesReferences) and unwarped:
+            known.features = ReferenceFeatures(network)
+
+
+def _reader(planes: Tensor | None, index: int) -> Any:
+    return None if planes is None else lambda: planes[index]
+
+
+def _device(device: str | torch.device | None) -> torch.device:
+    """The device.
+
+    Raises:
+        InputError: there is no such device.
+    """
+    if device is None:
+        return choose_device("auto")
+    try:
+        chosen = torch.device(device)
+    except (RuntimeError, TypeError) as error:
+        raise InputError("device", f"is {device!r}", 'give "cpu" or "cuda"') from error
+    if chosen.type == "cuda" and not torch.cuda.is_available():
+        raise InputError("device", f"is {device!r}, but torch finds no CUDA device", 'give "cpu"')
+    return chosen
+
+
+def _colour(values: Sequence[int | float]) -> tuple[float, float, float]:
+    """Three numbers in [0, 1].
+
+    Raises:
+        InputError: they are not.
+    """
+    colour = tuple(float(value) for value in values)
+    if len(colour) != 3 or not all(0 <= value <= 1 for value in colour):
+        raise InputError("background", f"is {values!r}", "give three numbers from 0 to 1")
+    return colour[0], colour[1], colour[2]

@@ -1,0 +1,123 @@
+"""`enhance_folder`: enhance renders on disk from Python."""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.preload import file_reads
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.runs.enhancement import prepared
+from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
+from gaussian_enhancer.runs.inputs import InputPaths
+from gaussian_enhancer.runs.output import write_enhanced
+from gaussian_enhancer.runs.runtime import choose_device
+from gaussian_enhancer.scene.capture import open_capture
+from gaussian_enhancer.scene.high_resolution import attach_fine_photos
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.scene import Scene
+
+
+def enhance_folder(
+    renders: str | Path | None = None,
+    photos: str | Path | None = None,
+    cameras: str | Path | None = None,
+    depth: str | Path | None = None,
+    *,
+    output: str | Path,
+    references: str | Path | None = None,
+    depth_scale: int | float = 1.0,
+    run: str | Path | None = None,
+    step: int | None = None,
+    gaussians: str | Path | None = None,
+    scene: str | Path | Scene | None = None,
+    downscale: int | float = 1,
+    method: str = "auto",
+    views: str = "test",
+    weights: str | Path = "lr_tiny",
+    device: str | None = None,
+    **options: Any,
+) -> tuple[Path, ...]:
+    """Enhance a folder of renders, a fitted run, or a splat with its capture; write images of the same names.
+
+    It gives the images of ``gaussian-enhancer enhance output=FOLDER``. Everything is read before the first image is
+    written, so that a damaged file leaves no half-made folder.
+
+    Args:
+        renders: folder of renders. Give this, or ``run``, or ``gaussians`` with ``scene``.
+        photos: folder of photos. Those with a render's name are its truth, the others references.
+        cameras: ``cameras.json`` in 3DGS's list format, of renders and references.
+        depth: folder of z depth under the renders' names: ``.npy``, ``.npz`` or 16-bit ``.png``.
+        output: folder that is written.
+        references: folder of reference photos, where ``photos`` holds truths alone.
+        depth_scale: scene units of one stored unit of depth.
+        run: folder of a fitted run, this project's or original 3DGS output.
+        step: of a run: the training step whose renders are enhanced; None takes the latest.
+        gaussians: file of a splat.
+        scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
+        downscale: of a capture's folder: divides width and height of its photos.
+        method: of a splat: how it is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
+        views: of a splat: the cameras that it is rendered from: "test", "train" or "all".
+        weights: a name of the package's weights, or the path of a ``.safetensors`` file.
+        device: "cpu" or "cuda"; None takes CUDA where there is one.
+        **options: fields of `EnhancementOptions`, for instance ``strength=0.5``.
+
+    Returns:
+        The files that were written, in the order of the renders.
+
+    Raises:
+        InputError: the input, the weights or an option cannot be used, or an image cannot be written.
+
+    Warns:
+        UserWarning: references, or their photos at super-resolution, are not used; the text says why.
+    """
+    if Path(output).is_file():
+        raise InputError(output, "cannot be written: it is a file", "name a folder")
+    chosen: torch.device = choose_device("auto" if device is None else device)
+    settings, pretrained = EnhancementOptions(**options), load_weights(weights)
+    capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
+    paths = InputPaths(
+        run,
+        gaussians,
+        renders,
+        step=step,
+        method=method,
+        views=views,
+        photos=photos,
+        references=references,
+        cameras=cameras,
+        depth=depth,
+        depth_scale=depth_scale,
+        capture=capture,
+        attach_fine=_fine_photos(run, scene, downscale),
+    )
+    task = paths.read(chosen.type, pretrained.reference_config.fine)
+    enhancer, task, found = prepared(pretrained, task, settings, chosen)
+    planner = found.planner(settings.rules)
+    for read in file_reads(found, False, planner, False):
+        read()
+    for why in filter(None, (task.note, *found.lacks)):
+        warnings.warn(why, stacklevel=2)
+    written = write_enhanced(enhancer(task.rendered, planner, found.pool), Path(output))
+    return tuple(Path(output) / one.name for one in written)
+
+
+def _fine_photos(
+    run: str | Path | None, scene: str | Path | Scene | None, downscale: int | float
+) -> Callable[[RenderedSet], RenderedSet] | None:
+    """What attaches photos 4 times as fine as the renders, where they can be known."""
+    if isinstance(scene, str | Path):
+        return partial(_attach_from_capture, scene, downscale)
+    if run is not None and scene is None:
+        return partial(HighResolutionPhotos(Path("runs") / "photos"), Path(run))
+    return None
+
+
+def _attach_from_capture(folder: str | Path, downscale: int | float, rendered: RenderedSet) -> RenderedSet:
+    finer = high_resolution_values({"path": str(folder), "downscale": downscale})["downscale"]
+    return attach_fine_photos(rendered, open_capture(folder, downscale=finer))

@@ -1,0 +1,169 @@
+"""Images as users hold them, numpy or torch, to tensors and back.
+
+Axes: b batch, h height, w width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+
+Array = np.ndarray | Tensor
+BRIGHTEST = 8.0
+"""Largest colour of a float image. Renders overshoot 1 a little; images that were not divided by 255 exceed this."""
+
+
+@dataclass(frozen=True)
+class ImageKind:
+    """In what form an image was given, so that the result has the same form.
+
+    Args:
+        like: an array of its library, type and device; its values are not used.
+        batch: whether it had a batch axis.
+    """
+
+    like: Array
+    batch: bool
+
+    def restored(self, images: Float[Tensor, "b 3 h w"]) -> Array:
+        """Images in [0, 1] in the form that was given.
+
+        Args:
+            images: on the CPU.
+        """
+        integer = _is_uint8(self.like)
+        values = (images * 255).round().to(torch.uint8) if integer else images
+        values = values if self.batch else values[0]
+        if isinstance(self.like, Tensor):
+            return values.to(self.like.device, self.like.dtype)
+        axes = (0, 2, 3, 1) if self.batch else (1, 2, 0)
+        return np.ascontiguousarray(values.permute(axes).numpy().astype(self.like.dtype, copy=False))
+
+
+def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageKind]:
+    """One image or a batch as float32 on the CPU, in [0, 1].
+
+    Args:
+        name: what the image is, for messages.
+        image: numpy (h, w, 3) or (b, h, w, 3), torch (3, h, w) or (b, 3, h, w); float in [0, 1] or uint8. Floats a
+            little outside of [0, 1] are clamped.
+
+    Raises:
+        InputError: it is no such array, is empty, or holds values that are not finite or not in [0, 1].
+    """
+    _check_type(name, image)
+    channels = -3 if isinstance(image, Tensor) else -1
+    if image.ndim not in (3, 4) or image.shape[channels] != 3 or 0 in image.shape:
+        known = "(3, h, w) or (b, 3, h, w)" if isinstance(image, Tensor) else "(h, w, 3) or (b, h, w, 3)"
+        kind = "torch" if isinstance(image, Tensor) else "numpy"
+        raise InputError(name, f"has shape {tuple(image.shape)}", f"give {kind} images of shape {known}")
+    if not (_is_uint8(image) or _is_float(image)):
+        raise InputError(name, f"is of type {image.dtype}", "give float in [0, 1], or uint8")
+    batch = image.ndim == 4
+    values = _tensor(image)
+    if channels == -1:
+        values = values.movedim(-1, -3)
+    values = values.float() / 255 if _is_uint8(image) else _in_range(name, values.float())
+    return (values if batch else values[None]).contiguous(), ImageKind(image[..., :0], batch)
+
+
+def read_planes(name: str, planes: Any, batch: bool) -> Float[Tensor, "b 1 h w"]:
+    """One map of depth or opacity, or a batch, as float32 on the CPU. Values that are not finite become 0.
+
+    Args:
+        name: what the map is, for messages.
+        planes: (h, w), numpy (h, w, 1) or torch (1, h, w), float; with a leading batch axis where ``batch`` is true.
+        batch: whether there is a batch axis.
+
+    Raises:
+        InputError: it is no such array, or holds negative values.
+    """
+    _check_type(name, planes)
+    if not _is_float(planes):
+        raise InputError(
+            name, f"is of type {planes.dtype}", "give float values: depth in scene units, opacity in [0, 1]"
+        )
+    torches, lead = isinstance(planes, Tensor), "b, " if batch else ""
+    values = _tensor(planes).float()
+    if values.ndim == 3 + batch and values.shape[-3 if torches else -1] == 1:
+        values = values.squeeze(-3 if torches else -1)
+    if values.ndim != 2 + batch or 0 in values.shape:
+        full = f"({lead}1, h, w)" if torches else f"({lead}h, w, 1)"
+        raise InputError(name, f"has shape {tuple(planes.shape)}", f"give shape ({lead}h, w) or {full}")
+    values = torch.where(torch.isfinite(values), values, torch.zeros_like(values))
+    if float(values.min()) < 0:
+        raise InputError(name, f"has values down to {float(values.min()):g}", "give values of 0 or more")
+    return (values if batch else values[None])[:, None]
+
+
+def same_size(name: str, image: Tensor, other_name: str, other: Tensor) -> None:
+    """Refuse two maps of one view that differ in size or number.
+
+    Raises:
+        InputError: they differ.
+    """
+    found, wanted = (tuple(one.shape[i] for i in (0, -2, -1)) for one in (image, other))
+    if found != wanted:
+        (count, height, width), (others, rows, columns) = found, wanted
+        received = f"is {count} of {width}x{height} for {other_name} of {others} of {columns}x{rows}"
+        raise InputError(name, received, "give one of the same height and width for each image")
+
+
+def _check_type(name: str, value: Any) -> None:
+    if not isinstance(value, np.ndarray | Tensor):
+        raise InputError(name, f"is of type {type(value).__name__}", "give a numpy array or a torch tensor")
+
+
+def _is_uint8(image: Array) -> bool:
+    return image.dtype in (torch.uint8, np.dtype(np.uint8))
+
+
+def _is_float(image: Array) -> bool:
+    if isinstance(image, Tensor):
+        return image.is_floating_point()
+    return bool(np.issubdtype(image.dtype, np.floating))
+
+
+def _tensor(image: Array) -> Tensor:
+    """The values on the CPU, apart from any gradient."""
+    if isinstance(image, Tensor):
+        return image.detach().cpu()
+    return torch.from_numpy(np.ascontiguousarray(image if image.flags.writeable else image.copy()))
+
+
+def _in_range(name: str, values: Tensor) -> Tensor:
+    """Colours in [0, 1]."""
+    least, most = (float(one) for one in values.aminmax())
+    if not (np.isfinite(least) and np.isfinite(most)):
+        raise InputError(name, "has values that are not finite", "render it again, or replace them")
+    if most > BRIGHTEST:
+        raise InputError(name, f"has values up to {most:g}", "give float images in [0, 1], or uint8")
+    return values.clamp(0, 1)
+
+
+def sequence_of(name: str, values: Any, count: int, batch: bool) -> Sequence[Any]:
+    """One value an image.
+
+    Args:
+        name: what the values are, for messages.
+        values: a sequence for a batch, one value otherwise; None where there is none.
+        count: number of images.
+        batch: whether there is a batch axis.
+
+    Raises:
+        InputError: a batch has no sequence of the same length.
+    """
+    if values is None:
+        return [None] * count
+    if not batch:
+        return [values]
+    if isinstance(values, str) or not isinstance(values, Sequence) or len(values) != count:
+        received = f"has {len(values)} entries" if isinstance(values, list | tuple) else "is no list"
+        raise InputError(name, f"{received} for a batch of {count}", "give a list with one for each image")
+    return values

@@ -1,0 +1,169 @@
+"""References of the Python API: photos with what is known of their views.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.api.images import read_images, read_planes
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A photo of the scene that an enhancement may take detail from.
+
+    Images are numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8. They may differ in size as long as their
+    aspect is the same.
+
+    Args:
+        photo: the photo. It must not be distorted: a pinhole camera took it.
+        camera: where it was taken from; weights that reproject photos need it.
+        render: the splat's own render of the same view. It is optional; with it the enhancement knows what the splat
+            gets wrong, corrects exposure better, and gains more.
+        depth: the splat's z depth of the same view in scene units, (h, w), 0 where nothing was hit. It is optional;
+            with it, photos do not show through surfaces that hide what they see.
+        name: unique name. A reference that has the name of the render that is enhanced is left out, since it shows the
+            answer.
+
+    Raises:
+        InputError: an image has a wrong shape or type, or another aspect than the photo, or depth is negative.
+    """
+
+    photo: np.ndarray | Tensor
+    camera: Camera | None = None
+    render: np.ndarray | Tensor | None = None
+    depth: np.ndarray | Tensor | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        photo = _size(self.photo, "photo", self.name)
+        if self.camera is not None:
+            sized_camera(self.camera, *photo, f"camera of reference {self.name}".rstrip())
+        for what, image in (("render", self.render), ("depth", self.depth)):
+            if image is not None:
+                found = _size(image, what, self.name)
+                if not _same_aspect(photo, found):
+                    received = f"is {found[1]}x{found[0]} for a photo of {photo[1]}x{photo[0]}"
+                    raise InputError(
+                        f"{what} of reference {self.name}".rstrip(), received, "give it in the same aspect"
+                    )
+
+
+@dataclass
+class KnownReferences:
+    """References in use, and what was computed of them in earlier calls.
+
+    Args:
+        references: as the user gave them.
+        views: the same as views; pixels are converted when they are read.
+        pool: keeps pixels of the views that were read last.
+        planner: keeps views on a coarse grid; None where nothing is planned.
+        features: the network's features of references that are not warped; None where they are warped.
+        depth_fits: whether depth was found to fit the renders.
+    """
+
+    references: tuple[Reference, ...]
+    views: tuple[RenderedView, ...]
+    pool: Pool = field(init=False)
+    planner: Planner | None = None
+    features: ReferenceFeatures | None = None
+    depth_fits: bool = False
+
+    def __post_init__(self) -> None:
+        self.pool = Pool(self.views)
+
+    @classmethod
+    def of(cls, references: Sequence[Reference], fine: bool) -> "KnownReferences":
+        """Take references into use.
+
+        Args:
+            references: whose names are unique; references without a name get one.
+            fine: read the photos at their own resolution, too, for super-resolution.
+
+        Raises:
+            InputError: a name stands twice, or something else than a `Reference` is among them.
+        """
+        views: dict[str, RenderedView] = {}
+        for number, one in enumerate(references):
+            if not isinstance(one, Reference):
+                received = f"hold a {type(one).__name__}"
+                raise InputError(
+                    "references", received, "give gaussian_enhancer.Reference(photo, camera, render, depth)"
+                )
+            name = one.name or f"reference {number}"
+            if name in views:
+                raise InputError(f"reference {name}", "stands twice", "give each reference a name of its own")
+            views[name] = _view(one, name, fine)
+        return cls(tuple(references), tuple(views.values()))
+
+    def same(self, references: Sequence[Reference]) -> bool:
+        """Whether these very references are in use."""
+        return len(references) == len(self.references) and all(map(lambda a, b: a is b, references, self.references))
+
+
+def sized_camera(camera: Camera, height: int, width: int, name: str) -> Camera:
+    """The camera at an image's size, on the CPU; the image may be an evenly resized copy.
+
+    Raises:
+        InputError: it is no camera, or the aspects differ by more than rounding explains.
+    """
+    if not isinstance(camera, Camera):
+        remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
+        raise InputError(name, f"is of type {type(camera).__name__}", remedy)
+    if not _same_aspect((height, width), (camera.height, camera.width)):
+        received = f"is for {camera.width}x{camera.height}, and the image is {width}x{height}"
+        raise InputError(name, received, "give the camera that the image was made with")
+    return camera.to("cpu").resized(height, width)
+
+
+def _view(reference: Reference, name: str, fine: bool) -> RenderedView:
+    def photo() -> Tensor:
+        return read_images(f"photo of {name}", reference.photo)[0][0]
+
+    def render() -> Tensor:
+        return read_images(f"render of {name}", reference.render)[0][0]
+
+    def depth() -> Tensor:
+        return read_planes(f"depth of {name}", reference.depth, batch=False)[0]
+
+    shape = reference.photo.shape  # checked when the reference was made
+    height, width = shape[-2:] if isinstance(reference.photo, Tensor) else shape[:2]
+    camera = None if reference.camera is None else sized_camera(reference.camera, height, width, f"camera of {name}")
+    return RenderedView(
+        name,
+        None if reference.render is None else render,
+        camera,
+        None if reference.depth is None else depth,
+        None,
+        photo,
+        photo if fine else None,
+    )
+
+
+def _size(image: Any, what: str, name: str) -> tuple[int, int]:
+    """Height and width of one image or map, which is checked."""
+    subject = f"{what} of reference {name}".rstrip()
+    if what == "depth":
+        height, width = read_planes(subject, image, batch=False).shape[-2:]
+        return height, width
+    found, kind = read_images(subject, image)
+    if kind.batch:
+        raise InputError(subject, f"has shape {tuple(image.shape)}", "give one image, without a batch axis")
+    return found.shape[-2], found.shape[-1]
+
+
+def _same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether one size is the other resized evenly, up to rounding."""
+    shrink = min(size[0] / other[0], size[1] / other[1])
+    return abs(size[0] - other[0] * shrink) <= 1 and abs(size[1] - other[1] * shrink) <= 1

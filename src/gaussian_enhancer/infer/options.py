@@ -1,0 +1,104 @@
+"""The options of an enhancement, which the command line and the Python API share."""
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.plan import AUTO, Rules
+from gaussian_enhancer.infer.tiles import check_tiles
+from gaussian_enhancer.infer.weights import Pretrained
+
+
+@dataclass(frozen=True)
+class EnhancementOptions:
+    """How renders are enhanced. The defaults are those of the job ``enhance``.
+
+    Args:
+        max_references: photos that the network sees at most, 0 to 8; None takes as many as in training.
+        depth_kind: what the renders' depth is: "surface" (median z), "expected" (mean z, as gsplat and nerfstudio
+            render it), "exact", or "auto": what the input's source is known to give, "expected" for depth in memory.
+        strength: share of the network's change that is applied, 0 (the render) to 1; None takes the weights' own.
+        colour_clamping: side in pixels of the windows within whose colours, the render's and the warped
+            references', an enhanced pixel stays; odd, 0 for no limit.
+        temporal_smoothing: for frames along a path: share of the change that a frame takes over from the frame before
+            it, 0 to below 1. It needs cameras and depth.
+        precision: of the network's convolutions: "auto", "float32", "bfloat16" or "float16".
+        tile: side in pixels of the tiles that larger images are cut into, a multiple of 16.
+        plan: what may be left out: "auto" leaves out references that do not help, depth that does not fit, and plain
+            background; "full" leaves out nothing; `Rules` decide each item.
+
+    Raises:
+        InputError: the plan or the kind of depth is unknown. Other values are checked by `SetEnhancer`.
+    """
+
+    max_references: int | None = None
+    depth_kind: str = "auto"
+    strength: int | float | None = None
+    colour_clamping: int = 3
+    temporal_smoothing: int | float = 0.0
+    precision: str = "auto"
+    tile: int = 1024
+    plan: Rules | str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.depth_kind not in ("auto", *SEARCHES):
+            raise InputError("depth_kind", f"is {self.depth_kind!r}", f"choose auto, {', '.join(SEARCHES)}")
+        if not isinstance(self.plan, Rules) and self.plan not in ("auto", "full"):
+            raise InputError("plan", f"is {self.plan!r}", "choose auto or full, or give Rules")
+
+    @property
+    def rules(self) -> Rules:
+        """The plan's rules."""
+        if isinstance(self.plan, Rules):
+            return self.plan
+        return AUTO if self.plan == "auto" else Rules()
+
+    def reference_config(self, pretrained: Pretrained, depth: DepthKind) -> ReferenceConfig:
+        """The reference configuration of the weights, for this kind of depth and this number of references.
+
+        Args:
+            pretrained: the weights.
+            depth: what the input's depth is where ``depth_kind`` is "auto".
+
+        Raises:
+            InputError: the number of references is out of range.
+        """
+        config = pretrained.reference_config
+        if isinstance(config.warp, Reprojected):
+            kind = depth if self.depth_kind == "auto" else self.depth_kind
+            config = replace(config, warp=replace(config.warp, depth=kind))  # type: ignore[arg-type]
+        if self.max_references is None:
+            return config
+        candidates = max(self.max_references, config.candidates)
+        return replace(config, references=self.max_references, candidates=candidates)
+
+    def enhancer(
+        self, pretrained: Pretrained, reference_config: ReferenceConfig, device: torch.device | None = None
+    ) -> SetEnhancer:
+        """The enhancer of sets of views.
+
+        Args:
+            pretrained: the weights.
+            reference_config: how references are chosen and aligned, as far as the input allows.
+            device: where the network runs; None is the processor.
+
+        Raises:
+            InputError: an option is out of range, or does not suit the weights.
+        """
+        enhancer = SetEnhancer(
+            pretrained.network,
+            reference_config,
+            device,
+            self.precision,
+            self.tile,
+            strength=pretrained.strength if self.strength is None else float(self.strength),
+            temporal_smoothing=float(self.temporal_smoothing),
+            colour_clamping=int(self.colour_clamping),
+        )
+        check_tiles(enhancer.tile, enhancer.halo)
+        return enhancer

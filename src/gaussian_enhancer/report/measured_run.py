@@ -1,0 +1,120 @@
+"""A measured run as the report shows it: its images, its numbers and where they come from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.report.collect import compared_views, provenance_of
+from gaussian_enhancer.report.compared import ComparedView
+from gaussian_enhancer.report.figures import contact_sheet
+from gaussian_enhancer.report.page import write_report
+from gaussian_enhancer.scene.renders import run_steps
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """A finished measure job and what it measured.
+
+    Args:
+        views: renders, enhanced renders, photos and numbers.
+        records: the records that the numbers come from, costs included.
+        config: the measure job's configuration.
+        folder: the measure job's folder.
+    """
+
+    views: tuple[ComparedView, ...]
+    records: tuple[Record, ...]
+    config: Mapping[str, Any]
+    folder: Path
+
+
+def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, most_pictured: int = 60) -> None:
+    """Write the page of a measured run.
+
+    Args:
+        path: the HTML file.
+        measured: what it shows.
+        title: the page's title; scene and splat of the records where None.
+        most_pictured: views that get pictures.
+    """
+    quality = [record for record in measured.records if record.kind == "quality"]
+    default = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
+    others = {"Measurement": str(measured.folder), "Run": str(measured.config.get("run") or "")}
+    others["Weights"] = weights_of(measured.config)
+    provenance = provenance_of(quality, others)
+    write_report(path, title or default, measured.views, provenance, most_pictured=most_pictured)
+
+
+def open_measured(folder: str | Path) -> MeasuredRun:
+    """Read a measure job's folder and find the images that it measured.
+
+    Raises:
+        InputError: the job is not finished, measured one variant only, or its images are gone.
+    """
+    root = Path(folder)
+    if not (root / "done").is_file():
+        raise InputError(root, "is no finished measure job", "run: gaussian-enhancer measure run=FOLDER")
+    records = read_records(root / "records.jsonl")
+    if {record.variant for record in records} != {"raw", "enhanced"}:
+        found = ", ".join(sorted({record.variant for record in records})) or "nothing"
+        remedy = "measure a run with renders and enhanced renders, or give raw= as well"
+        raise InputError(root, f"holds measurements of {found}, not of raw and enhanced", remedy)
+    config = _config(root / "config.yaml")
+    renders, enhanced, photos = _folders(root, config)
+    costs = _costs(config)
+    red, green, blue = (float(value) for value in config.get("background") or (0, 0, 0))
+    views = compared_views(renders, enhanced, photos, (*records, *costs), (red, green, blue))
+    return MeasuredRun(views, (*records, *costs), config, root)
+
+
+def weights_of(config: Mapping[str, Any]) -> str:
+    """The weights that the measured run was enhanced with, as its configuration states them; empty where unknown."""
+    path = Path(config.get("run") or "") / "config.yaml"
+    return str(_config(path).get("weights") or "") if config.get("run") and path.is_file() else ""
+
+
+def write_contact_sheet(path: Path, views: Sequence[ComparedView]) -> None:
+    """Write all views as one picture: render, enhanced render and, where all have one, photo."""
+    images = [view.read() for view in views]
+    with_photos = all(image.photo is not None for image in images)
+    titles = ["render", "enhanced", *(["photo"] if with_photos else [])]
+    rows = [[i.raw, i.enhanced, *([i.photo] if with_photos and i.photo is not None else [])] for i in images]
+    contact_sheet(rows, titles, [view.name for view in views]).save(path)
+
+
+def _folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, Path]:
+    """Renders, enhanced renders and photos of a measurement."""
+    if config.get("run"):
+        source = Path(config["run"])
+        steps = run_steps(source) if source.is_dir() else ()
+        if not steps:
+            raise InputError(source, "holds no renders any more", "measure the run where it lies now")
+        side = source / "test" / f"ours_{config.get('step') or steps[-1]}"
+        return side / "renders", side / "enhanced", side / "gt"
+    given = [config.get(key) for key in ("raw", "images", "photos")]
+    if not all(given):
+        raise InputError(root / "config.yaml", "does not name raw, images and photos", "measure again")
+    raw, images, photos = (Path(str(value)) for value in given)
+    return raw, images, photos
+
+
+def _costs(config: Mapping[str, Any]) -> tuple[Record, ...]:
+    """What enhancing cost, from the enhanced run's own records, where it kept any."""
+    path = Path(config.get("run") or "") / "records.jsonl"
+    if not config.get("run") or not path.is_file():
+        return ()
+    return tuple(record for record in read_records(path) if record.kind == "cost" and record.variant == "enhanced")
+
+
+def _config(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(path, "does not exist", "run the job again")
+    values = OmegaConf.to_container(OmegaConf.load(path))
+    if not isinstance(values, dict):
+        raise InputError(path, "is no configuration", "run the job again")
+    return {str(key): value for key, value in values.items()}

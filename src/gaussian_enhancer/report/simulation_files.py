@@ -1,0 +1,133 @@
+"""What the job ``simulate`` writes: samples, sheets, a page and a record of what was drawn."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
+from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint
+from gaussian_enhancer.degrade.gates.gate import Gate, Step
+from gaussian_enhancer.degrade.photographed import Photographed
+from gaussian_enhancer.degrade.simulator import Simulator
+from gaussian_enhancer.files import save_array, whole_file, write_text
+from gaussian_enhancer.report.simulation import EDGE, Section, sheet, write_page
+from gaussian_enhancer.scene.image_files import write_image
+
+
+@dataclass(frozen=True)
+class SimulatedRender:
+    """The record of one simulated render.
+
+    Args:
+        file: the image, relative to the job's folder.
+        seed: of its own generator.
+        steps: stage 1, in order.
+    """
+
+    file: str
+    seed: int
+    steps: tuple[Step, ...]
+
+
+def drawn_sample(
+    simulator: Simulator, photo: Photographed, generator: torch.Generator, file: str
+) -> tuple[SimulatedRender, View]:
+    """Simulate one render.
+
+    Args:
+        simulator: gate and second stage.
+        photo: the photo and its real render, where that is known.
+        generator: of this sample alone; its seed repeats the sample.
+        file: where the image will be written, relative to the job's folder.
+
+    Returns:
+        The record of the sample, and its pixels.
+    """
+    seed = generator.initial_seed()
+    steps = simulator.gate.draw(torch.Generator().manual_seed(seed))
+    return SimulatedRender(file, seed, steps), simulator(photo.view, [generator], photo.real)
+
+
+def write_sample(path: Path, view: View) -> None:
+    """Write image, depth and opacity of one sample side by side.
+
+    Args:
+        path: of the image.
+        view: its pixels.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    write_image(path, view.image[0])
+    if view.depth is not None:
+        save_array(path.with_name(f"{path.stem}_depth.npy"), view.depth[0, 0].float().cpu().numpy())
+    if view.alpha is not None:
+        write_image(path.with_name(f"{path.stem}_alpha.png"), view.alpha[0].expand(3, -1, -1))
+
+
+def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | None, gate: Gate) -> dict[str, str]:
+    """What the page says about where its images come from.
+
+    Args:
+        photo: the photo.
+        cfg: configuration of the job.
+        fingerprint: of the run's training views, where they are known.
+        gate: the chosen gate.
+    """
+    words = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
+    if fingerprint is not None:
+        words["Fingerprint"] = fingerprint.table()
+    if isinstance(gate, AdaptiveGate):
+        words["Calibrated"] = gate.table()
+    return {**words, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
+
+
+def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section], provenance: Mapping[str, str]) -> None:
+    """Write the page, and a sheet of each section that has one.
+
+    Args:
+        folder: the job's folder.
+        photo: the photo.
+        sections: of the page.
+        provenance: where the images come from.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    for section in sections:
+        if section.file and section.rows:
+            with whole_file(folder / f"{section.file}.png") as temporary:
+                sheet(section).save(temporary)
+    height, width = photo.view.image.shape[-2:]
+    subtitle = f"{width} x {height} pixels · sheets are made from a copy of at most {EDGE} pixels"
+    write_page(folder / "simulation.html", f"Simulated renders of {photo.name}", subtitle, sections, provenance)
+
+
+def write_record(
+    folder: Path, seed: int, samples: Sequence[SimulatedRender], fingerprint: Fingerprint | None, gate: Gate
+) -> None:
+    """Write what determines the samples. A calibrated gate and a fingerprint become files that other jobs read.
+
+    Args:
+        folder: the job's folder.
+        seed: of the job.
+        samples: records of the samples.
+        fingerprint: of the run's training views, where they are known.
+        gate: the chosen gate.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    record: dict[str, Any] = {"seed": seed, "samples": [asdict(sample) for sample in samples]}
+    record["fingerprint"] = None if fingerprint is None else asdict(fingerprint)
+    if fingerprint is not None:
+        fingerprint.to_json(folder / "fingerprint.json")
+    if isinstance(gate, AdaptiveGate):
+        gate.to_file(folder / "gate.json")
+    write_text(folder / "simulation.json", json.dumps(record, indent=1) + "\n")

@@ -1,0 +1,90 @@
+"""What the job ``enhance`` leaves on disk: images, the renders and photos beside them, and the cost of each image."""
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.infer.enhancer import Enhanced
+from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.runs.inputs import Task
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.scene.posed import ReadPhoto
+from gaussian_enhancer.scene.rendered import RenderedSet
+
+
+def write_enhanced(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
+    """Write each image as soon as it is made.
+
+    Args:
+        views: enhanced views.
+        folder: where images are written, under the renders' names.
+
+    Returns:
+        The views without their pixels.
+
+    Raises:
+        InputError: an image cannot be written.
+    """
+    written = []
+    for one in views:
+        write_image(folder / one.name, one.image)
+        written.append(replace(one, image=one.image[:, :0, :0]))
+    return written
+
+
+def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
+    """Write renders and photos of the enhanced images' size into the folders ``renders`` and ``gt``.
+
+    Args:
+        rendered: the targets; their photos are written where they are known.
+        side: folder that also holds the enhanced images.
+        scale: how many times finer the enhanced images are than the renders. Above 1, renders are enlarged bicubically.
+
+    Raises:
+        InputError: a file cannot be read or written.
+    """
+    for view in rendered.targets:
+        if scale == 1:
+            for part, read in (("renders", view.read), ("gt", view.read_photo)):
+                if read is not None:
+                    _keep(read, side / part / view.name)
+            continue
+        if view.read is not None:
+            write_image(side / "renders" / view.name, upsampled(view.read()[None], scale)[0])
+        if view.read_fine_photo is not None:
+            write_image(side / "gt" / view.name, view.read_fine_photo())
+
+
+def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list[Record]:
+    """The milliseconds that each image took in the network.
+
+    Args:
+        written: enhanced views.
+        run_name: name of the run's folder.
+        task: what was enhanced.
+    """
+
+    def record(one: Enhanced) -> Record:
+        values: dict[str, float | None] = {"milliseconds": one.enhancing}
+        return Record("cost", run_name, task.rendered.name, f"ours_{task.step}", one.name, "enhanced", values)
+
+    return [record(one) for one in written]
+
+
+def _keep(read: object, path: Path) -> None:
+    """Copy the file of an image where it has one that holds it as it is; write the image elsewhere."""
+    if isinstance(read, ReadPhoto) and _as_stored(read) and read.path.suffix == path.suffix:
+        with whole_file(path) as temporary:
+            shutil.copyfile(read.path, temporary)
+    else:
+        write_image(path, read())  # type: ignore[operator]
+
+
+def _as_stored(read: ReadPhoto) -> bool:
+    """Whether what is read is what the file holds."""
+    header = read_header(read.path)
+    return read.lens is None and not header.has_alpha and (header.height, header.width) == (read.height, read.width)

@@ -1,0 +1,122 @@
+"""From the configuration of the job ``simulate`` to the photo, the fitted run and the gates."""
+
+import copy
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate, calibrated_on
+from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint, fingerprint_of_training_views
+from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
+from gaussian_enhancer.degrade.photographed import Photographed, read_held_out, read_image
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.renders import read_run
+
+
+def whole_option(cfg: DictConfig, key: str, least: int) -> int:
+    """An option that is a whole number.
+
+    Args:
+        cfg: configuration of the job.
+        key: the option's name.
+        least: its least value.
+
+    Raises:
+        InputError: it is no whole number, or smaller.
+    """
+    value = cfg[key]
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise InputError(key, f"is {value!r}", f"give a whole number of at least {least}")
+    return value
+
+
+def fitted_run(cfg: DictConfig) -> RenderedSet | None:
+    """The views of the fitted run; None where a photo was named instead.
+
+    Args:
+        cfg: configuration of the job.
+
+    Raises:
+        InputError: a photo and a run were given, or neither, or an option of the one beside the other.
+    """
+    given = [name for name in ("image", "run") if cfg[name] is not None]
+    if len(given) != 1:
+        received = "was given image and run" if given else "was given nothing to simulate from"
+        raise InputError("simulate", received, "give one of image=FILE, run=FOLDER")
+    foreign = {"image": ("view", "step"), "run": ("depth",)}[given[0]]
+    stray = next((name for name in foreign if cfg[name] is not None), None)
+    if stray is not None:
+        raise InputError(stray, f"was given beside {given[0]}", f"leave {stray} out: it has no effect there")
+    return read_run(cfg.run, cfg.step) if cfg.run is not None else None
+
+
+def photographed(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
+    """The photo that is degraded.
+
+    Args:
+        cfg: configuration of the job.
+        rendered: views of the fitted run, one of which is taken; None reads the photo's own file.
+
+    Raises:
+        InputError: there is no such view, or a file cannot be read.
+    """
+    if rendered is not None:
+        return read_held_out(rendered, None if cfg.view is None else str(cfg.view))
+    return read_image(cfg.image, cfg.depth, depth_scale=cfg.depth_scale, background=cfg.background)
+
+
+def run_fingerprint(rendered: RenderedSet | None) -> Fingerprint | None:
+    """The fingerprint of a run's training views; None without a run, or where the run kept no renders of them.
+
+    Args:
+        rendered: views of the fitted run.
+    """
+    if rendered is None or not any(view.read is not None for view in rendered.references):
+        return None
+    return fingerprint_of_training_views(rendered)
+
+
+def chosen_gate(cfg: DictConfig, rendered: RenderedSet | None) -> tuple[DictConfig, Gate]:
+    """The chosen gate. Without a file, ``gate=adaptive`` is calibrated on the run's training views.
+
+    Args:
+        cfg: configuration of the job.
+        rendered: views of the fitted run.
+
+    Returns:
+        The configuration that is recorded, and the gate.
+    """
+    if rendered is None or not OmegaConf.is_missing(cfg.gate, "file"):
+        return cfg, build(cfg.gate)
+    generator = torch.Generator().manual_seed(cfg.seed)
+    types = {str(name): on for name, on in cfg.gate.get("types", {}).items()}
+    gate = calibrated_on(rendered, generator, types=types)
+    settled = copy.deepcopy(cfg)
+    settled.gate.file = None  # the run stands for it, and is part of the configuration
+    return settled, gate
+
+
+def shown_gates(chosen: Gate, rendered: RenderedSet | None) -> dict[str, Gate | str]:
+    """The gates that the page shows, by name: the chosen one, and one of each other kind with its defaults.
+
+    Args:
+        chosen: the chosen gate.
+        rendered: views of the fitted run.
+
+    Returns:
+        Gates, or the reason why a kind is not shown.
+    """
+    photo = "a single photo has no training views to calibrate it on: add gate=adaptive gate.file=FILE, or give run="
+    run = "add gate=adaptive to calibrate it on the run's training views, which takes about a minute"
+    default: dict[str, Gate | str] = {
+        "none": NoGate(),
+        "all": AllGate(),
+        "random": RandomGate(),
+        "adaptive": photo if rendered is None else run,
+    }
+    kinds = {NoGate: "none", AllGate: "all", RandomGate: "random", AdaptiveGate: "adaptive", MixedGate: "adaptive"}
+    kind = kinds.get(type(chosen), type(chosen).__name__)
+    others = {name: gate for name, gate in default.items() if name != kind}
+    return {f"{kind} (chosen)": chosen, **others}

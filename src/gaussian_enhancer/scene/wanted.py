@@ -1,0 +1,104 @@
+"""The scenes of a dataset that a download asks for, and what of them is on disk."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gaussian_enhancer.scene.datasets import Archive, Dataset, DatasetScene
+from gaussian_enhancer.scene.extract import Parts
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One scene that is asked for.
+
+    Args:
+        scene: where it lies in which archive.
+        parts: what to take of it.
+        folder: where it goes.
+    """
+
+    scene: DatasetScene
+    parts: Parts
+    folder: Path
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Names of the parts that are not there."""
+        return tuple(name for name in self.parts.names if not (self.folder / name).exists())
+
+
+def wanted_scenes(
+    dataset: Dataset, folder: Path, scenes: tuple[str, ...] | None, images: tuple[str, ...] | None
+) -> Mapping[str, Wanted]:
+    """What is asked for, by the scenes' names.
+
+    Args:
+        dataset: the dataset.
+        folder: of all datasets.
+        scenes: names; all where None.
+        images: folders of photos; those of the official resolution where None.
+
+    Raises:
+        InputError: there is no such scene.
+    """
+    found = {}
+    for name, scene in dataset.chosen(scenes).items():
+        names = (*dataset.model, *(images or scene.images))
+        found[name] = Wanted(scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name)
+    return found
+
+
+def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Iterator[str]:
+    """Lines that say what would be fetched and what is there."""
+    yield f"{dataset.title}, {dataset.page}"
+    yield f"  licence: {dataset.licence}"
+    yield f"  folder: {folder}, {shutil.disk_usage(_existing(folder)).free / 1e9:.1f} GB free"
+    needed = needed_archives(dataset, wanted)
+    for archive in sorted({dataset.archives[entry.scene.archive] for entry in wanted.values()}, key=lambda a: a.file):
+        path = folder / "archives" / archive.file
+        part = path.with_name(f"{path.name}.part")
+        if path.is_file():
+            state = f"there ({_size(path.stat().st_size)})"
+        elif archive not in needed:
+            state = "not needed"
+        else:
+            begun = f", {_size(part.stat().st_size)} of it there" if part.is_file() else ""
+            state = f"to fetch ({_size(archive.bytes)}{begun}) from {archive.url}"
+        yield f"  archive {archive.file}: {state}; {checksum_note(archive)}"
+    for name, entry in wanted.items():
+        absent = ", ".join(entry.absent)
+        there = ", ".join(part for part in entry.parts.names if part not in entry.absent)
+        states = [f"{words} {parts}" for words, parts in (("there:", there), ("to unpack:", absent)) if parts]
+        yield f"  scene {name}: {'; '.join(states)}"
+
+
+def needed_archives(dataset: Dataset, wanted: Mapping[str, Wanted]) -> list[Archive]:
+    """The archives of the scenes of which something is absent.
+
+    Args:
+        dataset: the dataset.
+        wanted: scenes that are asked for, by name.
+    """
+    found = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.absent}
+    return list(found)
+
+
+def checksum_note(archive: Archive) -> str:
+    """How the content of an archive is checked.
+
+    Args:
+        archive: an archive of a dataset.
+    """
+    kinds = [kind for kind in ("sha256", "md5") if getattr(archive, kind) is not None]
+    return f"{kinds[0]} recorded" if kinds else "no checksum published: the first copy's is kept beside it"
+
+
+def _size(count: int | None) -> str:
+    return "size unknown" if count is None else f"{count / 1e9:.2f} GB" if count > 1e7 else f"{count} bytes"
+
+
+def _existing(folder: Path) -> Path:
+    """The nearest folder that exists."""
+    return next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir())
