@@ -1,4 +1,4 @@
-"""From records to comparisons: raw against enhanced, view by view, and plain tables of the outcome."""
+"""Paired comparison of two variants from records, and plain tables of it."""
 
 import csv
 import io
@@ -182,7 +182,7 @@ def view_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> T
 
 
 def written(metric: str, value: float | None, signed: bool = False) -> str:
-    """A number for a table: two digits for dB and times, four for the rest; empty where there is none."""
+    """Format a number for a table: two digits for dB and times, four for the rest; empty for None."""
     if value is None or math.isnan(value):
         return ""
     digits = 2 if metric.startswith(("psnr", "milliseconds", "peak_memory")) else 4
