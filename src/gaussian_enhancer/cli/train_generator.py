@@ -81,7 +81,7 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
     from gaussian_enhancer.train.loggers import watching
 
     steps = int(cfg[step].steps)
-    rest = (build(cfg.loss), build(cfg[step].optimiser), steps)
+    rest = (build(cfg.generator_loss), build(cfg[step].optimiser), steps)
     module: PairedModule | DiffusedModule
     if step == "paired":
         module = PairedModule(FactorModel(design), *rest, seed=cfg.seed)
