@@ -131,7 +131,7 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
     "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
 )
-"""Overrides of the job train: shipped weights, then the other rows of docs/quality.md at equal budget.
+"""Overrides of the job train: shipped weights, then the other rows of docs/results/quality.md at equal budget.
 
 {label} stands for the weights of a row before.
 """
@@ -149,7 +149,7 @@ def weights(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def quality(session: nox.Session) -> None:
-    """Make docs/quality.md: every row on every held-out scene (needs the captures); goes on where it was killed."""
+    """Make docs/results/quality.md: every row on every held-out scene (needs the captures); goes on where it was killed."""
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)
 
@@ -173,7 +173,7 @@ def tables(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def tradeoff(session: nox.Session) -> None:
-    """Make docs/tradeoff.md and what `enhance budget_ms=` chooses from, on an idle machine; words are overrides."""
+    """Make docs/results/tradeoff.md and what `enhance budget_ms=` chooses from, on an idle machine; words are overrides."""
     install(session)
     shipped = "settings=src/gaussian_enhancer/weights/settings.json"
     session.run("gaussian-enhancer", "tradeoff", shipped, *session.posargs)

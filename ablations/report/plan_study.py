@@ -145,7 +145,7 @@ def plan_study_page(
 
 def _already_good(records: Sequence[Record]) -> str:
     """By scene: what share of its blocks a predictor passes through for what is allowed, and the box that is left."""
-    command = "`python ablations/already_good.py RUNS --json docs/results/already_good.jsonl`"
+    command = "`python -m ablations.scripts.already_good RUNS --json docs/results/already_good.jsonl`"
     if not records:
         return f"Not measured yet: {command}.\n"
     names = ("passed by predicted", "box by predicted", "passed by bound", "box by bound")

@@ -37,7 +37,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     monkeypatch.setattr(plan_study, "fitted_cell", fitted)
 
     def of(*overrides: str) -> DictConfig:
-        paths = [f"runs={tmp_path}", f"results={tmp_path / 'results'}", f"markdown={tmp_path / 'docs/plan.md'}"]
+        paths = [f"runs={tmp_path}", f"results={tmp_path / 'results'}", f"markdown={tmp_path / 'docs/results/plan.md'}"]
         quick = ["lpips=[]", "repeats=1", f"weights={tmp_path / 'w.safetensors'}", "runtime.threads=1"]
         with initialize_config_dir(CONF, version_base="1.3"):
             cfg = compose("plan_study", [*paths, *quick, *overrides])
@@ -66,14 +66,17 @@ def test_every_plan_is_measured_on_the_same_views_and_the_page_is_made_of_the_re
     assert whole["full"]["times_faster"] == 1
     views = {(r.variant, r.view) for r in records if r.kind == "quality"}
     assert views == {(plan, view) for plan in whole for view in ("view_000.png", "view_004.png")}
-    page = (tmp_path / "docs/plan.md").read_text()
+    page = (tmp_path / "docs/results/plan.md").read_text()
     assert "absent: absent: is not fitted" in page
     assert "4 of 10 candidates" in page
     assert "Not measured yet: `gaussian-enhancer plan_study worlds=training`" in page
     assert f"| {ratio:.2f} (" in page
     before = page, (tmp_path / "results/leaving_out.svg").read_text()
     started(configured("records_only=true"))
-    assert before == ((tmp_path / "docs/plan.md").read_text(), (tmp_path / "results/leaving_out.svg").read_text())
+    assert before == (
+        (tmp_path / "docs/results/plan.md").read_text(),
+        (tmp_path / "results/leaving_out.svg").read_text(),
+    )
 
 
 def test_an_unknown_plan_is_refused_and_worlds_are_kept_apart(configured):

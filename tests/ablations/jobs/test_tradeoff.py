@@ -118,7 +118,7 @@ def test_references_that_stay_where_they_are_give_another_image(measured) -> Non
 
 
 def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
-    page = (measured / "docs/tradeoff.md").read_text()
+    page = (measured / "docs/results/tradeoff.md").read_text()
     assert "### At the render's own resolution: validation scenes" in page
     assert "![Enhancement: lr_validation](results/tradeoff/lr_validation.svg)" in page
     assert "| all | cheapest within 0.1 dB of the best |" in page
@@ -131,13 +131,13 @@ def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
 
 
 def test_the_page_is_made_again_from_records_alone_and_choices_follow_their_limits(copied) -> None:
-    page = Path("docs/tradeoff.md").read_text()
+    page = Path("docs/results/tradeoff.md").read_text()
     shutil.rmtree("runs")
-    Path("docs/tradeoff.md").unlink()
+    Path("docs/results/tradeoff.md").unlink()
     started("kind=quality", "records_only=true")
-    assert Path("docs/tradeoff.md").read_text() == page
+    assert Path("docs/results/tradeoff.md").read_text() == page
     started("kind=quality", "records_only=true", "tradeoff.within=50dB", "tradeoff.budget_ms=1e9")
-    lines = Path("docs/tradeoff.md").read_text().splitlines()
+    lines = Path("docs/results/tradeoff.md").read_text().splitlines()
     (cheapest,) = {line.split("|")[3].strip() for line in lines if "| all | cheapest within 50 dB" in line}
     assert cheapest == "raw/render"
     (best,) = {line.split("|")[3].strip() for line in lines if "| all | best within 1e+09 ms" in line}

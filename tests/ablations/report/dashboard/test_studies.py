@@ -54,7 +54,7 @@ def test_what_plans_leave_out_is_shown_as_it_was_measured(tmp_path) -> None:
     assert [one.file for one in study.diagrams] == ["diagrams/leaving_out.svg"]
     assert study.tables is not None
     table = study.tables["auto against full"]
-    page = (DOCS / "plan.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/plan.md").read_text(encoding="utf-8")
     assert table.rows
     assert table.markdown() in page
 
