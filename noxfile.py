@@ -80,7 +80,7 @@ def simulator(session: nox.Session) -> None:
     scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
         runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
-        session.run("python", "ablations/fingerprints.py", *runs, "--gates", "runs/gates")
+        session.run("python", "-m", "ablations.scripts.fingerprints", *runs, "--gates", "runs/gates")
     session.run("gaussian-enhancer", "train_generator", "+recipe=simulator", *session.posargs)
 
 
@@ -94,7 +94,7 @@ def renders(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def realism(session: nox.Session) -> None:
-    """Make the tables of docs/simulator.md on validation and test scenes (needs the captures, `renders` before it)."""
+    """Measure how real simulated renders look: docs/results/simulator.md (needs the captures, and `renders` before)."""
     install(session)
     training = [f"runs/fit/{name}-*" for name in ("*_1000", "buddha")]
     validation = [f"runs/fit/{name}-*" for name in ("*_1000", "banana")]
@@ -104,14 +104,14 @@ def realism(session: nox.Session) -> None:
     results = Path("docs/results")
     for name, learn, judge in (("validation", training, validation[1:]), ("test", [*training, validation[1]], test)):
         options = ("--json", str(results / f"realism_{name}.jsonl"), *generator)
-        session.run("python", "ablations/realism.py", "--train", *learn, "--test", *judge, *options)
+        session.run("python", "-m", "ablations.scripts.realism", "--train", *learn, "--test", *judge, *options)
     options = ("--json", str(results / "diversity.jsonl"), *generator)
-    session.run("python", "ablations/diversity.py", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
+    session.run("python", "-m", "ablations.scripts.diversity", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
     trained = ("real", *rows, "mixed")
     lpips = os.environ.get("GAUSSIAN_ENHANCER_DATA", "") + "/lpips"
     for name, runs in (("validation", validation), ("test", test)):
         options = ("--json", str(results / f"renders_{name}.jsonl"), "--lpips", lpips)
-        session.run("python", "ablations/renders.py", "--rows", *trained, "--runs", *runs, *options)
+        session.run("python", "-m", "ablations.scripts.renders", "--rows", *trained, "--runs", *runs, *options)
 
 
 WEIGHTS = (
@@ -149,7 +149,7 @@ def weights(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def quality(session: nox.Session) -> None:
-    """Make docs/results/quality.md: every row on every held-out scene (needs the captures); goes on where it was killed."""
+    """Make docs/results/quality.md: every method on every held-out scene (needs the captures); resumes after a kill."""
     install(session)
     session.run("gaussian-enhancer", "quality", *session.posargs)
 
@@ -173,10 +173,34 @@ def tables(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def tradeoff(session: nox.Session) -> None:
-    """Make docs/results/tradeoff.md and what `enhance budget_ms=` chooses from, on an idle machine; words are overrides."""
+    """Make docs/results/tradeoff.md and the presets of `budget_ms=`, on an idle machine; words are overrides."""
     install(session)
     shipped = "settings=src/gaussian_enhancer/weights/settings.json"
     session.run("gaussian-enhancer", "tradeoff", shipped, *session.posargs)
+
+
+@nox.session(default=False)
+def docs(session: nox.Session) -> None:
+    """Build the documentation into site/, strictly and without the network; `-- serve` shows it while it is written."""
+    install(session, "docs")
+    command = session.posargs or ["build", "--strict"]
+    session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
+
+
+@nox.session(default=False)
+def picture(session: nox.Session) -> None:
+    """Make the README's picture: fit the validation capture plush for 1,000 steps, enhance, measure, draw."""
+    install(session)
+    data = os.environ.get("GAUSSIAN_ENHANCER_DATA")
+    if not data:
+        session.error("GAUSSIAN_ENHANCER_DATA names no folder: it must hold captures/plush and lpips")
+    own = "runs=runs/picture"
+    scene = ("scene=capture", f"scene.path={data}/captures/plush", "scene.downscale=4")
+    session.run("gaussian-enhancer", "fit", own, *scene, "splat=3dgs", "settings.steps=1000")
+    (fit,) = Path("runs/picture/fit").glob("plush-3dgs-*")
+    session.run("gaussian-enhancer", "enhance", own, f"run={fit}")
+    (enhanced,) = Path("runs/picture/enhance").glob("plush-3dgs-*")
+    session.run("python", "-m", "ablations.scripts.before_after", str(enhanced), "--capture", "plush, MIT licence")
 
 
 @nox.session(default=False, venv_backend="none")

@@ -3,7 +3,7 @@
     python ablations/ship.py WEIGHTS NAME [--first NAME] --strength S --helps TEXT --harms TEXT
 
 Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. What training wrote on the card (data,
-steps, seed, hash of the configuration, validation) stays; the two texts are a reader's summary of docs/results/quality.md.
+steps, seed, hash of the configuration, validation) stays; the two texts summarise docs/results/quality.md.
 With ``--first`` a cascade's first network is put back to weights that learnt from more than the cascade did.
 """
 

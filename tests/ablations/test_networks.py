@@ -34,7 +34,7 @@ def test_record_holds_every_network_that_weights_can_name():
     rows = json.loads((ROOT / "docs" / "results" / "networks.json").read_text())["rows"]
     names = {row["fusion"] for row in rows}
     assert len(names) == len(NETWORKS)
-    page = (ROOT / "docs" / "networks.md").read_text()
+    page = (ROOT / "docs" / "results" / "networks.md").read_text()
     assert networks.table(rows) in page
 
 

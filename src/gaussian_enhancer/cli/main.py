@@ -25,7 +25,7 @@ JOBS = {
     "train": "train an enhancement network on fitted runs",
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
-    "quality": "every method on every held-out scene: the table of docs/results/quality.md, and whether its aims are met",
+    "quality": "every method on every held-out scene: docs/results/quality.md, and whether its aims are met",
     "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
     "stability": "stiff and extreme cases in every precision against float64: docs/results/stability.md",
     "plan_study": "what the plan leaves out of each scene, what that saves and what it costs",

@@ -1,0 +1,151 @@
+"""Draws a strip of raw render, enhanced view and photo, with a magnified crop under each.
+
+    python -m ablations.scripts.before_after RUN [--splat 3DGS] [--capture TEXT] [--output FILE]
+
+RUN is the folder of a finished job ``enhance``. The view is the one with the median gain of PSNR, and the crop is the
+block where the raw render is furthest from the photo, so that neither is chosen by what the enhancement did there. The
+caption is printed, and stored in the file as its description.
+
+Axes: h height, w width.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch.nn.functional as F
+from jaxtyping import Float
+from omegaconf import OmegaConf
+from PIL import Image, ImageDraw, ImageFont
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.metrics.image_quality import psnr
+from gaussian_enhancer.scene.photos import list_images, read_photo
+
+PARTS = ("renders", "enhanced", "gt")
+CROP = 96
+"""Side of the crop, in pixels of the render."""
+GAP, BAND = 6, 22
+"""Pixels between images, and of the line of text over them."""
+DESCRIPTION = 0x010E
+"""EXIF tag ImageDescription."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A held-out view, in 8 bits.
+
+    Args:
+        name: the view's file name without its ending.
+        step: training step of the fit that was rendered.
+        raw: the splat's render.
+        enhanced: the enhanced view.
+        photo: the held-out photo.
+    """
+
+    name: str
+    step: int
+    raw: Float[Tensor, "3 h w"]
+    enhanced: Float[Tensor, "3 h w"]
+    photo: Float[Tensor, "3 h w"]
+
+    @property
+    def decibels(self) -> tuple[float, float]:
+        """PSNR of the raw and of the enhanced view."""
+        return psnr(self.raw, self.photo), psnr(self.enhanced, self.photo)
+
+    @property
+    def gain(self) -> float:
+        """What enhancement adds to PSNR, dB."""
+        before, after = self.decibels
+        return after - before
+
+
+def read_views(run: Path) -> list[Compared]:
+    """The views of an enhance run, by name.
+
+    Raises:
+        InputError: the folder holds no enhanced views with photos.
+    """
+    sides = [side for side in sorted(run.glob("test/ours_*")) if (side / "enhanced").is_dir()]
+    if not sides:
+        raise InputError(run, "holds no enhanced views", "give the folder of a finished job enhance")
+    side = sides[-1]
+    step = int(side.name.removeprefix("ours_"))
+    names = [path.name for path in list_images(side / "enhanced")]
+    return [Compared(Path(name).stem, step, *(read_photo(side / part / name) for part in PARTS)) for name in names]
+
+
+def median_gain(views: list[Compared]) -> Compared:
+    """The view with the median gain; the lower of the two middle ones where their number is even."""
+    return sorted(views, key=lambda view: view.gain)[(len(views) - 1) // 2]
+
+
+def worst_block(view: Compared, side: int = CROP) -> tuple[int, int]:
+    """Row and column of the block in which the raw render's mean squared error is largest."""
+    error = (view.raw - view.photo).square().mean(dim=0)[None, None]
+    means = F.avg_pool2d(error, side, stride=1)[0, 0]
+    row, column = divmod(int(means.argmax()), means.shape[1])
+    return row, column
+
+
+def caption(views: list[Compared], shown: Compared, splat: str, capture: str, weights: str) -> str:
+    """What the picture shows: capture, fit, gain, and how view and crop were chosen."""
+    before, after = shown.decibels
+    mean = sum(view.gain for view in views) / len(views)
+    return (
+        f"Held-out view of a real capture ({capture}), {splat} fitted for {shown.step:,} steps, weights {weights}: "
+        f"{before:.2f} dB raw, {after:.2f} dB enhanced ({after - before:+.2f} dB; mean of the {len(views)} held-out "
+        f"views {mean:+.2f} dB). The view has the median gain; the crop is where the raw render is worst."
+    )
+
+
+def strip(view: Compared, side: int = CROP) -> Image.Image:
+    """Raw, enhanced and photo side by side; under each its crop, magnified to the same width."""
+    before, after = view.decibels
+    titles = (f"raw render  {before:.2f} dB", f"enhanced  {after:.2f} dB", "photo (held out)")
+    pictures = [_picture(image) for image in (view.raw, view.enhanced, view.photo)]
+    width, height = pictures[0].size
+    row, column = worst_block(view, side)
+    box = (column, row, column + side, row + side)
+    sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + height + GAP + width), "white")
+    draw = ImageDraw.Draw(sheet)
+    for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
+        left = place * (width + GAP)
+        draw.text((left + 2, 3), title, fill="black", font=ImageFont.load_default(14))
+        sheet.paste(picture, (left, BAND))
+        corners = (left + box[0] - 1, BAND + box[1] - 1, left + box[2], BAND + box[3])
+        draw.rectangle(corners, outline=(255, 210, 0), width=2)
+        crop = picture.crop(box).resize((width, width), Image.Resampling.NEAREST)
+        sheet.paste(crop, (left, BAND + height + GAP))
+    return sheet
+
+
+def _picture(image: Float[Tensor, "3 h w"]) -> Image.Image:
+    return Image.fromarray((image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8))
+
+
+def main() -> None:
+    """Read the command line and write the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--splat", default="3DGS", help="method of the splat, for the caption")
+    parser.add_argument("--capture", default="", help="name and licence of the capture, for the caption")
+    parser.add_argument("--output", type=Path, default=Path("docs/pictures/before_after.jpg"))
+    options = parser.parse_args()
+    views = read_views(options.run)
+    shown = median_gain(views)
+    weights = OmegaConf.load(options.run / "config.yaml").weights
+    text = caption(views, shown, options.splat, options.capture or options.run.name, Path(str(weights)).stem)
+    exif = Image.Exif()
+    exif[DESCRIPTION] = text
+    with whole_file(options.output) as temporary:
+        strip(shown).save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
