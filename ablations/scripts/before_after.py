@@ -26,8 +26,8 @@ from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.scene.photos import list_images, read_photo
 
 PARTS = ("renders", "enhanced", "gt")
-CROP = 96
-"""Side of the crop, in pixels of the render."""
+CROP = 4
+"""The crop is so many times smaller than the view, each way."""
 GAP, BAND = 6, 22
 """Pixels between images, and of the line of text over them."""
 DESCRIPTION = 0x010E
@@ -84,12 +84,13 @@ def median_gain(views: list[Compared]) -> Compared:
     return sorted(views, key=lambda view: view.gain)[(len(views) - 1) // 2]
 
 
-def worst_block(view: Compared, side: int = CROP) -> tuple[int, int]:
-    """Row and column of the block in which the raw render's mean squared error is largest."""
+def worst_block(view: Compared) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the crop in which the raw render's mean squared error is largest."""
     error = (view.raw - view.photo).square().mean(dim=0)[None, None]
-    means = F.avg_pool2d(error, side, stride=1)[0, 0]
+    height, width = (side // CROP for side in error.shape[2:])
+    means = F.avg_pool2d(error, (height, width), stride=1)[0, 0]
     row, column = divmod(int(means.argmax()), means.shape[1])
-    return row, column
+    return column, row, column + width, row + height
 
 
 def caption(views: list[Compared], shown: Compared, splat: str, capture: str, weights: str) -> str:
@@ -103,15 +104,14 @@ def caption(views: list[Compared], shown: Compared, splat: str, capture: str, we
     )
 
 
-def strip(view: Compared, side: int = CROP) -> Image.Image:
-    """Raw, enhanced and photo side by side; under each its crop, magnified to the same width."""
+def strip(view: Compared) -> Image.Image:
+    """Raw, enhanced and photo side by side; under each its crop, magnified to the view's size."""
     before, after = view.decibels
     titles = (f"raw render  {before:.2f} dB", f"enhanced  {after:.2f} dB", "photo (held out)")
     pictures = [_picture(image) for image in (view.raw, view.enhanced, view.photo)]
     width, height = pictures[0].size
-    row, column = worst_block(view, side)
-    box = (column, row, column + side, row + side)
-    sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + height + GAP + width), "white")
+    box = worst_block(view)
+    sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + 2 * height + GAP), "white")
     draw = ImageDraw.Draw(sheet)
     for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
         left = place * (width + GAP)
@@ -119,7 +119,7 @@ def strip(view: Compared, side: int = CROP) -> Image.Image:
         sheet.paste(picture, (left, BAND))
         corners = (left + box[0] - 1, BAND + box[1] - 1, left + box[2], BAND + box[3])
         draw.rectangle(corners, outline=(255, 210, 0), width=2)
-        crop = picture.crop(box).resize((width, width), Image.Resampling.NEAREST)
+        crop = picture.crop(box).resize((width, height), Image.Resampling.NEAREST)
         sheet.paste(crop, (left, BAND + height + GAP))
     return sheet
 
