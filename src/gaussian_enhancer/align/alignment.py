@@ -1,4 +1,4 @@
-"""How references reach the target's pixel grid, before any network sees them.
+"""Alignment of references to the target's pixel grid.
 
 Axes: r references, h height, w width of the target, H = 4 h, W = 4 w.
 """
@@ -46,7 +46,7 @@ class Pixels:
 
     @cached_property
     def exposure(self) -> Float[Tensor, "3 2"] | None:
-        """What brings the photo to the exposure of the splat's render of the same view; None where there is none."""
+        """Gain and offset per channel from the photo to the splat's render of its view; None without a render."""
         if self.render is None:
             return None
         small = resize(self.image, *self.render.shape[-2:])
@@ -61,7 +61,7 @@ class Pixels:
         return self._mapped(precise)
 
     def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
-        """The view with changed images; itself, with what it has computed, where nothing changes."""
+        """The view with changed images; the same object, with its cached values, if nothing changes."""
         images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "camera")}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
@@ -99,7 +99,7 @@ class Warp(Protocol):
 
 @dataclass(frozen=True)
 class Unwarped:
-    """References as they are, resized where they differ in size, visible everywhere: the paper's way.
+    """No warp: references are only resized to the target's size and count as visible everywhere, as in the paper.
 
     Half precision is resized in single.
     """
@@ -119,7 +119,7 @@ class Unwarped:
 
 @dataclass(frozen=True)
 class Reprojected:
-    """References warped through the target's depth, coloured like the render and ranked by what they then show.
+    """Warp through the target's depth, match colours to the render, and rank references by what they show.
 
     Where the splat's own render of a reference's view is known, depth is refined and colours are matched by it: what
     one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
@@ -201,7 +201,7 @@ def _finely(
     exposure: Float[Tensor, "3 2"] | None,
     warped: Warped,
 ) -> Float[Tensor, "3 H W"]:
-    """A reference's fine photo on the grid 4 times as fine as the target's, visible where the warped one is.
+    """The reference's high-resolution photo on a grid 4 times as fine as the target's, with the warp's visibility.
 
     Args:
         camera: the target's.

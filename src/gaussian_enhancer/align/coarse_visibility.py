@@ -1,4 +1,4 @@
-"""A look at a target and its candidates on a coarse grid: which references are worth warping at full size.
+"""Coarse visibility of candidate references, to select those that are warped at full size.
 
 The warp itself is the one that the preparation makes, on images of about 64 pixels, where it costs a hundredth.
 Axes: h height, w width of the target; p, q of a reference.
@@ -18,7 +18,7 @@ EDGE = 64
 
 
 def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pixels]) -> Aligned:
-    """All candidates on the target's coarse grid, in the order in which the warp would take them.
+    """Warp all candidates to the target's coarse grid, in the order in which the full warp takes them.
 
     Args:
         warp: how references will be warped; depth is not searched here.
@@ -29,7 +29,7 @@ def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pi
 
 
 def shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
-    """What each candidate shows of what there is to see of the target, in [0, 1], best first.
+    """Share of the target's visible surface that each candidate shows, in [0, 1], best first.
 
     Args:
         seen: what `coarse_visibility` gives.

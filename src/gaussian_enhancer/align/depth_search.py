@@ -1,4 +1,4 @@
-"""Bettering rendered depth by what the references show, before they are warped through it.
+"""Refinement of rendered depth by a local search that compares references with the render.
 
 Axes: h height, w width of the target; p height, q width of a reference; m hypotheses of depth.
 """
@@ -29,7 +29,7 @@ DEAREST = 4.0
 
 @dataclass(frozen=True)
 class Search:
-    """How finely depth is searched around what is there.
+    """Range and step of a depth search around the rendered depth.
 
     Args:
         span: largest relative change, > 0.
@@ -64,7 +64,7 @@ SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
 
 @dataclass(frozen=True)
 class Source:
-    """A view that depth is judged by.
+    """A reference view that depth hypotheses are compared in.
 
     Args:
         camera: where it was taken from, of the photo's size.
@@ -104,7 +104,7 @@ def refine_depth(
     smooth: bool = True,
     consistent: bool = True,
 ) -> Float[Tensor, "1 h w"]:
-    """Depth at which the references agree best with the render and with each other, around what was rendered.
+    """Depth near the rendered one at which references agree best with the render and with each other.
 
     The splat's surface is smoothed first (`smooth_depth`): median depth jumps from Gaussian to Gaussian.
 
@@ -193,7 +193,7 @@ def _seen(
     source: Source,
     how: Search,
 ) -> _Seen:
-    """Prepare a reference: not finer than the target, its colours fitted through the depth that is there."""
+    """Prepare a reference: resized to at most the target's resolution, colours fitted through the rendered depth."""
     ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)

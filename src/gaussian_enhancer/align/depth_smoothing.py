@@ -1,4 +1,4 @@
-"""Giving a splat's median depth a surface: it jumps from Gaussian to Gaussian where the scene is smooth.
+"""Smoothing of a splat's median depth, which jumps from Gaussian to Gaussian on smooth surfaces.
 
 Axes: h height, w width.
 """
@@ -28,7 +28,7 @@ RIDGE = 1e-3
 
 
 def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """Depth with each pixel on the plane that fits its surroundings best.
+    """Depth of the plane that fits inverse depth best around each pixel.
 
     Planes are linear in inverse depth. Each pass fits one per pixel to 5x5 samples by least squares; a sample weighs
     1 / ((1 + (p / SPREAD)^2)^2 (1 + (c / CONTRAST)^2)), p being its inverse depth beyond the pixel's, relative to that,

@@ -1,4 +1,4 @@
-"""Bringing a reference's colours to those of the render: photos of one capture differ in exposure and white balance.
+"""Colour matching of references to the render: photos of a capture differ in exposure and white balance.
 
 Axes: h height, w width.
 """
@@ -19,7 +19,7 @@ def fit_colour(
     prior: float = 0.02,
     iterations: int = 3,
 ) -> Float[Tensor, "3 2"]:
-    """Gain and offset per channel that bring one image's colours to another's.
+    """Least-squares gain and offset per channel from one image to another.
 
     Minimises sum_i w_i rho(g s_i + o - t_i) + prior sum_i w_i ((g - 1)^2 / 4 + o^2) by iteratively reweighted least
     squares with Geman-McClure weights, 1 / (1 + (r / robustness)^2)^2, so that what is misaligned or occluded has

@@ -1,4 +1,4 @@
-"""How far warped references agree with the render: which show most of it, and where one shows something else.
+"""Photo-consistency of warped references with the render, for ranking and for rejecting pixels.
 
 Axes: h height, w width of the target.
 """
@@ -77,7 +77,7 @@ def _compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1
 
 
 def photo_consistent(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
-    """The reference without what differs from the render by more than a limit.
+    """Set the reference's visibility to 0 where it differs from the render by more than a limit.
 
     Args:
         warped: the reference on the render's grid.

@@ -1,4 +1,4 @@
-"""Where the pixels of one camera land in another, and reading images there.
+"""Projection of one camera's pixels into another, and bilinear sampling there.
 
 Each of these has a readable form on tensors, for every device, precision and gradient, and a compiled one for single
 precision on a processor, where it saves nine tenths of the time.
@@ -172,7 +172,7 @@ def look_up(
 
 
 def compiled(*images: Tensor) -> bool:
-    """Whether the compiled kernels serve: single precision on a processor, and nobody asks for a gradient."""
+    """Whether the compiled kernels can be used: single precision, on the CPU, and no gradient needed."""
     return all(
         image.device.type == "cpu"
         and image.dtype == torch.float32

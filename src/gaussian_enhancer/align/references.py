@@ -1,4 +1,4 @@
-"""From views on disk to what the network sees: choosing, reading and aligning references.
+"""Choosing, reading and aligning references for the network.
 
 Axes: r references, h height, w width.
 """
@@ -20,7 +20,7 @@ from gaussian_enhancer.types import NetworkInput
 
 @dataclass(frozen=True)
 class ReferenceConfig:
-    """How targets are prepared: the same in training and in use, and therefore kept with the weights.
+    """How references are chosen and aligned. Stored with the weights, so that training and inference agree.
 
     Args:
         warp: how references reach the target's grid.
@@ -43,7 +43,7 @@ class ReferenceConfig:
             )
 
     def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
-        """The references of a pool that come into question for a target, nearest first, as indices into it."""
+        """Indices of the pool's candidate references for a target, nearest first."""
         if not self.references:
             return ()
         return rank_references(view, pool.views, self.candidates, depth=target.depth)
@@ -65,7 +65,7 @@ class ReferenceConfig:
 
 
 class Pool:
-    """The references of a set; the pixels of those read last stay in memory, since a photo serves many targets.
+    """The references of a set. Pixels of recently read ones stay in memory, because targets share references.
 
     Args:
         views: training views with photos.

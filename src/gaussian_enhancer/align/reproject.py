@@ -1,4 +1,4 @@
-"""Bringing a photo of one camera onto the pixel grid of another through rendered depth.
+"""Backward warp of a photo into another camera through rendered depth.
 
 Axes: h height, w width of the target; p height, q width of a reference.
 """

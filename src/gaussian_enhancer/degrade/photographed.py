@@ -1,4 +1,4 @@
-"""One photographed view to simulate renders of: from an image file, or a held-out view of a fitted run.
+"""Input of the simulator: a photo from a file, or a held-out view of a fitted run.
 
 Axes: h height, w width.
 """

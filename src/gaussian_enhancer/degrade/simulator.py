@@ -20,7 +20,7 @@ from gaussian_enhancer.types import quantised
 
 @runtime_checkable
 class SecondStage(Protocol):
-    """What becomes of stage 1's output."""
+    """Stage 2: maps stage 1's output to more realistic renders."""
 
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None

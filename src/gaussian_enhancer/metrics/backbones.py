@@ -1,4 +1,4 @@
-"""Where the backbones of LPIPS are looked for."""
+"""Search path of LPIPS backbones."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from omegaconf import DictConfig, open_dict
 
 
 def with_backbones(cfg: DictConfig) -> DictConfig:
-    """The configuration with LPIPS's backbones where the captures' folder holds some and none are named."""
+    """Set `backbones` to the captures' LPIPS folder if it exists and none is given."""
     beside = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", ".")) / "lpips"
     if cfg.backbones is None and beside.is_dir():
         with open_dict(cfg):

@@ -1,4 +1,4 @@
-"""From records to comparisons: raw against enhanced, view by view, and plain tables of the outcome."""
+"""Paired comparison of two variants from records, and plain tables of it."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What a computation costs: time in the median of interleaved repeats, and peak memory."""
+"""Run time (median of interleaved repeats) and peak memory of a computation."""
 
 import gc
 import math
@@ -44,7 +44,7 @@ class Timing:
         return low, high
 
     def times_faster(self, other: "Timing") -> tuple[float, float, float]:
-        """How many times faster than a computation that took turns with this one, and between what it surely lies.
+        """Speed-up over a computation that was timed in turn with this one, with its interval.
 
         The median of their rounds' ratios, out of which falls what slows the machine for longer than a round, and the
         order statistics that enclose the median in 95 % of all cases; with fewer than six rounds all there is.

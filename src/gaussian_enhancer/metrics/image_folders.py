@@ -1,4 +1,4 @@
-"""Images on disk beside their photos: which belongs to which, and the records of measuring them.
+"""Matching of images on disk with their photos, and measuring them as records.
 
 Everything that can be known from names and file headers is checked before the first pixel is read.
 """

@@ -1,4 +1,4 @@
-"""How close an image is to its photo: PSNR, SSIM, and both with colour or background set aside.
+"""Image quality: PSNR, SSIM, colour-aligned PSNR and PSNR within a mask.
 
 Axes: c channels, h height, w width. Images are in [0, 1]; `types.quantised` brings them to the 8 bits of a PNG first,
 as the pinned protocol asks (3DGS's and NerfBaselines' evaluations read 8-bit files).

@@ -1,4 +1,4 @@
-"""LPIPS, the learned perceptual distance, where a backbone is at hand; never downloaded, never one for another.
+"""LPIPS with a local backbone. Backbones are never downloaded, and never substituted for each other.
 
 The linear heads (v0.1) come with the ``lpips`` package. The backbones are torchvision's ImageNet networks: they are
 looked for in a file or folder that is given, and then in torchvision's own cache. Source: Zhang et al., The

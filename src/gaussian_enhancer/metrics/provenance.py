@@ -1,4 +1,4 @@
-"""Where a number comes from: the version of this code and the machine it ran on."""
+"""Provenance of a measurement: code version and machine."""
 
 import functools
 import os

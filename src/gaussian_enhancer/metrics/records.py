@@ -1,4 +1,4 @@
-"""What was measured, on disk: JSON lines, each with its own checksum, from which every table and page is made."""
+"""Records of measurements: JSON lines with checksums, from which all tables and pages are made."""
 
 import dataclasses
 import hashlib

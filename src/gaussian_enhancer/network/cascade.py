@@ -1,4 +1,4 @@
-"""Two networks, one after the other: enhanced at the render's own resolution first, then at 4 times it.
+"""Cascade: enhancement at the render's resolution, then super-resolution by 4.
 
 Axes: b batch, h height, w width, H = 4 h, W = 4 w.
 """
@@ -16,7 +16,7 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class Cascade(Network):
-    """The second network sees what the first makes of the render, in its place.
+    """The second network takes the first network's output in place of the render.
 
     Super-resolution learns from few scenes, since photos 4 times as fine are dear; what is wrong at the render's own
     resolution is mended by a network that learnt from many. Both are trained together. Untrained, it returns the

@@ -1,4 +1,4 @@
-"""Enhanced colours kept within what the render and its references show.
+"""Clamping of enhanced colours to the local range of render and references.
 
 Axes: b batch, h height, w width.
 """
@@ -62,7 +62,7 @@ def _limits(
 
 
 def check_window(window: int) -> None:
-    """Refuse windows that have no middle.
+    """Refuse windows of even side, which have no centre.
 
     Raises:
         InputError: the side is not odd, or not positive.

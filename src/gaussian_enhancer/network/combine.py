@@ -1,4 +1,4 @@
-"""What the coarser scales found, handed on to a finer one.
+"""Combination of coarser scales' results at a finer scale.
 
 Axes: b batch, d values that a coarser scale hands on, h height, w width (both even), i = h / 2, j = w / 2.
 """
@@ -21,7 +21,7 @@ class Combine(Protocol):
 
     @property
     def handed(self) -> int:
-        """Channels that a scale hands on to finer ones beside its image's change."""
+        """Channels that a scale passes to finer ones, beside the change of its image."""
         ...
 
     def build(self, channels: int, coarser: int) -> nn.Module:
@@ -98,7 +98,7 @@ class Combined:
 
 @dataclass(frozen=True)
 class Uncombined:
-    """Choice of scales that know nothing of each other: the finest alone decides."""
+    """Choice of independent scales: the finest alone gives the result."""
 
     handed: ClassVar[int] = 0
 

@@ -1,4 +1,4 @@
-"""Fused features to what is added to the render.
+"""Decoder from fused features to the residual.
 
 Axes: b batch, c channels, h height, w width, i = h / 2, j = w / 2.
 """

@@ -1,4 +1,4 @@
-"""Features of the target and of any number of references to one.
+"""Fusion of the target's features with those of any number of references.
 
 Axes: b batch, r references, c channels, h height, w width (of the features).
 """
@@ -16,7 +16,7 @@ from gaussian_enhancer.types import precise
 
 
 class TrustFusion(nn.Module):
-    """Per pixel, a softmax over render and references decides whom to trust; their news are added to the target.
+    """Per-pixel softmax weights over render and references; the weighted differences are added to the target.
 
     w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i), where v is
     visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
@@ -42,7 +42,7 @@ class TrustFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse, and tell how far each reference was trusted at each pixel."""
+        """Fuse; also return each reference's weight at each pixel."""
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
@@ -68,7 +68,7 @@ class TrustFusion(nn.Module):
 
 
 class MeanFusion(nn.Module):
-    """The plain way: references are averaged by visibility and joined to the target by a convolution.
+    """Mean of the references weighted by visibility, joined to the target by a convolution.
 
     Args:
         channels: of the features.
@@ -91,7 +91,7 @@ class MeanFusion(nn.Module):
 
 
 class PairFusion(nn.Module):
-    """The paper's way: a convolution over the features of the target and of exactly two references.
+    """The paper's fusion: a convolution over the features of the target and of exactly two references.
 
     fused = join(target, reference_1, reference_2), in this order; a missing reference is zero.
 

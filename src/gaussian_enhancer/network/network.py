@@ -1,4 +1,4 @@
-"""What every enhancement network offers, whatever it is made of.
+"""The interface of enhancement networks.
 
 Axes: b batch, r references, h height, w width, H = scale h, W = scale w.
 """
@@ -47,14 +47,14 @@ class Network(nn.Module, abc.ABC):
 
 
 class CachesReferences(Network):
-    """A network that reads references through features of their own, which may be kept and given again.
+    """A network whose reference features do not depend on the target and can be cached.
 
     Where references are not warped to the target, a photo's features are the same for every target.
     """
 
     @abc.abstractmethod
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r _ _ _"], ...]:
-        """Features of the references, each of which depends on nothing but the reference, at all the scales."""
+        """Features of the references at all scales; each depends on its reference alone."""
 
     @abc.abstractmethod
     def forward(

@@ -1,4 +1,4 @@
-"""From decoded values to an image: what is added to the render, and how surely.
+"""Output head: from decoded values to the enhanced image.
 
 Axes: b batch, r references, h height, w width, i = h / 2, j = w / 2.
 """
@@ -65,7 +65,7 @@ def compose(
 
 @dataclass(frozen=True)
 class Gated:
-    """Choice of confidence and of handing on the references' pixels; see `compose`."""
+    """Choice of an output with confidence and with the references' pixels; see `compose`."""
 
     outputs: ClassVar[int] = OUTPUTS
 

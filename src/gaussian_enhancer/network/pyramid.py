@@ -1,4 +1,4 @@
-"""Views on coarser grids, and on grids that networks can halve.
+"""Padding, downscaling and upsampling of network inputs.
 
 Axes: b batch, h height, w width.
 """

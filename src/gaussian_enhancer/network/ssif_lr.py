@@ -126,7 +126,7 @@ class SSIFLR(CachesReferences):
     def _scale(
         self, level: int, views: NetworkInput, encoded: Float[Tensor, "b r c i j"], decode: nn.Module
     ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b _ h w"]]:
-        """One scale by itself: its image, and what its decoder hands on to finer scales."""
+        """One scale: its image, and the features that its decoder passes to finer scales."""
         features, trust = self._gather(level)(views, encoded)
         decoded, outputs = decode(features), self.output.outputs
         return self.output(decoded[:, :outputs], views, trust), decoded[:, outputs:]

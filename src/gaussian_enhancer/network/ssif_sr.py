@@ -224,7 +224,7 @@ def merged(
     visibility: Float[Tensor, "b r 1 i j"],
     trust: Float[Tensor, "b r 1 i j"],
 ) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
-    """One reference in place of several: their mean by trust, and how far all of them together are trusted.
+    """Merge references: their mean weighted by trust, and the sum of their trust.
 
     Its ``reference_renders`` are what its own half size holds of it, so that `compose`'s term of photo minus render
     hands on detail alone, which no difference of exposure touches. Merging costs less than handing on each.

@@ -1,4 +1,4 @@
-"""From views to one set of features: what every fusion network begins with.
+"""Stem of the fusion networks: from the network input to one set of features.
 
 Axes: b batch, r references, c channels, h height, w width (multiples of the stride), i = h / 2, j = w / 2.
 """

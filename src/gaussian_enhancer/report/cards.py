@@ -1,4 +1,4 @@
-"""The card of one view: pictures under a divider that moves, and the numbers below."""
+"""Card of one view: images under a movable divider, with the numbers below."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class Pictures:
 
 
 def pictured(count: int, worst: int | None, most: int) -> list[int]:
-    """Indices of the views that get pictures: all, or an even choice in which the worst is never missing."""
+    """Indices of the views shown with pictures: all, or an even selection that includes the worst."""
     if count <= most:
         return list(range(count))
     chosen = {round(i * (count - 1) / max(1, most - 1)) for i in range(most)}

@@ -1,4 +1,4 @@
-"""From what lies on disk to what a report compares: renders, enhanced images and records, matched by name."""
+"""Collect renders, enhanced images and records of a run, matched by name."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -59,7 +59,7 @@ def compared_views(
 
 
 def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[str, str]:
-    """What a page says of where its numbers come from: what the records state, each value once, then the rest.
+    """Provenance of a page's numbers: each distinct value that the records state.
 
     Args:
         records: the records that the page shows.

@@ -1,4 +1,4 @@
-"""What a report compares: a render before and after enhancing, its photo, and the numbers measured on both.
+"""A compared view: render, enhanced image, photo, and the measurements of both.
 
 Axes: h height, w width; _ an axis that the user may have got wrong, which is refused with a clear line.
 """

@@ -1,4 +1,4 @@
-"""Pictures for reports: error maps, contact sheets, and images small enough to travel inside a page.
+"""Pictures for reports: error maps, contact sheets, and images embedded in a page.
 
 Axes: h height, w width, c colours of a map, s samples, _ sizes that may differ from image to image.
 """

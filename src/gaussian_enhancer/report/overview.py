@@ -1,4 +1,4 @@
-"""The head of a report: a tile for each metric, and a table of all views that can be sorted."""
+"""Overview of a report: a tile per metric and a sortable table of all views."""
 
 import math
 import statistics

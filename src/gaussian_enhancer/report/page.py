@@ -1,4 +1,4 @@
-"""The report page: one file that opens from any disk, with every image, number and script inside.
+"""The report page: one self-contained HTML file with all images, numbers and scripts.
 
 No address outside the page is ever loaded; a content security policy in the page makes the browser enforce it.
 """

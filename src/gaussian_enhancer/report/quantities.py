@@ -1,4 +1,4 @@
-"""How a metric is written and which way is better: data, so that no page or table decides it anew."""
+"""Formatting and direction of improvement of each metric, shared by all pages and tables."""
 
 import math
 from dataclasses import dataclass

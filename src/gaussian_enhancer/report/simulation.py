@@ -1,4 +1,4 @@
-"""What the simulator does, as pictures: sheets, and one page with all of them.
+"""Pictures of the simulator's output: contact sheets, and one page with all of them.
 
 Axes: h height, w width, _ sizes that may differ from image to image.
 """

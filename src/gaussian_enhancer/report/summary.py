@@ -1,4 +1,4 @@
-"""From the numbers of single views to what a page says of them: gain, spread, and the view that fared worst."""
+"""Summary over views: mean gain, spread and worst view."""
 
 import math
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ def summarise(views: Sequence[ComparedView], quantity: Quantity) -> Summary:
 
 
 def worst_view(summaries: Sequence[Summary]) -> int | None:
-    """Index of the view with the poorest gain in the first deciding metric; None where none was measured."""
+    """Index of the view with the lowest gain in the first measured metric; None if none was measured."""
     by_key = {summary.quantity.key: summary for summary in summaries}
     found = (by_key[key].worst for key in DECIDING if key in by_key)
     return next((worst for worst in found if worst is not None), None)

@@ -1,1 +1,1 @@
-"""Where truth comes from: procedural worlds, captures, folders of finished renders; splits; neighbour choice."""
+"""Scenes: procedural worlds, captures, folders of renders, splits, and the choice of neighbouring photos."""

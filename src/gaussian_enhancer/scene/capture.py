@@ -1,4 +1,4 @@
-"""Open a capture without saying which kind it is."""
+"""Open a capture of any known layout."""
 
 from collections.abc import Callable
 from pathlib import Path

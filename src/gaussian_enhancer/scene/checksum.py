@@ -1,4 +1,4 @@
-"""Checksums of archives: the recorded one, the server's own, or that of the first copy.
+"""Checksums of archives: recorded, sent by the server, or taken from the first copy.
 
 Where nobody publishes a checksum, the first copy's SHA-256 is written beside it (``FILE.sha256``, as ``sha256sum``
 writes it), and every later copy has to have the same.

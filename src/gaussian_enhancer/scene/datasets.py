@@ -1,4 +1,4 @@
-"""Published datasets as data: where their archives are, what lies in them, and what a scene costs.
+"""Descriptions of published datasets: archives, scenes, sizes and expected fitting times.
 
 The facts themselves stand in ``conf/dataset/*.yaml``, with their sources in ``docs/datasets.md``.
 """

@@ -1,4 +1,4 @@
-"""Unpacking parts of a scene from a zip archive: what is asked for alone, never outside its folder, whole or not."""
+"""Safe, atomic extraction of parts of a scene from a zip archive."""
 
 import fnmatch
 import os

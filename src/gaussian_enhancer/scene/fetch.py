@@ -1,4 +1,4 @@
-"""Fetching one archive over HTTP: resumed where it broke off, checked, whole at its name or not there.
+"""Resumable, checked, atomic download of one archive.
 
 A download grows in ``FILE.part``; a later attempt asks for the rest (``Range``, with ``If-Range`` where the server
 named a version). A server that ignores ``Range`` sends everything, and the file starts anew.
@@ -26,7 +26,7 @@ BROKEN = (OSError, http.client.HTTPException)
 
 @dataclass(frozen=True)
 class Patience:
-    """When to give up.
+    """Retry limits and time-outs of a download.
 
     Args:
         retries: attempts in a row that bring nothing.

@@ -1,4 +1,4 @@
-"""Photos 4 times as fine as a set's renders: the truth of super-resolution and the pixels that it refers to.
+"""High-resolution photos (4 times the renders) as targets and references of super-resolution.
 
 Axes: h height, w width.
 """

@@ -1,4 +1,4 @@
-"""Enhanced images to files."""
+"""Writing of enhanced images."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""JSON files that other tools wrote: read with errors that name the file, the line and the missing key."""
+"""Reading of other tools' JSON files, with errors that name file, line and missing key."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The object's coverage as files, for PSNR over the object alone.
+"""Object masks on disk, for PSNR within the object.
 
 On a white background most pixels are background, and an image that only gets the white right gains decibels.
 """

@@ -1,4 +1,4 @@
-"""Which photos a view should refer to.
+"""Choice of reference photos for a view.
 
 The pose cost is NeRFLiX's (Zhou et al., CVPR 2023, ``inference/pose_matching.py``): centre distance plus 50 times one
 minus the cosine between viewing directions. Scene units are arbitrary, so that by default distances are divided by

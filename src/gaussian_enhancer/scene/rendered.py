@@ -1,4 +1,4 @@
-"""Finished renders with what belongs to them: the contract between splats and what enhances and measures them.
+"""Finished renders with their geometry and photos: the interface between splats, enhancement and metrics.
 
 Axes: h height, w width.
 """

@@ -1,4 +1,4 @@
-"""A scene: posed photos, read lazily, and which of them are kept aside to measure on.
+"""A scene: posed photos, read lazily, split into training and held-out ones.
 
 Axes: h height, w width, p points.
 """

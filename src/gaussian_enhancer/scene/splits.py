@@ -1,4 +1,4 @@
-"""Which photos are fitted to and which are held out.
+"""Split of a capture into training and held-out photos.
 
 The convention of the field: sorted by name, every 8th photo is a test view (``idx % 8 == 0``; LLFF, 3DGS's
 ``dataset_readers.py``). Sparse fits keep every n-th of the remaining ones.

@@ -1,4 +1,4 @@
-"""Scenes from a configuration that lies on disk, which is data: a closed list of loaders, with typed values.
+"""Scenes from a run's stored configuration, opened by a closed list of loaders with typed values.
 
 A run's folder may come from a stranger. What its ``config.yaml`` names is therefore looked up in a table and never
 imported, and no value of it is built by a name that it gives.

@@ -1,4 +1,4 @@
-"""One file on its way over HTTP: what is there, what the server says of it, and asking for the rest."""
+"""Resumable download of one file over HTTP."""
 
 import http.client
 import os
@@ -24,7 +24,7 @@ Advance = Callable[[int, int | None], None]
 
 
 class Transfer:
-    """One file under way: what is there, what the server said of it."""
+    """State of one download: bytes on disk, and what the server stated."""
 
     def __init__(
         self, archive: Archive, path: Path, part: FileIO, page: str, timeout: int | float, advance: Advance
@@ -37,7 +37,7 @@ class Transfer:
         self.complete = False
 
     def attempt(self) -> None:
-        """Ask for what is missing and write it; leaves what arrived where the connection breaks."""
+        """Request the missing bytes and append them; if the connection breaks, what arrived is kept."""
         try:
             response = urllib.request.urlopen(self._request(), timeout=self.timeout)
         except urllib.error.HTTPError as error:
@@ -54,7 +54,7 @@ class Transfer:
         self.complete = expected is None or self.size >= expected
 
     def discard(self) -> None:
-        """Forget what is there."""
+        """Delete the partial file."""
         self._restart()
         Path(str(self.part.name)).unlink(missing_ok=True)
         self.version.unlink(missing_ok=True)
@@ -126,7 +126,7 @@ class Transfer:
 
 
 def check_room(folder: Path, needed: int, what: str) -> None:
-    """Refuse to begin what the disk cannot hold.
+    """Refuse a download that does not fit on the disk.
 
     Args:
         folder: on the disk that is written to.

@@ -1,4 +1,4 @@
-"""From a photo of a real lens to the photo a pinhole camera would have taken.
+"""Undistortion of photos to an ideal pinhole camera.
 
 A distorted photo is resampled on the pixel grid of an ideal pinhole: each ideal pixel's ray goes forward through the
 lens model to the place in the photo where its colour lies, so that no lens model is ever inverted for the image.

@@ -1,4 +1,4 @@
-"""The adaptive gate: chances and strengths such that the simulator makes the errors that a scene's renders show."""
+"""The adaptive gate: chances and strengths calibrated to the errors that a scene's renders show."""
 
 import glob
 import json
@@ -21,11 +21,11 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 
 
 class Growth(NamedTuple):
-    """How an energy of held-out views follows from that of training views: factor * energy ^ power.
+    """Power law from the error energy of training views to that of held-out views: factor * energy ^ power.
 
     Args:
         factor: > 0.
-        power: below 1 where the two differ least on bad renders, whose fit has not learnt its photos by heart.
+        power: below 1 where the two differ least on bad renders, whose fit has not overfitted its photos.
     """
 
     factor: float

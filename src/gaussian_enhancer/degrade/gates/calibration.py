@@ -1,4 +1,4 @@
-"""What each type of stage 1 does to a fingerprint, measured on a scene's own photos, and which types explain one.
+"""Calibration of the adaptive gate: response of the fingerprint to each type, and the mixture that explains it.
 
 Axes: t types, s strengths, e energies.
 """

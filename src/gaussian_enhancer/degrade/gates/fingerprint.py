@@ -1,4 +1,4 @@
-"""A scene's fingerprint: how much of which kind of error its renders show, as six energies of render - photo.
+"""A scene's fingerprint: six energies of render - photo, one per kind of error.
 
 Each energy is a mean square of (a filtered part of) the residual, so that it does not depend on bit depth, grows with
 the square of the residual, and the energies of independent errors add up.

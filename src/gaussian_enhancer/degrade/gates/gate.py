@@ -109,7 +109,7 @@ class NoGate:
 
 @dataclass(frozen=True)
 class AllGate:
-    """Every type at once, each at a random strength: the naive way that the paper argues against.
+    """Every type at once, each at a random strength; the paper's negative example.
 
     Args:
         types: switches by type; a type that is not named is on.
@@ -128,7 +128,7 @@ class AllGate:
 
 @dataclass(frozen=True)
 class RandomGate:
-    """The paper's: each type passes by chance, at a random strength, sometimes within a region only.
+    """The paper's gate: each type passes with a probability, at a random strength, sometimes in a region only.
 
     With the defaults 3.3 types of 11 act on average, and one sample of 50 stays clean. Which types are switched off
     changes nothing about the others: the same generator draws the same chances, strengths and order for them.
@@ -167,7 +167,7 @@ class RandomGate:
 
 
 class Drawn(NamedTuple):
-    """What chance has in store for one type.
+    """Random numbers drawn for one type.
 
     Args:
         type: one of `TYPES`.

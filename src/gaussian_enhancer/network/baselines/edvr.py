@@ -20,7 +20,7 @@ from gaussian_enhancer.types import NetworkInput
 
 
 def leaky(x: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """EDVR's activation. With plain ReLU in its place the trained network handed on the render unchanged."""
+    """EDVR's activation. With plain ReLU, the trained network returned the render unchanged."""
     return F.leaky_relu(x, 0.1)
 
 
@@ -199,7 +199,7 @@ class Attention(nn.Module):
         seen: Float[Tensor, "f 1 i j"],
         count: int,
     ) -> Float[Tensor, "b c i j"]:
-        """The references' news for each target.
+        """Differences of the references' features to the target's.
 
         Args:
             aligned: features of all references of all targets.

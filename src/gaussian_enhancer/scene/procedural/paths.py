@@ -1,4 +1,4 @@
-"""Where a person with a camera would stand.
+"""Camera paths of procedural scenes.
 
 Axes: c cameras.
 """

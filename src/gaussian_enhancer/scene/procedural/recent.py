@@ -1,4 +1,4 @@
-"""Pictures that were rendered lately, so that a photo that is asked for again is not rendered again.
+"""Cache of recently rendered photos.
 
 A fit asks for each photo several times: to look at it, to fit to it, to write it beside the render.
 """

@@ -1,4 +1,4 @@
-"""A finished world: baked once from a draft, then looked at from any camera.
+"""A finished world: baked once from a draft, then rendered from any camera.
 
 Axes: m samples, f faces, k materials, h height, w width.
 """
