@@ -1,6 +1,6 @@
 """Coarse visibility of candidate references, to select those that are warped at full size.
 
-The warp itself is the one that the preparation makes, on images of about 64 pixels, where it costs a hundredth.
+The warp is that of the reference configuration, on images of about 64 pixels, at a hundredth of the cost.
 Axes: h height, w width of the target; p, q of a reference.
 """
 

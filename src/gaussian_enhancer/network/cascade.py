@@ -25,8 +25,8 @@ class Cascade(Network):
     Args:
         first: enhances at the render's own resolution.
         second: enhances to 4 times the resolution.
-        evidence: side of the window within whose colours the first one's pixels stay (`clamp_to_references`); 0 sets no
-            limit, as it must be where references are not warped.
+        colour_clamping: side of the window within whose colours the first one's pixels stay (`clamp_to_references`); 0
+            sets no limit, as it must be where references are not warped.
 
     Raises:
         InputError: the networks are of other resolutions, or the window has no middle.
