@@ -182,7 +182,7 @@ def tradeoff(session: nox.Session) -> None:
 @nox.session(default=False)
 def docs(session: nox.Session) -> None:
     """Build the documentation into site/, strictly and without the network; `-- serve` shows it while it is written."""
-    install(session, "docs")
+    session.install("-c", "constraints.txt", *nox.project.dependency_groups(PROJECT, "docs"))  # code is read, not run
     command = session.posargs or ["build", "--strict"]
     session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
 
