@@ -182,7 +182,7 @@ def view_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> T
 
 
 def written(metric: str, value: float | None, signed: bool = False) -> str:
-    """A number for a table: two digits for dB and times, four for the rest; empty where there is none."""
+    """Format a number for a table: two digits for dB and times, four for the rest; empty for None."""
     if value is None or math.isnan(value):
         return ""
     digits = 2 if metric.startswith(("psnr", "milliseconds", "peak_memory")) else 4

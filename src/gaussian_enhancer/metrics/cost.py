@@ -46,8 +46,8 @@ class Timing:
     def times_faster(self, other: "Timing") -> tuple[float, float, float]:
         """Speed-up over a computation that was timed in turn with this one, with its interval.
 
-        The median of their rounds' ratios, out of which falls what slows the machine for longer than a round, and the
-        order statistics that enclose the median in 95 % of all cases; with fewer than six rounds all there is.
+        Returns the median of the rounds' ratios, which cancels slow-downs of the machine that last longer than a round,
+        and the order statistics that enclose the median in 95 % of all cases; with fewer than six rounds, the range.
         """
         ratios = sorted(theirs / own for own, theirs in zip(self.repeats, other.repeats, strict=True))
         count, below = len(ratios), 0

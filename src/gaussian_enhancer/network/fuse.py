@@ -16,15 +16,15 @@ from gaussian_enhancer.types import precise
 
 
 class TrustFusion(nn.Module):
-    """Per-pixel softmax weights over render and references; the weighted differences are added to the target.
+    """Per-pixel softmax weights over render and references; the weighted values are added to the target.
 
     w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i), where v is
     visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
-    and the references' order does not matter. Logits are bounded, so that no reference can drown the render.
+    and the references' order does not matter. Logits are bounded, so that no reference outweighs the render completely.
 
     Args:
         channels: of the features.
-        heads: groups of channels with a trust of their own.
+        heads: groups of channels, each with its own weights.
     """
 
     def __init__(self, channels: int, heads: int = 4) -> None:

@@ -37,10 +37,9 @@ def compose(
 ) -> Float[Tensor, "b 3 h w"]:
     """Render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
-    render_i is the splat's own render of reference i's view. The last term hands on what the splat got wrong where it
-    was seen from a training camera: it forgives a shift of exposure and, where the surface is smooth, misalignment,
-    which the term before it, the photo's pixels themselves, does not. All zero decoded values give the render bit for
-    bit.
+    render_i is the splat's own render of reference i's view. The last term adds the splat's error as seen from a
+    training camera. Unlike the term before it, which copies the photo's pixels, it tolerates a shift of exposure and,
+    on smooth surfaces, misalignment. All zero decoded values give the render bit for bit.
 
     Args:
         decoded: residual (3), confidence before its sigmoid, g and k.

@@ -152,7 +152,7 @@ def sample_section(samples: Sequence[tuple[str, Sequence[Step], View]], count: i
 
 
 def told(steps: Sequence[Step]) -> str:
-    """A sample's steps in words."""
+    """Describe a sample's steps."""
     words = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
     return " · ".join(words) if words else "nothing"
 

@@ -90,7 +90,7 @@ def missing_parts(path: Path, dataset: str, downscale: int | float = 1) -> tuple
 
 
 def download_command(path: Path, dataset: str, name: str, downscale: int | float = 1) -> str:
-    """The command line that fetches a scene, in words that end an error message.
+    """The command line that fetches a scene, as the end of an error message.
 
     Args:
         path: the scene's folder.

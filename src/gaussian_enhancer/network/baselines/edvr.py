@@ -101,7 +101,7 @@ class EDVR(Network):
 
 
 class PyramidAlignment(nn.Module):
-    """EDVR's PCD: features move at the coarsest level first; each finer one starts from what the last one found.
+    """EDVR's PCD: alignment starts at the coarsest level; each finer level starts from the offsets of the last.
 
     A cascade at the finest level refines what came out. Every step's offsets are bounded and zero at birth.
 
@@ -173,7 +173,7 @@ class Step(nn.Module):
 
 
 class Attention(nn.Module):
-    """EDVR's TSA: references count by how alike they are to the target, then places by what was fused there.
+    """EDVR's TSA: references are weighted by their similarity to the target, then positions by the fused features.
 
     w_i = v_i sigmoid(<e(a_i), e'(t)> / sqrt(c)), news = sum_i w_i a_i / (1 + sum_i w_i), for visibility v, aligned
     features a and the target's t: references in any order and number, and one that is not visible changes nothing.
@@ -199,7 +199,7 @@ class Attention(nn.Module):
         seen: Float[Tensor, "f 1 i j"],
         count: int,
     ) -> Float[Tensor, "b c i j"]:
-        """Differences of the references' features to the target's.
+        """Weighted mean of the aligned references, for each target.
 
         Args:
             aligned: features of all references of all targets.
