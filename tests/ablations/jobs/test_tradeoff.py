@@ -24,7 +24,7 @@ from support import paths
 from support.synthetic_runs import write_plane_run
 
 CONF = paths.CONF
-TINY = f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]"
+TINY = f"hydra.searchpath=[file://{Path(__file__).parents[2] / 'support/suite'}]"
 QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu")
 
 
