@@ -126,9 +126,9 @@ def _make(settings: dict[str, Any], work: Work) -> None:
         if work.job == "fit":
             runs.fitted(work.fit)
         elif work.job == "train":
-            runs.weights(one, work.row, work.seed)
+            runs.weights(one, work.method, work.seed)
         elif work.cell is not None:
-            runs.make(one, work.cell, work.row, work.seed)
+            runs.make(one, work.cell, work.method, work.seed)
 
 
 def _watch(parent: int) -> None:

@@ -8,7 +8,7 @@ from ablations.report.dashboard.folder import Listed, all_records
 from ablations.report.dashboard.packed import packed_tables
 from ablations.report.dashboard.pictures import Pictures
 from ablations.report.dashboard.runs import SourceRun, packed_runs
-from ablations.report.dashboard.studies import Study
+from ablations.report.dashboard.studies import StudyView
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.provenance import this_commit
 from gaussian_enhancer.metrics.records import MISSING
@@ -42,7 +42,7 @@ def write_dashboard(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    studies: Sequence[Study] = (),
+    studies: Sequence[StudyView] = (),
 ) -> None:
     """Write the page.
 
@@ -66,7 +66,7 @@ def document(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    studies: Sequence[Study] = (),
+    studies: Sequence[StudyView] = (),
 ) -> Markup:
     """The page's HTML; arguments as for `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}

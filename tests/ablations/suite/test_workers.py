@@ -179,11 +179,11 @@ def test_two_workers_make_the_tables_of_one(made, tmp_path, monkeypatch, capsys)
 
 @pytest.mark.slow
 def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_reason(copied, made, capsys) -> None:
-    (training,) = [one for one in plan("table=10") if one.work.job == "train" and one.work.row == "ge"]
+    (training,) = [one for one in plan("table=10") if one.work.job == "train" and one.work.method == "ge"]
     shutil.rmtree(copied / "runs/train" / training.name)
     (copied / "runs/train" / training.name).write_text("a file where the run's folder should be")
-    for row in ("ge", "ge_ssif"):
-        (folder,) = copied.glob(f"runs/row/object-2dgs-{row}-*")
+    for method in ("ge", "ge_ssif"):
+        (folder,) = copied.glob(f"runs/method/object-2dgs-{method}-*")
         shutil.rmtree(folder)
     started("table=10", "workers=2")
     told = [line for line in capsys.readouterr().err.splitlines() if line]
@@ -191,7 +191,7 @@ def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_rea
     assert sorted(name.split("-")[0] for name in ended) == ["row object", "train ge"]
     reason = f"runs/train/{training.name}/config.yaml: cannot be written"
     assert [reason in entry[7]["row"] for entry in content(copied) if entry[3] == "ge"] == [True]
-    assert sum(reason in line for line in told) == 2  # as it fails, and as its row is missing
+    assert sum(reason in line for line in told) == 2  # as it fails, and as its method is missing
     assert {r.kind for r in read_records(copied / "results/tiny/table_10.jsonl") if r.variant != "ge"} == {"quality"}
     assert [one for one in content(copied) if one[3] != "ge"] == [one for one in content(made) if one[3] != "ge"]
 
@@ -200,7 +200,7 @@ def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_rea
 @pytest.mark.slow
 def test_a_worker_that_is_killed_does_not_lose_the_job(copied, made, capsys) -> None:
     for one in plan("table=10"):
-        if one.work.row in ("ge", "gepp"):
+        if one.work.method in ("ge", "gepp"):
             shutil.rmtree(copied / "runs" / one.work.job / one.name)
     killed: list[int] = []
 
