@@ -14,12 +14,12 @@ from rich.console import Console
 from ablations.report.grids import PHOTO, write_grid
 from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import Dataset, read_description, write_description
+from ablations.suite.cluster import made_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
 from ablations.suite.evaluation import StudyCell
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import planned, told
-from ablations.suite.workers import made_ahead
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import with_backbones

@@ -1,19 +1,17 @@
-"""Runs of a suite made ahead of their tables, several at once: each by one process with its share of the cores.
+"""The suite's graph of runs on dask.distributed: several runs at once, on this machine or on a cluster.
 
-Two trainings on a core each take less time than one after the other on two. The calling process alone decides what is
-made next, so that no run is made twice.
+Runs are tasks, keyed by their digests; a task waits for those of its inputs. The scheduler makes a task again when its
+worker is killed, and computes one key once however many jobs ask for it. A lock beside the runs keeps a worker that the
+scheduler has given up from making a run beside its successor.
 """
 
 import os
-import threading
-import time
-from collections.abc import Sequence, Set
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from multiprocessing import get_context
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from distributed import Client, Future, LocalCluster, as_completed
+from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -29,6 +27,10 @@ MOST = 4
 """Workers, where nothing else is said: each needs two or three gigabytes."""
 
 
+class StoppedRunError(Exception):
+    """The user stopped a run in a worker."""
+
+
 def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Console) -> dict[str, Exception]:
     """Make the runs that tables need and that are missing, but for times, which want a quiet machine.
 
@@ -38,44 +40,64 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
         console: is told of every run that ends.
 
     Returns:
-        what went wrong, by the run's digest. Runs that need one of these are left alone.
+        What went wrong, by the run's digest. Runs that need one of these are left alone.
 
     Raises:
-        InputError: the number of workers is not positive.
+        InputError: the number of workers is not positive, or there is no scheduler at the address.
         KeyboardInterrupt: the user stopped a run.
     """
     workers = worker_count(cfg)
-    if workers == 1:
+    if workers == 1 and not cfg.scheduler:
         return {}
-    steps = [one for one in planned(cfg, experiments) if one.work.job != "cost" and one.state.name != "done"]
+    steps = runnable(planned(cfg, experiments))
+    if not steps:
+        return {}
     cfg = cfg.copy()
-    cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // workers)
     cfg.runtime.progress = False
-    settings = plain(cfg)
-    failures: dict[str, Exception] = {}
-    waiting, running, failed, total = list(steps), dict[Future[None], Step](), set[str](), len(steps)
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), _watch, (os.getpid(),))
-    with pool, suppress(BrokenProcessPool):  # a worker was killed: what is left is made one by one
-        while waiting or running:
-            _start(pool, settings, waiting, running, failed, workers)
-            if not running:
-                break  # the rest needs what failed
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                step, error = running.pop(future), future.exception()
-                ended = f"{total - len(waiting) - len(running)} of {total}: {step.work.job} {step.name}"
-                told = ended if error is None else f"{ended}: {reason_of(error)}"
-                console.print(told, highlight=False, soft_wrap=True)
-                if error is None:
-                    continue
-                if isinstance(error, BrokenProcessPool) or not isinstance(error, Exception):
-                    raise error
-                failed.add(step.name)
-                failures[step.digest] = error
-    return failures
+    if not cfg.scheduler:
+        cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    with _client(cfg, workers) as client:
+        futures = submitted(client, steps, plain(cfg))
+        for count, future in enumerate(as_completed(list(futures.values())), 1):
+            step = next(one for one in steps if futures[one.name].key == future.key)
+            error = future.exception() if _own_error(future, step, futures) else None
+            if isinstance(error, StoppedRunError):
+                raise KeyboardInterrupt
+            words = f"{count} of {len(steps)}: {step.work.job} {step.name}"
+            words += f": {reason_of(error)}" if error else "" if future.status == "finished" else ": an input failed"
+            console.print(words, highlight=False, soft_wrap=True)
+        failed = [one for one in steps if _own_error(futures[one.name], one, futures)]
+        return {one.digest: futures[one.name].exception() for one in failed}
+
+
+def runnable(steps: Sequence[Step]) -> list[Step]:
+    """The steps that can be made ahead: not done, no times, and neither they nor their inputs lack a configuration."""
+    known: dict[str, Step] = {}
+    blocked: set[str] = set()
+    for step in steps:
+        if step.state.name == "done" or step.work.job == "cost":
+            continue
+        if not step.digest or not blocked.isdisjoint(step.inputs):
+            blocked.add(step.name)
+        else:
+            known[step.name] = step
+    return list(known.values())
+
+
+def submitted(client: Client, steps: Sequence[Step], settings: dict[str, Any]) -> dict[str, Future]:
+    """A task for every step, after those of its inputs; the longest of those that can be made comes first."""
+    futures: dict[str, Future] = {}
+    for step in steps:  # a step's inputs stand before it
+        inputs = [futures[name] for name in step.inputs if name in futures]
+        key, priority = f"{step.work.job}-{step.digest}", round(step.minutes * 60)
+        futures[step.name] = client.submit(
+            _make, settings, step.work, step.digest, inputs, key=key, priority=priority, pure=False
+        )
+    return futures
 
 
 def worker_count(cfg: DictConfig) -> int:
-    """How many runs are made at once.
+    """How many runs are made at once on this machine.
 
     Raises:
         InputError: the number is not positive.
@@ -88,55 +110,48 @@ def worker_count(cfg: DictConfig) -> int:
     return int(cfg.workers)
 
 
-def next_step(waiting: Sequence[Step], unmade: Set[str]) -> Step | None:
-    """The longest of the runs that can be made now; None where there is none.
-
-    Args:
-        waiting: runs to be made.
-        unmade: names of the runs that are not there: those that wait, are being made, or failed.
-    """
-    ready = [one for one in waiting if one.digest and unmade.isdisjoint(one.inputs)]
-    return max(ready, key=lambda one: one.minutes, default=None)
-
-
-def _start(
-    pool: ProcessPoolExecutor,
-    settings: dict[str, Any],
-    waiting: list[Step],
-    running: dict[Future[None], Step],
-    failed: set[str],
-    workers: int,
-) -> None:
-    """Begin as many runs as there are free workers."""
-    while len(running) < workers:
-        step = next_step(waiting, {one.name for one in (*waiting, *running.values())} | failed)
-        if step is None:
-            return
-        waiting.remove(step)
-        running[pool.submit(_make, settings, step.work)] = step
+def _client(cfg: DictConfig, workers: int) -> Client:
+    """A client of the scheduler that the user names, or of a cluster of processes on this machine."""
+    if not cfg.scheduler:
+        how = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
+        return _LocalClient(LocalCluster(n_workers=workers, **how))
+    try:
+        return Client(str(cfg.scheduler), timeout=10)
+    except OSError as error:
+        raise InputError("scheduler", f"does not answer at {cfg.scheduler}", "start it: dask scheduler") from error
 
 
-def _make(settings: dict[str, Any], work: Work) -> None:
-    """Make one run, in a worker."""
+class _LocalClient(Client):
+    """A client that closes its own cluster."""
+
+    def __exit__(self, *error: Any) -> None:
+        super().__exit__(*error)
+        self.cluster.close()
+
+
+def _own_error(future: Future, step: Step, futures: dict[str, Future]) -> bool:
+    """Whether a run failed by itself, and not because one of its inputs did."""
+    before = [futures[name] for name in step.inputs if name in futures]
+    return future.status == "error" and all(one.status != "error" for one in before)
+
+
+def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[None]) -> None:
+    """Make one run, in a worker; ``inputs`` are the runs before it, which dask waits for."""
     from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
 
     cfg = OmegaConf.create(settings)
+    locks = Path(cfg.runs) / "locks"
+    locks.mkdir(parents=True, exist_ok=True)
     runs, one = Runs(cfg), experiment(work.table, cfg.scale)
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
-        if work.job == "fit":
-            runs.fitted(work.fit)
-        elif work.job == "train":
-            runs.weights(one, work.method, work.seed)
-        elif work.cell is not None:
-            runs.make(one, work.cell, work.method, work.seed)
-
-
-def _watch(parent: int) -> None:
-    """End a worker whose parent was killed: what it makes would be made twice."""
-
-    def look() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=look, daemon=True).start()
+    GlobalHydra.instance().clear()
+    with FileLock(locks / f"{work.job}-{digest}"), initialize_config_dir(str(configurations()), version_base="1.3"):
+        try:
+            if work.job == "fit":
+                runs.fitted(work.fit)
+            elif work.job == "train":
+                runs.weights(one, work.method, work.seed)
+            elif work.cell is not None:
+                runs.make(one, work.cell, work.method, work.seed)
+        except KeyboardInterrupt as error:
+            raise StoppedRunError(str(error)) from error
