@@ -87,7 +87,7 @@ def simulator(session: nox.Session) -> None:
     scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
         runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
-        session.run("python", "ablations/scripts/fingerprints.py", *runs, "--gates", "runs/gates")
+        session.run("python", "-m", "ablations.scripts.fingerprints", *runs, "--gates", "runs/gates")
     session.run("gaussian-enhancer", "train_generator", "+recipe=simulator", *session.posargs)
 
 
@@ -111,14 +111,14 @@ def realism(session: nox.Session) -> None:
     results = Path("docs/results")
     for name, learn, judge in (("validation", training, validation[1:]), ("test", [*training, validation[1]], test)):
         options = ("--json", str(results / f"realism_{name}.jsonl"), *generator)
-        session.run("python", "ablations/scripts/realism.py", "--train", *learn, "--test", *judge, *options)
+        session.run("python", "-m", "ablations.scripts.realism", "--train", *learn, "--test", *judge, *options)
     options = ("--json", str(results / "diversity.jsonl"), *generator)
-    session.run("python", "ablations/scripts/diversity.py", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
+    session.run("python", "-m", "ablations.scripts.diversity", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
     trained = ("real", *rows, "mixed")
     lpips = os.environ.get("GAUSSIAN_ENHANCER_DATA", "") + "/lpips"
     for name, runs in (("validation", validation), ("test", test)):
         options = ("--json", str(results / f"renders_{name}.jsonl"), "--lpips", lpips)
-        session.run("python", "ablations/scripts/renders.py", "--rows", *trained, "--runs", *runs, *options)
+        session.run("python", "-m", "ablations.scripts.renders", "--rows", *trained, "--runs", *runs, *options)
 
 
 WEIGHTS = (

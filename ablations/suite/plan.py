@@ -1,6 +1,6 @@
 """What tables need: every run once, with its inputs, its state, what it is likely to cost and what it lacks."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -75,7 +75,7 @@ def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[Step]:
         cfg: conf/tables.yaml or conf/status.yaml, composed.
         experiments: the tables.
     """
-    plan = _Plan(cfg)
+    plan = _Plan(cfg, {metric for one in experiments for metric in one.table.metrics})
     for one in experiments:
         if one.table.kind == "cost":
             plan.costs(one)
@@ -107,8 +107,8 @@ def told(steps: Sequence[Step]) -> str:
 class _Plan:
     """Collects steps by their digests."""
 
-    def __init__(self, cfg: DictConfig) -> None:
-        self.cfg, self.runs = cfg, Runs(cfg)
+    def __init__(self, cfg: DictConfig, metrics: Set[str]) -> None:
+        self.cfg, self.runs, self.metrics = cfg, Runs(cfg), metrics
         self.estimates = Estimates(Path(cfg.runs), cfg.scale)
         self.known: dict[str, Step] = {}
         self.tables: dict[str, dict[str, None]] = {}
@@ -210,21 +210,21 @@ class _Plan:
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job == "train" else label
             name = f"{label}-{digest}" if found is None else found.folder.name
-            lacks = "" if done else _lacks(job, cfg)
+            lacks = "" if done else _lacks(job, cfg, self.metrics)
             step = Step(work, digest, name, state, inputs, minutes, lacks, ())
         self.known.setdefault(digest, step)
         return digest
 
 
-def _lacks(job: str, cfg: DictConfig) -> str:
-    """What a run needs and no run makes, in words; empty where it lacks nothing."""
+def _lacks(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
+    """What a run needs for metrics and no run makes, in words; empty where it lacks nothing."""
     try:
-        return ", ".join(_lacking(job, cfg))
+        return ", ".join(_lacking(job, cfg, metrics))
     except InputError as error:
         return str(error)
 
 
-def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
+def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
     """What a run needs and no run makes: a dataset, gates, a device, a metric's backbone."""
     import glob
 
@@ -240,4 +240,4 @@ def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
         if cfg.trainer.accelerator == "cuda" and not torch.cuda.is_available():
             yield "torch finds no CUDA device"
     if job == "row":
-        yield from (f"{name}: no backbone" for name, there in cfg.lpips.items() if not there)
+        yield from (f"{name}: no backbone" for name, there in cfg.lpips.items() if name in metrics and not there)

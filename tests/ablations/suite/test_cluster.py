@@ -1,6 +1,7 @@
 """Runs of the suite made several at once: the same tables, whatever ends a run, a worker or the job itself."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -143,6 +144,43 @@ def test_what_needs_a_failed_run_is_not_tried(client, tmp_path, monkeypatch) -> 
     assert log.read_text().splitlines() == ["fit"] * 3
     assert {str(one) for one in failures.values()} == {"full"}
     assert set(failures) == {step.digest for step in plan("table=10") if step.work.job == "fit"}
+
+
+def test_a_run_whose_worker_is_killed_is_made_again(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "begun"
+
+    def dying(settings: object, work: Work, digest: str, inputs: object) -> None:
+        first = not log.exists()
+        with log.open("a") as file:
+            file.write(f"{digest}\n")
+        if first:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    how = {"threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with LocalCluster(n_workers=1, **how) as local, Client(local) as own:
+        assert ahead(dying, own, monkeypatch) == {}
+    begun = log.read_text().splitlines()
+    assert begun[:2] == [begun[0]] * 2
+    assert sorted(set(begun)) == sorted(begun[1:]) == sorted(step.digest for step in plan("table=10"))
+
+
+def test_two_jobs_at_one_scheduler_make_a_run_once(client, tmp_path, monkeypatch) -> None:
+    log = tmp_path / "made"
+
+    def make(settings: object, work: Work, digest: str, inputs: object) -> None:
+        time.sleep(0.1)
+        with log.open("a") as file:
+            file.write(f"{digest}\n")
+
+    monkeypatch.setattr(cluster, "_make", make)
+    steps = [step(name, digest=f"{tmp_path.name}-{name}") for name in "abc"]
+    with Client(client.scheduler.address, set_as_default=False) as other:
+        futures = [cluster.submitted(one, steps, {}) for one in (client, other)]
+        for own in futures:
+            for future in own.values():
+                future.result()
+    assert sorted(log.read_text().splitlines()) == [one.digest for one in steps]
 
 
 def test_a_scheduler_that_does_not_answer_is_a_users_mistake(tmp_path, monkeypatch) -> None:
