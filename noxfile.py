@@ -37,6 +37,13 @@ def tests(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def pages(session: nox.Session) -> None:
+    """Make every committed page and table again from its records; fails where one differs, `-- --write` writes them."""
+    install(session)
+    session.run("python", "-m", "ablations.pages", *session.posargs)
+
+
+@nox.session(default=False)
 def demo(session: nox.Session) -> None:
     """Fit, enhance, measure and report one procedural scene; words after -- are overrides."""
     install(session)

@@ -1,6 +1,6 @@
 """How many megapixels a second the simulator degrades on one core, beside Real-ESRGAN's second-order degradation.
 
-    python ablations/benchmarks/degradation.py --rounds 40 --json degradation.json
+    python -m ablations.benchmarks.degradation --rounds 40 --json degradation.json
 
 Every row (method and input) runs in turn, round after round, with the round's seed, so that what else the machine does
 falls on all of them alike. Inputs are batches as the trainer has them, with depth and opacity for those that use them.

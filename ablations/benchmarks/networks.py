@@ -1,6 +1,6 @@
 """What every network costs at every size: parameters, multiply-adds and, where asked for, time.
 
-    python ablations/benchmarks/networks.py --json docs/results/networks.json [--times] > table.md
+    python -m ablations.benchmarks.networks --json docs/results/networks.json [--times] > table.md
 
 Multiply-adds are those of convolutions and matrix products; reading features at moved positions, activations and
 interpolation are not among them. Both figures are for a megapixel of the enhanced image. Times are single calls in
@@ -55,7 +55,7 @@ class Subject:
 def subjects() -> Iterator[Subject]:
     """Every network that weights can name, as its own configuration builds it, without variants and repetitions."""
     conf, built = configurations(), []
-    files = {path.stem: OmegaConf.load(path) for path in sorted((conf / "fusion").glob("*.yaml"))}
+    files: dict[str, Any] = {path.stem: OmegaConf.load(path) for path in sorted((conf / "fusion").glob("*.yaml"))}
     kinds = {values.get("_target_", "").rpartition(".")[2]: name for name, values in files.items()}
     with initialize_config_dir(str(conf), version_base="1.3"):
         for kind in NETWORKS:

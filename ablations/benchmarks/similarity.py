@@ -1,6 +1,6 @@
 """What a fit's loss costs: SSIM and L1 with their compiled gradient against torch's autograd of the same loss.
 
-    python ablations/benchmarks/similarity.py --size 270x480 --json similarity.json
+    python -m ablations.benchmarks.similarity --size 270x480 --json similarity.json
 
 The two run in turn, round after round; printed are the medians and the median of the ratios of neighbouring runs.
 """

@@ -1,6 +1,6 @@
 """How long one iteration of a splat's fit takes on the CPU, part by part.
 
-    python ablations/benchmarks/splat_kernels.py --sizes 216x384 270x480 --counts 10000 20000 --json splat_kernels.json
+    python -m ablations.benchmarks.splat_kernels --sizes 216x384 270x480 --counts 10000 20000 --json splat_kernels.json
 
 Every cell (image size, number of Gaussians, method) runs in turn, round after round, so that what else the machine does
 falls on all of them alike. Printed per part: median and, as what an idle machine would give, the least wall time.

@@ -13,8 +13,7 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.report.plan_study import KIND, RATIOS, Aims, Section, plan_study_page
-from ablations.report.plan_study_figure import diagram
+from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -76,23 +75,23 @@ def run(cfg: DictConfig) -> float | None:
         write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
     aims = aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
-    sections = [
-        Section(title, name, read_records(files[name]) if files[name].is_file() else (), aims)
+    sets = [
+        PlanScenes(title, name, read_records(files[name]) if files[name].is_file() else (), aims)
         for name, title in WORLDS.items()
     ]
     page, drawing = Path(cfg.markdown), results / "leaving_out.svg"
-    write_text(drawing, diagram(sections[0]))
+    write_text(drawing, plan_plot(sets[0]))
     tried = results / "already_good.jsonl"
     good = read_records(tried) if tried.is_file() else ()
-    write_text(page, plan_study_page(cfg.title, cfg.about, sections, good, drawing, page))
+    write_text(page, plan_study_page(cfg.title, cfg.about, sets, good, drawing, page))
     console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
-    ratios = [cell.ratio for cell in sections[0].cells() if cell.ratio is not None]
+    ratios = [cost.ratio for cost in sets[0].costs() if cost.ratio is not None]
     return min(ratios, default=None)
 
 
-def aims_of(cfg: DictConfig) -> Aims:
+def aims_of(cfg: DictConfig) -> PlanAims:
     """What the shown plan is held to; see ``conf/plan_study.yaml``."""
-    return Aims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
+    return PlanAims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 
 def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> Done:

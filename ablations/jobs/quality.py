@@ -1,4 +1,4 @@
-"""``gaussian-enhancer quality``: every row on every cell, on one page with aims and with what is missing.
+"""``gaussian-enhancer quality``: every method on every cell, on one page with aims and with what is missing.
 
 Each step is a content-addressed run: a killed study goes on where it stopped, and what changed alone is done again.
 """
@@ -11,8 +11,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.records.gains import Aims, Study
-from ablations.report.quality import Section, quality_page
+from ablations.report.quality import QualityTable, quality_page
+from ablations.study.aims import Aims
+from ablations.study.description import Dataset, Method, Study
+from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, measured_row
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -29,7 +31,7 @@ def run(cfg: DictConfig) -> float | None:
         cfg: see ``conf/quality.yaml``.
 
     Returns:
-        Mean gain in colour-aligned PSNR of the last row of ours in the first table over all cells, dB; None where
+        Mean gain in colour-aligned PSNR of the last method of ours in the first table over all cells, dB; None where
         it is missing.
 
     Raises:
@@ -42,13 +44,13 @@ def run(cfg: DictConfig) -> float | None:
     source, page = Path(cfg.records), Path(cfg.markdown)
     if not cfg.records_only:
         write_records(source, [record for name in cells for record in _measured(cfg, str(name), cells[name], console)])
-    sections = [_section(cfg, str(name), read_records(source)) for name in cells]
+    tables = [_table(cfg, str(name), read_records(source)) for name in cells]
     link = Path(os.path.relpath(source, page.parent)).as_posix()
-    write_text(page, quality_page(cfg.title, cfg.about, sections, link))
+    write_text(page, quality_page(cfg.title, cfg.about, tables, link))
     console.print(f"{page}, {source}", highlight=False, soft_wrap=True)
-    first = sections[0].study
-    gain = first.gain(first.cells, first.rows[-1], "psnr_aligned")
-    return gain.value if gain.cells else None
+    first = tables[0].results
+    gains = first.sample(first.pairs, tuple(first.study.methods)[-1], "psnr_aligned", first.study.baseline)
+    return gains.mean() if gains.values else None
 
 
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
@@ -70,66 +72,61 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
 
 
 def _measured(cfg: DictConfig, name: str, cells: Sequence[StudyCell], console: Console) -> Iterator[Record]:
-    """Records of a table, every row of every cell; a row that cannot be made leaves a record with the reason."""
-    rows = cfg.tables[name].rows
+    """Records of a table, every method of every cell; a method that cannot be made leaves a record with the reason."""
+    methods = cfg.tables[name].methods
     for number, cell in enumerate(cells, 1):
         console.rule(f"{name} {number} of {len(cells)}: {cell.scene}, {cell.splat}", align="left")
         views: set[str] | None = None
-        for row, choice in rows.items():
+        for method, choice in methods.items():
             try:
-                found = measured_row(cfg, cell, str(row), choice)
+                found = measured_row(cfg, cell, str(method), choice)
             except InputError as error:
-                console.print(f"{row} is missing: {error}", highlight=False, soft_wrap=True)
-                found = (missing_record(cell, str(row), str(error)),)
+                console.print(f"{method} is missing: {error}", highlight=False, soft_wrap=True)
+                found = (missing_record(cell, str(method), str(error)),)
             else:
                 views = _agreeing(views, found)
-            yield from (replace(record, variant=f"{name}/{row}") for record in found)
+            yield from (replace(record, variant=f"{name}/{method}") for record in found)
 
 
-def missing_record(cell: StudyCell, row: str, reason: str) -> Record:
-    """What stands in the records where a row could not be measured."""
-    return Record(MISSING, "", cell.scene, cell.splat, "", row, {}, {"row": reason})
+def missing_record(cell: StudyCell, method: str, reason: str) -> Record:
+    """What stands in the records where a method could not be measured."""
+    return Record(MISSING, "", cell.scene, cell.splat, "", method, {}, {"row": reason})
 
 
 def _agreeing(views: set[str] | None, found: Sequence[Record]) -> set[str]:
-    """The views of a row, which must be those of the rows before it."""
+    """The views of a method, which must be those of the methods before it."""
     own = {record.view for record in found}
     if views is not None and own != views:
         raise RuntimeError(f"rows were measured on different views, among them {sorted(own ^ views)[0]}")
     return own
 
 
-def _section(cfg: DictConfig, name: str, records: Sequence[Record]) -> Section:
-    """A table's part of the page."""
+def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTable:
+    """A table of the page: its study, its records and its aims."""
     table = cfg.tables[name]
-    roles = {role: [str(row) for row, choice in table.rows.items() if choice.get("role") == role] for role in ROLES}
-    own = [
-        replace(record, variant=record.variant.removeprefix(f"{name}/"))
-        for record in records
-        if record.variant.startswith(f"{name}/")
-    ]
-    gains = {
-        str(scene): _numbers(table.aims[group])
-        for group in table.groups
-        for scene in cfg.groups[group].scenes
-        if group in table.aims
-    }
-    aims = Aims(gains, tuple(table.ahead), _numbers(table.allowed))
-    described = {str(row): _described(choice) for row, choice in table.rows.items()}
-    study = Study(own, table.baseline, roles["other"], roles["ours"])
-    return Section(table.title, table.about, study, aims, described)
+    own = [replace(r, variant=r.variant.split("/", 1)[1]) for r in records if r.variant.startswith(f"{name}/")]
+    scenes = {str(group): tuple(map(str, cfg.groups[group].scenes)) for group in table.groups}
+    measured = list(dict.fromkeys(record.scene for record in own))
+    study = Study(
+        name=name,
+        title=str(table.title),
+        kind="quality",
+        about=str(table.about),
+        methods={str(method): _method(str(method), choice) for method, choice in table.methods.items()},
+        baseline=str(table.baseline),
+        metrics=("psnr", "psnr_aligned", "ssim", *cfg.lpips),
+        splats=(),
+        datasets={group: Dataset(group, tuple(s for s in names if s in measured)) for group, names in scenes.items()},
+        seeds=(),
+    )
+    gains = {scene: _numbers(table.aims[g]) for g, names in scenes.items() for scene in names if g in table.aims}
+    return QualityTable(Results(study, own), Aims(gains, tuple(table.ahead), _numbers(table.allowed)))
 
 
-def _described(choice: DictConfig) -> str:
-    """What a row is and where its weights come from."""
-    words = [str(choice.get("about", ""))]
-    if choice.get("weights"):
-        words.append(f"weights `{choice.weights}`")
-    if choice.get("train"):
-        words.append(f"`gaussian-enhancer train {' '.join(choice.train)}`")
-    if choice.get("enhance"):
-        words.append(f"`{' '.join(choice.enhance)}`")
-    return "; ".join(word for word in words if word)
+def _method(name: str, choice: DictConfig) -> Method:
+    train, enhance = (tuple(map(str, choice.get(key) or ())) for key in ("train", "enhance"))
+    about, weights, role = (str(choice.get(key) or "") for key in ("about", "weights", "role"))
+    return Method(name, about, train, weights, enhance, role=role)
 
 
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:
@@ -137,17 +134,17 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _refuse_unknown(cfg: DictConfig) -> None:
-    """Refuse scenes and roles that do not exist, which would leave cells or rows out without a word."""
+    """Refuse scenes and roles that do not exist, which would leave cells or methods out without a word."""
     known = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
     for scene in cfg.scenes or ():
         if scene not in known:
             raise InputError("scenes", f"names {scene!r}", f"choose from {', '.join(known)}")
     for name, table in cfg.tables.items():
-        if table.baseline not in table.rows:
+        if table.baseline not in table.methods:
             raise InputError(
-                f"tables.{name}.baseline", f"is {table.baseline!r}", f"name one of {', '.join(table.rows)}"
+                f"tables.{name}.baseline", f"is {table.baseline!r}", f"name one of {', '.join(table.methods)}"
             )
-        for row, choice in table.rows.items():
-            if row != table.baseline and choice.get("role") not in ROLES:
+        for method, choice in table.methods.items():
+            if method != table.baseline and choice.get("role") not in ROLES:
                 received = f"is {choice.get('role')!r}"
-                raise InputError(f"tables.{name}.rows.{row}.role", received, f"choose {' or '.join(ROLES)}")
+                raise InputError(f"tables.{name}.methods.{method}.role", received, f"choose {' or '.join(ROLES)}")

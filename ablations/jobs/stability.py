@@ -7,8 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.report.stability import stability_page
-from ablations.report.stability_figures import matrix_figure, order_figure
+from ablations.report.stability import matrix_plot, order_plot, stability_page
 from ablations.stability.case import Case
 from ablations.stability.catalogue import catalogue
 from ablations.stability.judge import FAILED, KIND
@@ -80,7 +79,7 @@ def _write(page: Path, source: Path, records: Sequence[Record], cases: Sequence[
     folder = page.with_suffix("")
     cells = [record for record in records if record.kind == KIND]
     order = [record for record in records if record.kind != KIND]
-    figures = {"matrix": matrix_figure(cells), **({"order": order_figure(order)} if order else {})}
+    figures = {"matrix": matrix_plot(cells), **({"order": order_plot(order)} if order else {})}
     for name, figure in figures.items():
         write_text(folder / f"{name}.svg", figure)
     link = Path(os.path.relpath(source, page.parent)).as_posix()

@@ -11,15 +11,15 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.records.description import Dataset, read_description, write_description
 from ablations.report.grids import PHOTO, write_grid
 from ablations.report.tables import summary_page, write_reports
+from ablations.study.description import Dataset, read_description, write_description
+from ablations.suite.cluster import made_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
 from ablations.suite.evaluation import StudyCell
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import planned, told
-from ablations.suite.workers import made_ahead
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import with_backbones
@@ -58,40 +58,40 @@ def run(cfg: DictConfig) -> None:
 
 
 def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
-    """The records of a table; a row that cannot be made in a cell leaves a record with the reason."""
+    """The records of a table; a method that cannot be made in a cell leaves a record with the reason."""
     if one.table.kind == "cost":
         yield from cost_records(runs, one, console)
         return
     for number, cell in enumerate(one.cells, 1):
         console.print(f"{number} of {len(one.cells)}: {cell.scene}, {cell.splat}", highlight=False)
         views: dict[str, tuple[str, ...]] = {}
-        for row in one.table.rows:
-            for seed in one.seeds(row):
-                found = _row(runs, one, cell, row, seed, console)
+        for method in one.table.methods:
+            for seed in one.seeds(method):
+                found = _method(runs, one, cell, method, seed, console)
                 if found[0].kind != MISSING:
-                    views[f"{row}, seed {seed}"] = tuple(sorted(record.view for record in found))
+                    views[f"{method}, seed {seed}"] = tuple(sorted(record.view for record in found))
                 yield from found
         if len(set(views.values())) > 1:
             raise RuntimeError(
-                f"{cell.scene}, {cell.splat}: rows were measured on different views ({', '.join(views)})"
+                f"{cell.scene}, {cell.splat}: methods were measured on different views ({', '.join(views)})"
             )
 
 
-def _row(
-    runs: Runs, one: Experiment, cell: StudyCell, row: str, seed: int | None, console: Console
+def _method(
+    runs: Runs, one: Experiment, cell: StudyCell, method: str, seed: int | None, console: Console
 ) -> tuple[Record, ...]:
-    """A row's records in a cell, or the one that says why there are none; damaged records are refused."""
+    """A method's records in a cell, or the one that says why there are none; damaged records are refused."""
     try:
-        runs.make(one, cell, row, seed)
+        runs.make(one, cell, method, seed)
     except (
         Exception
     ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
         reason = reason_of(error)
-        console.print(f"{row} is missing: {reason}", highlight=False, soft_wrap=True)
+        console.print(f"{method} is missing: {reason}", highlight=False, soft_wrap=True)
         if not isinstance(error, InputError):
             console.print_exception()
-        return (Record(MISSING, "", cell.scene, cell.splat, "", row, {}, {"row": reason}, seed=seed),)
-    return runs.records(one, cell, row, seed)
+        return (Record(MISSING, "", cell.scene, cell.splat, "", method, {}, {"row": reason}, seed=seed),)
+    return runs.records(one, cell, method, seed)
 
 
 def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -> None:
@@ -107,11 +107,13 @@ def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -
     lines: list[str] = []
     for cell in one.cells:
         lines.append(f"{cell.scene}, {cell.splat}")
-        for row in one.table.rows:
-            own = [r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, row) and r.view]
+        for method in one.table.methods:
+            own = [
+                r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, method) and r.view
+            ]
             if own:
-                images, photos = runs.images(one, cell, row, one.seeds(row)[0])
-                found = {row: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
+                images, photos = runs.images(one, cell, method, one.seeds(method)[0])
+                found = {method: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
                 pictures |= {(lines[-1], key): path for key, path in found.items() if path and path.is_file()}
     if pictures:
         shown = replace(one.table, datasets={"all": Dataset("", tuple(lines))})

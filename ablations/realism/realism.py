@@ -18,6 +18,7 @@ from ablations.realism.spectrum import spectrum_distance
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
@@ -63,11 +64,14 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
 
 
 def scene_of(run: Path) -> str:
-    """The scene of a run's folder, SCENE-METHOD-DIGEST.
+    """The scene of a fitted run: as its records name it, else by its folder's name, SCENE-METHOD-DIGEST.
 
     Raises:
-        InputError: the folder has another name.
+        InputError: the folder has no records and another name, or its records are damaged.
     """
+    source = run / "records.jsonl"
+    if source.is_file() and (records := read_records(source)):
+        return records[0].scene
     parts = run.name.rsplit("-", 2)
     if len(parts) != 3 or not all(parts):
         raise InputError(run, "is not named SCENE-METHOD-DIGEST", "name runs of `gaussian-enhancer fit`")

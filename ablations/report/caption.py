@@ -4,15 +4,16 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ablations.records.description import Table
-from ablations.records.statistics import FEWEST
+from ablations.study.description import Study
+from ablations.study.statistics import FEWEST
 from gaussian_enhancer.metrics.records import Record
 
 KINDS = {
     "quality": (
-        "Means over scenes of the means over their seeds and views. Gains are over the first row, on the same scenes, "
-        "seeds and views, with a 95 % bootstrap interval that draws scenes, seeds and views anew. p: two-sided "
-        "sign-flip test of the gains, corrected by Holm over all rows and blocks of a column"
+        "Means over scenes of the means over their seeds and views. Gains are over the first method, on the same "
+        "scenes, seeds and views, with a 95 % bootstrap interval (BCa) that draws scenes, or the views of each scene "
+        f"where there are fewer than {FEWEST} scenes; there is none below {FEWEST} views. p: two-sided "
+        "sign-flip test of the gains, corrected by Holm over all methods and blocks of a column"
     ),
     "repeats": (
         "Statistics of gains over the baseline. A run is one training seed, its gain the mean over the dataset's "
@@ -24,7 +25,7 @@ KINDS = {
 KINDS["images"] = KINDS["quality"]
 
 
-def caption(table: Table, records: Sequence[Record]) -> str:
+def caption(table: Study, records: Sequence[Record]) -> str:
     """Title, scale, what stands in for what, and for tables of cost the machine, in sentences.
 
     Args:
@@ -48,7 +49,7 @@ def stand_in(what: str, dataset: str) -> str:
     return f"Stand-in: {what} {verb} in for {dataset}"
 
 
-def reading(table: Table, units: Sequence[str], alone: bool = False) -> str:
+def reading(table: Study, units: Sequence[str], alone: bool = False) -> str:
     """How the table's numbers were made.
 
     Args:
@@ -67,7 +68,7 @@ def reading(table: Table, units: Sequence[str], alone: bool = False) -> str:
     return f"{text}.{one}{best}{paper}"
 
 
-def sources(folder: Path, table: Table, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
+def sources(folder: Path, table: Study, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
     """Where the numbers come from: what the records state, each value once, and the hash of their file.
 
     Args:

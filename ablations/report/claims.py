@@ -3,15 +3,16 @@
 Source of the claims: GaussianEnhancer++, Symmetry 17(3), 442, 2025, section 5 (discussion of its tables).
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from ablations.records.description import Table
-from ablations.records.gains import better
-from ablations.records.results import Results
-from ablations.records.statistics import bootstrap_interval
-from ablations.report.dashboard.lines import table_lines
-from ablations.report.rendered_table import SPLATS
+from ablations.study.aims import better
+from ablations.study.description import Study
+from ablations.study.lines import table_lines
+from ablations.study.rendered_table import SPLATS
+from ablations.study.results import Results
+from ablations.study.statistics import interval
 from gaussian_enhancer.report.quantities import quantities
 
 VERDICTS = {True: "holds here", False: "does not", None: "undecided"}
@@ -55,7 +56,7 @@ def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
     Args:
         tables: their records.
     """
-    by_name = {results.table.name: results for results in tables}
+    by_name = {results.study.name: results for results in tables}
     return (
         Claim(
             "SSIF is ahead of SIF (table 10: GE with SSIF over GE)",
@@ -70,7 +71,7 @@ def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
             tuple(_over(by_name, ("table_10",), "ge_tsds", ["ge"], _structure)),
         ),
         Claim(
-            "GE++ is ahead of every other row (tables 2, 4, 5 and 10)",
+            "GE++ is ahead of every other method (tables 2, 4, 5 and 10)",
             tuple(_over(by_name, ("table_2", "table_4", "table_5", "table_10"), "gepp")),
         ),
         Claim(
@@ -88,18 +89,18 @@ def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
 def _over(
     by_name: Mapping[str, Results],
     names: Sequence[str],
-    row: str,
+    method: str,
     others: Sequence[str] | None = None,
     asked: Callable[[str], bool] | None = None,
     as_printed: bool = False,
 ) -> Iterator[Finding]:
-    """Whether a row is ahead of others in tables.
+    """Whether a method is ahead of others in tables.
 
     Args:
         by_name: the tables' records.
         names: the tables.
-        row: the row.
-        others: the rows that it is to be ahead of; None for all others.
+        method: the method.
+        others: the methods that it is to be ahead of; None for all others.
         asked: which metrics count; None for all.
         as_printed: leave out the splats where the paper's own numbers do not have it so.
     """
@@ -108,31 +109,31 @@ def _over(
             yield None, f"{name} was not made"
             continue
         results = by_name[name]
-        over = [other for other in results.table.rows if other != row] if others is None else others
-        lacking = [one for one in (row, *over) if one not in results.table.rows]
+        over = [other for other in results.study.methods if other != method] if others is None else others
+        lacking = [one for one in (method, *over) if one not in results.study.methods]
         if lacking:
-            yield None, f"{name} has no row {lacking[0]}"
+            yield None, f"{name} has no method {lacking[0]}"
             continue
         for block in results.blocks:
             for other in over:
-                for metric in filter(asked, results.table.metrics):
-                    if not as_printed or _printed(results.table, block, row, other, metric):
-                        yield _difference(results, block, row, other, metric)
+                for metric in filter(asked, results.study.metrics):
+                    if not as_printed or _printed(results.study, block, method, other, metric):
+                        yield _difference(results, block, method, other, metric)
 
 
-def _difference(results: Results, block: str, row: str, other: str, metric: str) -> Finding:
+def _difference(results: Results, block: str, method: str, other: str, metric: str) -> Finding:
     """One difference with its interval; known where nothing is missing and the interval leaves out zero."""
-    gains = results.gains(block, row, metric, other)
+    gains = results.gains(block, method, metric, other)
     label = quantities({metric})[0].label
-    where = f"{results.table.name}, {SPLATS.get(block, block)}, {row} over {other}, {label}"
+    where = f"{results.study.name}, {SPLATS.get(block, block)}, {method} over {other}, {label}"
     if not gains.values:
         return None, f"{where}: missing"
-    low, high = bootstrap_interval(gains)
+    low, high = interval(gains)
     ends = sorted((better(metric) * low, better(metric) * high))
-    known = gains.whole and sum(map(len, gains.values.values())) > 1
-    outcome = None if not known else True if ends[0] > 0 else False if ends[1] < 0 else None
+    outcome = None if not gains.whole else True if ends[0] > 0 else False if ends[1] < 0 else None
     lacking = "" if gains.whole else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
-    return outcome, f"{where} {gains.mean():+.4f} [{low:+.4f}, {high:+.4f}]{lacking}"
+    between = "" if math.isnan(low) else f" [{low:+.4f}, {high:+.4f}]"
+    return outcome, f"{where} {gains.mean():+.4f}{between}{lacking}"
 
 
 def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
@@ -142,7 +143,7 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
             yield None, f"{name} was not made"
             continue
         results = by_name[name]
-        table = results.table
+        table = results.study
         for line in table_lines(results, results.records):
             if line.statistic == "std":
                 for metric, number in line.numbers.items():
@@ -154,10 +155,10 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
                         yield ours <= paper, f"{where} {ours:.4f} against {paper:g} ({number.seeds} runs)"
 
 
-def _printed(table: Table, block: str, row: str, other: str, metric: str) -> bool:
-    """Whether the paper's numbers have a row ahead of another; True where it has none."""
+def _printed(table: Study, block: str, method: str, other: str, metric: str) -> bool:
+    """Whether the paper's numbers have a method ahead of another; True where it has none."""
     cells = table.paper.get(block, {})
-    ours, theirs = cells.get(row), cells.get(other)
+    ours, theirs = cells.get(method), cells.get(other)
     place = table.metrics.index(metric)
     return ours is None or theirs is None or better(metric) * (ours[place] - theirs[place]) > 0
 

@@ -1,4 +1,4 @@
-"""Grids of images as in the paper's figures 5 to 7: one line a scene, one column a row of the table, the photo last.
+"""Grids of images as in the paper's figures 5 to 7: one line a scene, one column a method of the table, the photo last.
 
 The paper's figures 5 and 6 set renders of several splats beside what GE and GE++ make of them and the photo; figure 7
 shows details with artefacts before and after. Here each line shows the whole photo with a frame, and the frame's
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat, UnidentifiedImageError
 
-from ablations.records.description import Table
+from ablations.study.description import Study
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 
@@ -26,18 +26,18 @@ PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 22
 
 
 def write_grid(
-    path: Path, table: Table, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
+    path: Path, table: Study, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
 ) -> Path:
     """Write a grid of labelled crops as PNG, whole or not at all.
 
     A line's crop is where the baseline is farthest from the photo (mean absolute difference), the same in every
     column whatever its resolution: it shows the greatest artefacts, not the average. Without baseline or photo it is
-    the middle. A scene or row without an image has a grey tile that says so.
+    the middle. A scene or method without an image has a grey tile that says so.
 
     Args:
         path: the PNG.
-        table: rows are columns, in its order; scenes of its datasets come first, in their order.
-        images: image files by scene and row, the photo under `PHOTO`.
+        table: methods are columns, in its order; scenes of its datasets come first, in their order.
+        images: image files by scene and method, the photo under `PHOTO`.
         height: of a crop in the grid, pixels.
         share: side of the crop as a share of the image's.
 
@@ -45,13 +45,13 @@ def write_grid(
         The file.
 
     Raises:
-        InputError: an image cannot be read, a key names no row, there is no image at all, or the file cannot be
+        InputError: an image cannot be read, a key names no method, there is no image at all, or the file cannot be
             written.
     """
-    columns = {name: row.title for name, row in table.rows.items()} | {PHOTO: "photo"}
-    unknown = sorted({row for _, row in images} - set(columns))
+    columns = {name: method.title for name, method in table.methods.items()} | {PHOTO: "photo"}
+    unknown = sorted({method for _, method in images} - set(columns))
     if unknown or not images:
-        received = f"names the row {unknown[0]!r}" if unknown else "has no image"
+        received = f"names the method {unknown[0]!r}" if unknown else "has no image"
         raise InputError(path, received, f"give images of {', '.join(columns)}")
     named = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
     scenes = list(dict.fromkeys([*named, *(scene for scene, _ in images)]))
@@ -86,15 +86,15 @@ def _line(
     share: float,
 ) -> list[Picture]:
     """A scene's tiles: the whole view with a frame, then every column's crop."""
-    pictures = {row: _read(images[scene, row]) for row in columns if (scene, row) in images}
+    pictures = {method: _read(images[scene, method]) for method in columns if (scene, method) in images}
     photo, before = pictures.get(PHOTO), pictures.get(baseline)
     middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
     box = crop_box(before, photo, share) if photo is not None and before is not None else middle
     whole = photo if photo is not None else next(iter(pictures.values()), None)
     width = height if whole is None else max(1, round(height * whole.width / whole.height))
     tiles = [_missing((width, height)) if whole is None else _framed(whole, box, (width, height))]
-    for row in columns:
-        picture = pictures.get(row)
+    for method in columns:
+        picture = pictures.get(method)
         tiles.append(_missing((width, height)) if picture is None else _cropped(picture, box, (width, height)))
     return tiles
 

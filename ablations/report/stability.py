@@ -4,14 +4,22 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ablations.report.sources import sources
-from ablations.report.stability_figures import RAISED, outcome_of
+import pandas as pd
+
 from ablations.stability.case import PASSES, PRECISIONS, Case
 from ablations.stability.faults import FAULTS
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
 from ablations.stability.order import slopes
-from gaussian_enhancer.metrics.comparison import Table
+from ablations.study.markdown import frame, markdown
+from ablations.study.plots import category_matrix, convergence
+from ablations.study.sections import source_list as sources
 from gaussian_enhancer.metrics.records import Record
+
+RAISED = "computed in float32"
+"""Within tolerance, because the code answers in float32 whatever it is given."""
+
+COLOURS = {WITHIN: "#4c9a6a", RAISED: "#8fb8de", REFUSED: "#e0b341", FAILED: "#b3261e"}
+"""By outcome; they differ in lightness, so that grey print tells them apart."""
 
 SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
 """A cell's outcome in one character; a dot stands where a case has no such pass."""
@@ -49,8 +57,8 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
     """
     cells = [record for record in records if record.kind == KIND]
     order = [record for record in records if record.kind != KIND]
-    parts = ["# Stability\n", ABOUT, "## In short\n", count_table(cells).markdown()]
-    parts += [f"![The matrix in colour; the pointer on a cell shows its error]({figures['matrix']})\n"]
+    parts = ["# Stability\n", ABOUT, "## In short\n", markdown(count_table(cells))]
+    parts += [f"![The matrix in colour]({figures['matrix']})\n"]
     known = {case.name: case for case in cases}
     for family in dict.fromkeys(record.run for record in cells):
         own = [record for record in cells if record.run == family]
@@ -62,14 +70,43 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
         "## Faults found and fixed\n",
         _FAULTS,
     ]
-    parts += [
-        Table(("case", "what happened", "now"), tuple((f"`{f.case}`", f.fault, f.remedy) for f in FAULTS)).markdown()
-    ]
+    parts += [markdown(frame(("case", "what happened", "now"), [(f"`{f.case}`", f.fault, f.remedy) for f in FAULTS]))]
     parts += ["## Where the numbers come from\n", sources(records, source)]
     return "\n".join(parts)
 
 
-def count_table(cells: Sequence[Record]) -> Table:
+def outcome_of(record: Record) -> str:
+    """What became of a cell, float32 in place of half precision told apart."""
+    return RAISED if record.variant == WITHIN and record.reasons.get("computed") == "float32" else record.variant
+
+
+def matrix_plot(records: Sequence[Record]) -> str:
+    """The matrix as SVG: a row a case, a column a precision and pass.
+
+    Args:
+        records: of kind "stability".
+    """
+    cells = {(f"{r.run}: {r.scene}", f"{r.splat}, {r.view}"): outcome_of(r) for r in records}
+    rows = list(dict.fromkeys(row for row, _ in cells))
+    columns = [f"{precision.name}, {direction}" for precision in PRECISIONS for direction in PASSES]
+    return category_matrix("Stability by case and precision", cells, rows, columns, COLOURS)
+
+
+def order_plot(records: Sequence[Record]) -> str:
+    """Error of the sampler over its steps as SVG, one curve a schedule.
+
+    Args:
+        records: of kind "sampler order".
+    """
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for record in records:
+        steps, error = record.metrics["steps"], record.metrics["error"]
+        if steps and error:
+            curves.setdefault(record.scene, []).append((steps, error))
+    return convergence("Error of the latent sampler over its steps", curves, "steps", "error")
+
+
+def count_table(cells: Sequence[Record]) -> pd.DataFrame:
     """How many cells ended in which way, by precision.
 
     Args:
@@ -79,7 +116,7 @@ def count_table(cells: Sequence[Record]) -> Table:
     rows = [(precision.name, *(str(found[precision.name, outcome]) for outcome in SYMBOLS)) for precision in PRECISIONS]
     rows.append(("all", *(str(sum(found[p.name, outcome] for p in PRECISIONS)) for outcome in SYMBOLS)))
     heads = tuple(f"{symbol} {outcome}" for outcome, symbol in SYMBOLS.items())
-    return Table(("precision", *heads), tuple(rows))
+    return frame(("precision", *heads), rows)
 
 
 def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
@@ -87,15 +124,17 @@ def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
     by_place = {(record.scene, record.splat, record.view): record for record in cells}
     rows = []
     for name in dict.fromkeys(record.scene for record in cells):
-        status = []
+        outcomes = []
         for precision in PRECISIONS:
             both = (by_place.get((name, precision.name, direction)) for direction in PASSES)
-            status.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
+            outcomes.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
         errors = (by_place.get((name, "float32", direction)) for direction in PASSES)
         about = known[name].about if name in known else ""
-        rows.append((f"`{name}`", about, *status, *("" if r is None else _number(r.metrics["error"]) for r in errors)))
+        rows.append(
+            (f"`{name}`", about, *outcomes, *("" if r is None else _number(r.metrics["error"]) for r in errors))
+        )
     heads = "case", "what", *(precision.name for precision in PRECISIONS), "float32 error", "its gradient's"
-    return Table(heads, tuple(rows)).markdown()
+    return markdown(frame(heads, rows))
 
 
 def _number(value: float | None) -> str:
@@ -138,7 +177,7 @@ def _order(records: Sequence[Record], figure: str) -> str:
         "way, which take hundreds of steps to resolve; it was never trained on the stiff schedules.\n"
     )
     heads = "schedule", "1 step", "4", "64", "1000", "order at the end"
-    return "\n".join([words, f"![Error over steps]({figure})\n", Table(heads, tuple(rows)).markdown()])
+    return "\n".join([words, f"![Error over steps]({figure})\n", markdown(frame(heads, rows))])
 
 
 def _said(cells: Sequence[Record]) -> str:

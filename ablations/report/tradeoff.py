@@ -4,10 +4,10 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ablations.report.sources import sources
 from ablations.report.tradeoff_kernels import kernel_parts
 from ablations.report.tradeoff_quality import Asked, quality_parts
 from ablations.report.tradeoff_training import training_parts
+from ablations.study.sections import source_list as sources
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record
 

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from ablations.report.diagram import Mark, Panel, diagram
-from gaussian_enhancer.metrics.comparison import Table
+from ablations.study.markdown import frame, markdown
+from ablations.study.plots import Mark, Panel, work_precision
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 ABOUT = """Each kernel in every dtype and implementation against the same in float64. Relative error is the root mean
@@ -24,7 +24,7 @@ def kernel_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
     found = [record for record in records if record.kind != MISSING]
     cases = dict.fromkeys(record.scene for record in found)
     panels = [_panel(case, [record for record in found if record.scene == case]) for case in cases]
-    yield _table(found), "numerics", diagram("Error of kernels against float64", panels, 3)
+    yield _table(found), "numerics", work_precision("Error of kernels against float64", panels, 3)
     lines = "".join(f"- {r.scene}, `{r.variant}`: {r.reasons['row']}\n" for r in records if r.kind == MISSING)
     yield f"Missing:\n\n{lines}" if lines else "Missing: nothing.\n", "", ""
 
@@ -37,7 +37,7 @@ def _panel(case: str, records: Sequence[Record]) -> Panel:
         spread = metrics["lower_quartile"], metrics["upper_quartile"]
         mark = Mark(setting, metrics["milliseconds"], metrics["relative_error"], *spread)
         curves.setdefault(curve, []).append(mark)
-    return Panel(case, "time, ms", "relative error", {name: tuple(status) for name, status in curves.items()})
+    return Panel(case, "time, ms", "relative error", {name: tuple(marks) for name, marks in curves.items()})
 
 
 def _table(records: Sequence[Record]) -> str:
@@ -48,4 +48,4 @@ def _table(records: Sequence[Record]) -> str:
         median, low, high = times
         errors = [f"{value:.1e}" if math.isfinite(value) else "not finite" for value in (relative, largest)]
         rows.append((record.scene, record.variant, *errors, f"{median:.2f}", f"{low:.2f} to {high:.2f}"))
-    return Table(("kernel", "way", "relative error", "largest error", "ms", "quartiles"), tuple(rows)).markdown()
+    return markdown(frame(("kernel", "way", "relative error", "largest error", "ms", "quartiles"), rows))

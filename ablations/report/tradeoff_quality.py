@@ -3,8 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ablations.report.diagram import Mark, Panel, diagram
-from gaussian_enhancer.metrics.comparison import Table, written
+import pandas as pd
+
+from ablations.study.markdown import frame, markdown
+from ablations.study.plots import Mark, Panel, work_precision
+from gaussian_enhancer.metrics.comparison import written
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.metrics.tradeoff import (
     Point,
@@ -62,11 +65,11 @@ def quality_parts(records: Sequence[Record], titles: Mapping[str, str], asked: A
         groups = {group: summarised(found) for group, found in grouped(own).items()}
         title = titles.get(study, study)
         yield f"### {title}: {side} scenes\n\n{_scenes(own)}\n", "", ""
-        drawing = diagram(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
+        drawing = work_precision(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
         yield _choices(groups, asked), f"{study}_{side}", drawing
         found, reasons = groups[ALL]
         heading = "Settings, all scenes, fastest first (**on the front** of mean squared error):"
-        yield f"{heading}\n\n{setting_table(found).markdown()}", "", ""
+        yield f"{heading}\n\n{markdown(setting_table(found))}", "", ""
         yield _missing(reasons), "", ""
 
 
@@ -106,7 +109,7 @@ def _panels(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]]) ->
                         Mark(one.setting, one.milliseconds, error, one.low, one.high)
                     )
             named = "all scenes" if group == ALL else f"{group} scenes"
-            drawn = {name: tuple(status) for name, status in curves.items()}
+            drawn = {name: tuple(marks) for name, marks in curves.items()}
             yield Panel(f"{title}, {named}", TIME_AXIS, title, drawn, baseline)
 
 
@@ -131,7 +134,7 @@ def _choices(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]], a
             else:
                 one = by_name[chosen.name]
                 rows.append((group, question, one.name, f"{one.milliseconds:.0f}", written("psnr", one.psnr)))
-    return Table(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), tuple(rows)).markdown()
+    return markdown(frame(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), rows))
 
 
 def points_of(found: Sequence[Summary]) -> tuple[Point, ...]:
@@ -139,7 +142,7 @@ def points_of(found: Sequence[Summary]) -> tuple[Point, ...]:
     return tuple(Point(one.name, one.milliseconds, one.error("mse") or 0.0) for one in found)
 
 
-def setting_table(found: Sequence[Summary]) -> Table:
+def setting_table(found: Sequence[Summary]) -> pd.DataFrame:
     """One line a setting, fastest first, those on the front of mean squared error in bold.
 
     Args:
@@ -156,7 +159,7 @@ def setting_table(found: Sequence[Summary]) -> Table:
         errors += [written(key, one.perceptual.get(key)) for key in distances]
         rows.append((name, f"{one.milliseconds:.0f}", f"{one.low:.0f} to {one.high:.0f}", memory, compiling, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")
-    return Table((*heads, *(ERRORS.get(name, name) for name in distances)), tuple(rows))
+    return frame((*heads, *(ERRORS.get(name, name) for name in distances)), rows)
 
 
 def _missing(reasons: Mapping[str, str]) -> str:

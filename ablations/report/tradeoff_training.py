@@ -3,8 +3,8 @@
 import statistics
 from collections.abc import Iterator, Sequence
 
-from ablations.report.diagram import Mark, Panel, diagram
-from gaussian_enhancer.metrics.comparison import Table
+from ablations.study.markdown import frame, markdown
+from ablations.study.plots import Mark, Panel, work_precision
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 ERROR = "MSE over the raw render's"
@@ -26,7 +26,7 @@ def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
     found = [record for record in records if record.kind != MISSING]
     panels = [Panel(f"over {title.split(',')[0]}", title, ERROR, _curves(found, key)) for key, title in AXES.items()]
     if found:
-        yield _table(found), "training", diagram("Validation error of trainings", panels, len(panels))
+        yield _table(found), "training", work_precision("Validation error of trainings", panels, len(panels))
     lines = "".join(
         f"- `{r.variant}`, seed {r.seed} ({r.run}): {r.reasons['row']}\n" for r in records if r.kind == MISSING
     )
@@ -60,7 +60,7 @@ def _table(records: Sequence[Record]) -> str:
         numbers = (f"{len(end)}", last, f"{samples:.0f}", f"{seconds:.0f}", f"{statistics.fmean(gains):+.3f}{spread}")
         rows.append((variant, *numbers, f"{validations}"))
     heads = ("training", "seeds", "steps", "samples", "wall-clock, s", "validation gain, dB", "validations")
-    return Table(heads, tuple(rows)).markdown()
+    return markdown(frame(heads, rows))
 
 
 def _mean(records: Sequence[Record], key: str) -> float:

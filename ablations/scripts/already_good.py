@@ -1,6 +1,7 @@
 """Whether blocks that are good already can be told before they are enhanced, by what the references' own errors say.
 
-    python ablations/already_good.py runs/fit/object_0-* runs/fit/unbounded_0-* --json docs/results/already_good.jsonl
+    python -m ablations.scripts.already_good runs/fit/object_0-* runs/fit/unbounded_0-*
+        --json docs/results/already_good.jsonl
 
 For each view the whole image is enhanced. Then blocks of 16x16 are passed through in the order of a predicted error,
 and the loss of PSNR against the enhanced image is counted. The predicted error of a block is the mean difference
@@ -85,7 +86,9 @@ def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Te
         error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
         small = coarse(replace(reference, image=error))
         warped = reproject(target.camera, target.depth, small.camera, small.image, small.depth, target.alpha)  # type: ignore[arg-type]
-        errors, visible = (F.adaptive_avg_pool2d(x[:1], shape)[0] for x in (warped.colour, warped.visibility))
+        errors, visible = (
+            F.adaptive_avg_pool2d(x[:1], (shape[0], shape[1]))[0] for x in (warped.colour, warped.visibility)
+        )
         worst = torch.where(visible > 0.5, torch.maximum(worst, errors / visible), worst)
     return torch.where(worst < 0, math.inf, worst)
 

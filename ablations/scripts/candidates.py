@@ -1,6 +1,7 @@
 """Which weights to ship: gains of several on the same views of validation runs.
 
-    python ablations/candidates.py WEIGHTS [WEIGHTS ...] --runs RUN [RUN ...] [--every N] [--lpips FOLDER] [--json FILE]
+    python -m ablations.scripts.candidates WEIGHTS [WEIGHTS ...] --runs RUN [RUN ...] [--every N]
+        [--lpips FOLDER] [--json FILE]
 
 Weights are shipped names or files; a row is named by the shipped name, or by the folder of its training without its
 address. Runs must be validation runs (docs/data.md): weights that were chosen on test scenes would be worth nothing.

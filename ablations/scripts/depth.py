@@ -1,6 +1,6 @@
 """How much hangs on depth: the same weights with references warped through seven kinds of it.
 
-    python ablations/depth.py RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
+    python -m ablations.scripts.depth RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
         [--json docs/results/depth.jsonl]
 
 References are warped through the splat's expected depth and through its surface (median depth), each as it is and

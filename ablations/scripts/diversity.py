@@ -1,6 +1,6 @@
 """How much simulated renders of one view differ from seed to seed, against real renders of it from fit to fit.
 
-    python ablations/diversity.py RUN [RUN ...] [--rows naive all random adaptive tsds] [--generator WEIGHTS]
+    python -m ablations.scripts.diversity RUN [RUN ...] [--rows naive all random adaptive tsds] [--generator WEIGHTS]
         [--json FILE]
 
 Real renders of a view come from runs of the same scene: other methods, training views, snapshots. Each of them has a

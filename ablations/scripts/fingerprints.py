@@ -1,6 +1,6 @@
 """How much larger the errors of held-out views are than those of the views that a splat was fitted to, by energy.
 
-    python ablations/fingerprints.py RUN [RUN ...] [--views N] [--json FILE] [--gates FOLDER]
+    python -m ablations.scripts.fingerprints RUN [RUN ...] [--views N] [--json FILE] [--gates FOLDER]
 
 For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The line
 fitted to both in the logarithms is what `gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` states. ``--gates`` also

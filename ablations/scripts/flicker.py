@@ -1,7 +1,7 @@
 """Whether enhancement flickers: warped-frame error of raw and enhanced frames along a smooth path through a capture.
 
-    python ablations/flicker.py RUN [RUN ...] [--weights NAME] [--frames 60] [--cameras 6] [--strength S]
-        [--steady S ...] [--json docs/results/flicker.jsonl]
+    python -m ablations.scripts.flicker RUN [RUN ...] [--weights NAME] [--frames 60] [--cameras 6] [--strength S]
+        [--temporal-smoothing S ...] [--json docs/results/flicker.jsonl]
 
 The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
 enhanced with the run's training photos as references, as a view of a capture would be. The next frame is then warped
@@ -22,6 +22,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -213,7 +214,9 @@ def _no_photo() -> Tensor:
 
 def _kept(view: RenderedView) -> RenderedView:
     """The view with its pixels in memory, since each is read more than once."""
-    kept = {name: partial(_same, getattr(view, name)()) for name in ("read", "read_depth", "read_alpha")}
+    kept: dict[str, Any] = {
+        name: partial(_same, getattr(view, name)()) for name in ("read", "read_depth", "read_alpha")
+    }
     return dataclasses.replace(view, **kept, read_photo=None)
 
 
@@ -229,7 +232,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--cameras", type=int, default=6, help="how many of the capture's cameras the path passes")
     parser.add_argument("--strength", type=float, help="share of the change to apply; the card's where absent")
-    parser.add_argument("--steady", type=float, nargs="*", default=[], help="shares carried over, each a variant")
+    parser.add_argument(
+        "--temporal-smoothing", type=float, nargs="*", default=[], help="shares carried over, each a variant"
+    )
     parser.add_argument("--json", type=Path, help="write every record there")
     options = parser.parse_args()
     torch.set_flush_denormal(True)

@@ -1,11 +1,12 @@
 """What keeps an enhancer from doing harm, and what that costs: gains on validation runs by the limits it is held to.
 
-    python ablations/guards.py GUARD WEIGHTS [WEIGHTS ...] --runs RUN [RUN ...]
+    python -m ablations.scripts.guards GUARD WEIGHTS [WEIGHTS ...] --runs RUN [RUN ...]
         [--every N] [--lpips FOLDER] [--json FILE]
 
-GUARD is ``agreement`` (how far a reference may differ from the render, `Reprojected.agreement`), ``evidence`` (the
-window whose colours a pixel stays within, `SetEnhancer`) or ``strength`` (the share of the change that is applied).
-Runs must be validation runs (docs/data.md): limits that were chosen on test scenes would be worth nothing.
+GUARD is ``photo_consistency`` (how far a reference may differ from the render, `Reprojected.photo_consistency`),
+``colour_clamping`` (the window whose colours a pixel stays within,
+`SetEnhancer`) or ``strength`` (the share of the change that is applied). Runs
+must be validation runs (docs/data.md): limits that were chosen on test scenes would be worth nothing.
 """
 
 import argparse
@@ -18,11 +19,11 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import Pretrained
 
 LIMITS: dict[str, tuple[float | None, ...]] = {
-    "agreement": (None, 0.3, 0.2, 0.15, 0.1),
+    "photo_consistency": (None, 0.3, 0.2, 0.15, 0.1),
     "colour_clamping": (0, 1, 3, 5, 9),
     "strength": (0.5, 0.8, 1.0),
 }
-"""What is compared of each guard; None and 0 leave agreement and evidence unguarded."""
+"""What is compared of each guard; None and 0 switch photo-consistency and colour clamping off."""
 
 
 def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> SetEnhancer:

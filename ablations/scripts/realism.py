@@ -1,7 +1,7 @@
 """How much simulated renders look like real ones: can a classifier tell them apart, and what separates them?
 
-    python ablations/realism.py --train RUN [RUN ...] --test RUN [RUN ...] [--rows naive all random adaptive tsds]
-        [--generator WEIGHTS] [--steps 8] [--seeds 3] [--json FILE]
+    python -m ablations.scripts.realism --train RUN [RUN ...] --test RUN [RUN ...]
+        [--rows naive all random adaptive tsds] [--generator WEIGHTS] [--steps 8] [--seeds 3] [--json FILE]
 
 Real renders are the held-out views of finished runs, all snapshots; each row simulates the same views from their
 photos. The classifier learns on scenes of --train and is judged on scenes of --test, all rows on the same patches.

@@ -1,6 +1,6 @@
 """Which training renders make the better enhancer: gains of the rows of conf/ablation/renders on the same views.
 
-    python ablations/renders.py --rows real naive ... --runs RUN [RUN ...] [--lpips FOLDER] [--json FILE]
+    python -m ablations.scripts.renders --rows real naive ... --runs RUN [RUN ...] [--lpips FOLDER] [--json FILE]
 
 Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the
 held-out views of the runs' last steps with each row's weights, at full strength, and measures the gain over the raw
@@ -9,7 +9,7 @@ render. The default is decided on validation runs; test runs are reported (docs/
 
 import argparse
 import json
-import random
+import math
 import statistics
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -18,6 +18,8 @@ from pathlib import Path
 import torch
 
 from ablations.realism.realism import finished_runs, scene_of
+from ablations.study.sample import Sample
+from ablations.study.statistics import interval
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -81,8 +83,9 @@ def gains(
             if key not in prepared:
                 prepared[key] = join(target, enhancer.reference_config.align(target, view, pool))
             after = measure_pair(quantised(enhancer.enhance(prepared[key])[0]), photo, distances).metrics
-            gain = {k: after[k] - before[k] for k in METRICS if after.get(k) is not None and before.get(k) is not None}
-            where = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
+            both = {name: (before.get(name), after.get(name)) for name in METRICS}
+            gain = {name: b - a for name, (a, b) in both.items() if a is not None and b is not None}
+            where: dict[str, object] = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
             found.append({**where, **gain, "raw_psnr": before["psnr"]})
     return found
 
@@ -110,13 +113,6 @@ def measured(
     return rows
 
 
-def interval(values: list[float], draws: int = 2000) -> tuple[float, float]:
-    """95% bootstrap interval of a mean over views."""
-    generator = random.Random(0)
-    means = sorted(statistics.fmean(generator.choices(values, k=len(values))) for _ in range(draws))
-    return means[round(0.025 * draws)], means[round(0.975 * draws) - 1]
-
-
 def table(rows: list[dict], head: str = "training renders") -> str:
     """Mean gains by row over all views, the colour-aligned one with its interval and worst view, then that by scene."""
     names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
@@ -126,11 +122,13 @@ def table(rows: list[dict], head: str = "training renders") -> str:
     for name in names:
         mine = [r for r in rows if r["row"] == name]
         aligned = [r["psnr_aligned"] for r in mine]
-        low, high = interval(aligned)
+        views = {f"{r['run']} {r['view']}": r["psnr_aligned"] for r in mine}
+        low, high = interval(Sample((("all", "all"),), (None,), {(("all", "all"), None): views}))
         worse = sum(value < 0 for value in aligned)
         means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
         by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]
-        spread = [f"{low:+.3f} to {high:+.3f}", f"{min(aligned):+.3f}", f"{worse} of {len(mine)}"]
+        between = "too few views" if math.isnan(low) else f"{low:+.3f} to {high:+.3f}"
+        spread = [between, f"{min(aligned):+.3f}", f"{worse} of {len(mine)}"]
         lines.append("| " + " | ".join([name, *means, *spread, *by_scene]) + " |")
     return "\n".join(lines)
 

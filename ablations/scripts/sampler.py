@@ -1,6 +1,6 @@
 """What the diffusion's sampler keeps of the codes of real renders, by steps and kind of sampling.
 
-    python ablations/sampler.py RUN [RUN ...] [--generator WEIGHTS] [--json FILE]
+    python -m ablations.scripts.sampler RUN [RUN ...] [--generator WEIGHTS] [--json FILE]
 
 On crops of held-out views, all snapshots: spread of sampled codes over that of the extractor's (1 is right), root mean
 square change L - G over that of real renders R - G, and milliseconds. Stage 1 is the gate calibrated on the renders of

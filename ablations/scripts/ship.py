@@ -1,6 +1,6 @@
 """Puts trained weights into the package, with a card that says where they help and where not.
 
-    python ablations/ship.py WEIGHTS NAME [--first NAME] --strength S --helps TEXT --harms TEXT
+    python -m ablations.scripts.ship WEIGHTS NAME [--first NAME] --strength S --helps TEXT --harms TEXT
 
 Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. What training wrote on the card (data,
 steps, seed, hash of the configuration, validation) stays; the two texts summarise docs/results/quality.md.

@@ -38,24 +38,24 @@ REFERENCES = 5
 
 
 def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
-    """The costs of every row at every size, in the seed that comes first.
+    """The costs of every method at every size, in the seed that comes first.
 
-    Rows are timed against each other, one repeat of each in turn; a row that cannot be measured leaves a record with
-    the reason.
+    Methods are timed against each other, one repeat of each in turn; a method that cannot be measured leaves a record
+    with the reason.
     """
     seed = one.table.seeds[0]
     weights: dict[str, str] = {}
     learnt: dict[str, str] = {}
     reasons: dict[str, str] = {}
-    for row in one.table.rows:
+    for method in one.table.methods:
         try:
-            weights[row], learnt[row] = runs.weights(one, row, seed), runs.train_digest(one, row, seed)
-        except Exception as error:  # the other rows are worth measuring
-            reasons[row] = reason_of(error)
-            console.print(f"{row} is missing: {reasons[row]}", highlight=False, soft_wrap=True)
+            weights[method], learnt[method] = runs.weights(one, method, seed), runs.train_digest(one, method, seed)
+        except Exception as error:  # the other methods are worth measuring
+            reasons[method] = reason_of(error)
+            console.print(f"{method} is missing: {reasons[method]}", highlight=False, soft_wrap=True)
     for size, (height, width) in runs.cfg.scale.outputs.items():
-        for row, reason in reasons.items():
-            yield Record(MISSING, "", str(size), "", str(size), row, {}, {"row": reason}, seed=seed)
+        for method, reason in reasons.items():
+            yield Record(MISSING, "", str(size), "", str(size), method, {}, {"row": reason}, seed=seed)
         if weights:
             console.print(f"{size}: {width}x{height}", highlight=False)
             job = cost_job(runs, learnt, str(size), (int(height), int(width)))
@@ -69,7 +69,7 @@ def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int,
 
     Args:
         runs: the suite's.
-        learnt: digest of the training by row.
+        learnt: digest of the training by method.
         size: its name.
         shape: height and width of the output, in pixels.
     """
@@ -92,17 +92,17 @@ def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[
 def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, int], name: str) -> Iterator[Record]:
     device = start(runs.cfg.runtime)
     seen = cache(plane)
-    calls = {row: _call(path, shape, device, seen) for row, path in weights.items()}
+    calls = {method: _call(path, shape, device, seen) for method, path in weights.items()}
     times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
-    seen.cache_clear()  # memory is that of a row's own inputs
+    seen.cache_clear()  # memory is that of a method's own inputs
     where = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{where}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
-    for row, timing in times.items():
-        peak = peak_memory(_call(weights[row], shape, device, plane), device) / MEGABYTE
+    for method, timing in times.items():
+        peak = peak_memory(_call(weights[method], shape, device, plane), device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}
-        yield Record("cost", name, size, "", size, row, metrics, size=(shape[1], shape[0]), protocol=protocol)
+        yield Record("cost", name, size, "", size, method, metrics, size=(shape[1], shape[0]), protocol=protocol)
 
 
 def _call(

@@ -1,6 +1,6 @@
 """The suite's files: what a table, figure or study of ``ablations/`` is at a scale.
 
-A study says what is compared: rows, metrics, splats, the paper's datasets. A scale (``conf/scale``) says on what:
+A study says what is compared: methods, metrics, splats, the paper's datasets. A scale (``conf/scale``) says on what:
 what stands in for each dataset, which fits trainings learn from, how long they last, with which seeds.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.records.description import Dataset, Row, Table
+from ablations.study.description import Dataset, Method, Study
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
@@ -31,16 +31,16 @@ class Experiment:
     Args:
         table: its description.
         cells: scenes and splats that it is measured in.
-        learns: by row, which of the scale's trainings it learns by.
+        learns: by method, which of the scale's trainings it learns by.
     """
 
-    table: Table
+    table: Study
     cells: tuple[StudyCell, ...]
     learns: Mapping[str, str]
 
-    def seeds(self, row: str) -> tuple[int | None, ...]:
-        """The seeds that a row is made with; one unnamed where it learns nothing."""
-        return self.table.seeds if self.table.rows[row].train else (None,)
+    def seeds(self, method: str) -> tuple[int | None, ...]:
+        """The seeds that a method is made with; one unnamed where it learns nothing."""
+        return self.table.seeds if self.table.methods[method].train else (None,)
 
 
 def ablations() -> Path:
@@ -103,16 +103,19 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
     path = next(iter(ablations().glob(f"*/{name}.yaml")))
     try:
         study = plain(OmegaConf.load(path))  # type: ignore[arg-type]
-        learns = {str(row): str(values.pop("learns", USUAL)) for row, values in study["rows"].items()}
+        learns = {str(method): str(values.pop("learns", USUAL)) for method, values in study["methods"].items()}
         common = tuple(study.get("train", ()))
-        rows = {row: _row(values, scale.trainings[learns[row]].train, common) for row, values in study["rows"].items()}
+        methods = {
+            method: _method(values, scale.trainings[learns[method]].train, common)
+            for method, values in study["methods"].items()
+        }
         cost = study["kind"] == "cost"
-        table = Table(
+        table = Study(
             name,
             str(study["title"]),
             study["kind"],
             str(study["about"]).strip(),
-            rows,
+            methods,
             str(study["baseline"]),
             tuple(study["metrics"]),
             tuple(study["splats"]),
@@ -133,7 +136,7 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
 
 
 def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...] | None]]:
-    """The paper's values of a study as `measure.tables.Table` wants them: block, then row, then metric.
+    """The paper's values of a study as `measure.tables.Study` wants them: block, then method, then metric.
 
     Gigabytes become the megabytes that records hold.
 
@@ -157,10 +160,10 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
 
     if study["kind"] == "cost":  # printed row by row
         sizes = dict.fromkeys(size for cells in values.values() for size in cells)
-        return {size: {row: scaled(cells[size]) for row, cells in values.items()} for size in sizes}
+        return {size: {method: scaled(cells[size]) for method, cells in values.items()} for size in sizes}
     if not isinstance(next(iter(values.values())), Mapping):  # printed for one splat alone
         values = {study["splats"][0]: values}
-    return {block: {row: scaled(cells) for row, cells in rows.items()} for block, rows in values.items()}
+    return {block: {method: scaled(cells) for method, cells in methods.items()} for block, methods in values.items()}
 
 
 @functools.cache
@@ -168,11 +171,11 @@ def _papers_tables(path: Path) -> dict[str, Any]:
     return plain(OmegaConf.load(path))  # type: ignore[arg-type]
 
 
-def _row(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Row:
-    """A row; what it learns is the scale's recipe, what all rows of the study share, and its own."""
+def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Method:
+    """A method; what it learns is the scale's recipe, what all methods of the study share, and its own."""
     own = tuple(values.get("train", ()))
     train = (*recipe, *common, *own) if own else ()
-    return Row(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
+    return Method(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
 
 
 def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, Dataset]:
@@ -194,7 +197,7 @@ def _outputs(scale: DictConfig) -> dict[str, Dataset]:
     }
 
 
-def _cells(table: Table, scale: DictConfig) -> Iterator[StudyCell]:
+def _cells(table: Study, scale: DictConfig) -> Iterator[StudyCell]:
     """Every scene of every dataset by every splat."""
     density, every = (scale.finer.fit, scale.finer.every) if table.finer else (scale.sparse, scale.every)
     for splat in table.splats:

@@ -1,4 +1,4 @@
-"""One row in one cell of a study: its images and their records, each made once."""
+"""One method in one cell of a study: its images and their records, each made once."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ class StudyCell:
 
 @dataclass(frozen=True)
 class Images:
-    """Images of one row in one cell, and what they are measured against.
+    """Images of one method in one cell, and what they are measured against.
 
     Args:
         folder: the images.
@@ -60,32 +60,32 @@ class Images:
     sources: Mapping[str, str] = field(default_factory=dict)
 
 
-def measured_row(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) -> tuple[Record, ...]:
-    """The records of a row in a cell, measured or found measured.
+def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> tuple[Record, ...]:
+    """The records of a method in a cell, measured or found measured.
 
     Args:
         cfg: conf/quality.yaml, composed.
         cell: where.
-        row: the row's name.
-        choice: the row's entry in the configuration: the raw render where it names nothing.
+        method: the method's name.
+        choice: the method's entry in the configuration: the raw render where it names nothing.
 
     Raises:
-        InputError: the row cannot be made here; the error says why.
+        InputError: the method cannot be made here; the error says why.
     """
-    return measured_images(cfg, cell, row, images_of(cfg, cell, row, choice))
+    return measured_images(cfg, cell, method, images_of(cfg, cell, method, choice))
 
 
-def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) -> Images:
-    """The images of a row in a cell, made or found made.
+def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> Images:
+    """The images of a method in a cell, made or found made.
 
     Args:
         cfg: the calling job's configuration: ``runs``, ``runtime``, ``fit_missing``.
         cell: where.
-        row: the row's name.
+        method: the method's name.
         choice: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; the raw render where it names nothing.
 
     Raises:
-        InputError: the row cannot be made here; the error says why.
+        InputError: the method cannot be made here; the error says why.
     """
     fit = fitted_cell(cfg, cell)
     learnt = bool(choice.get("weights") or choice.get("train"))
@@ -101,7 +101,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) ->
     elif learnt:
         folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
     if choice.get("upscale"):
-        folder = bicubic(cfg, folder, f"{fit.name}-{row}")
+        folder = bicubic(cfg, folder, f"{fit.name}-{method}")
         sources["bicubic"] = folder.parent.name
     photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     every = 1 if learnt and not choice.get("render") else cell.every
@@ -109,7 +109,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, row: str, choice: DictConfig) ->
 
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
-    """The folder of the images that a row's weights make of what is given; the run is added to the sources."""
+    """The folder of the images that a method's weights make of what is given; the run is added to the sources."""
     words = tuple(choice.get("enhance") or ())
     planned = any(word.startswith("plan=") for word in words)
     job = composed("enhance", cfg, words if planned else ("plan=full", *words))  # networks are compared in full
@@ -136,7 +136,7 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
 
 
 def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
-    """The weights of a row: those it names, or those that its training has left.
+    """The weights of a method: those it names, or those that its training has left.
 
     Raises:
         InputError: the training is not finished, or names what does not exist.
@@ -151,13 +151,13 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     return str(found.folder / "weights.safetensors")
 
 
-def measured_images(cfg: DictConfig, cell: StudyCell, row: str, images: Images) -> tuple[Record, ...]:
+def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Images) -> tuple[Record, ...]:
     """Measure images against their photos, unless these very images were measured before.
 
     Raises:
         InputError: names or sizes do not fit, or a file cannot be read.
     """
-    label = Label(images.run, cell.scene, cell.splat, row)
+    label = Label(images.run, cell.scene, cell.splat, method)
     wanted = {"label": vars(label), "images": str(images.folder), "photos": str(images.photos), "every": images.every}
     how = {"protocol": PROTOCOL, "lpips": cfg.lpips, "backbones": cfg.backbones}
     job = OmegaConf.create({"runs": cfg.runs, **wanted, **how})
@@ -165,7 +165,7 @@ def measured_images(cfg: DictConfig, cell: StudyCell, row: str, images: Images) 
     if before is not None and before.done:
         return read_records(before.folder / "records.jsonl")
     records = measure_now(cfg, label, images)
-    own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{row}")
+    own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{method}")
     write_records(own.folder / "records.jsonl", records)
     own.finish()
     return records

@@ -1,7 +1,7 @@
-"""The runs behind a table's rows: which they are, and making those that are missing.
+"""The runs behind a table's methods: which they are, and making those that are missing.
 
 Every run is addressed by what determines it, so that its place is known before anything was made: a training by its
-fits' digests, a row in a cell by those of its fit and its training. Equal rows of different tables are one run.
+fits' digests, a method in a cell by those of its fit and its training. Equal methods of different tables are one run.
 """
 
 import json
@@ -31,9 +31,9 @@ from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest
 T = TypeVar("T")
 
 
-def train_key(experiment: Experiment, row: str, seed: int) -> tuple[Any, ...]:
-    """What tells a row's training from others without composing its configuration."""
-    return ("train", experiment.learns[row], *experiment.table.rows[row].train, seed)
+def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]:
+    """What tells a method's training from others without composing its configuration."""
+    return ("train", experiment.learns[method], *experiment.table.methods[method].train, seed)
 
 
 class Runs:
@@ -74,29 +74,29 @@ class Runs:
             side: [tuple(map(str, (*own, *scale.fit, *scale.sparse))) for own in fits] for side, fits in sides.items()
         }
 
-    def train_job(self, experiment: Experiment, row: str, seed: int) -> DictConfig:
+    def train_job(self, experiment: Experiment, method: str, seed: int) -> DictConfig:
         """Configuration of the job train, on exactly the fits that the scale names; loggers group it by its table.
 
         Raises:
             InputError: it is refused, or leaves a mandatory value open.
         """
-        job = compose_job("train", self.cfg, [*experiment.table.rows[row].train, f"seed={seed}"])
-        for side, fits in self.pairs(experiment.learns[row]).items():
+        job = compose_job("train", self.cfg, [*experiment.table.methods[method].train, f"seed={seed}"])
+        for side, fits in self.pairs(experiment.learns[method]).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
         job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
         job.study = experiment.table.name
         require(job)
         return job
 
-    def train_digest(self, experiment: Experiment, row: str, seed: int) -> str:
-        """The digest of a row's training."""
-        key = train_key(experiment, row, seed)
-        return self._digest(key, lambda: train.with_effect(self.train_job(experiment, row, seed)))
+    def train_digest(self, experiment: Experiment, method: str, seed: int) -> str:
+        """The digest of a method's training."""
+        key = train_key(experiment, method, seed)
+        return self._digest(key, lambda: train.with_effect(self.train_job(experiment, method, seed)))
 
-    def row_job(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> DictConfig:
-        """What determines a row's records in a cell; ``seed`` is None where it learns nothing."""
-        choice = experiment.table.rows[row]
-        learnt = "" if seed is None else self.train_digest(experiment, row, seed)
+    def row_job(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> DictConfig:
+        """What determines a method's records in a cell; ``seed`` is None where it learns nothing."""
+        choice = experiment.table.methods[method]
+        learnt = "" if seed is None else self.train_digest(experiment, method, seed)
         where = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
         how = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
         measured = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
@@ -110,70 +110,72 @@ class Runs:
             self._measurable = {name: one.network is not None for name, one in found.items()}
         return self._measurable
 
-    def weights(self, experiment: Experiment, row: str, seed: int | None) -> str:
-        """The weights of a row, trained now where they are missing, with the fits that they learn from.
+    def weights(self, experiment: Experiment, method: str, seed: int | None) -> str:
+        """The weights of a method, trained now where they are missing, with the fits that they learn from.
 
         Raises:
             InputError: they are missing and shall not be trained, or cannot be.
             KeyboardInterrupt: the user stopped the training.
         """
         if seed is None:
-            return experiment.table.rows[row].weights
-        job = self.train_job(experiment, row, seed)
+            return experiment.table.methods[method].weights
+        job = self.train_job(experiment, method, seed)
         found = find_run(train.with_effect(job), "train")
         if found is None or not found.done:
             if not self.cfg.train_missing:
                 command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
-                raise InputError(f"weights of {row}, seed {seed}", "are not trained yet", command)
-            found = self._tried(self.train_digest(experiment, row, seed), lambda: self._trained(experiment, row, job))
+                raise InputError(f"weights of {method}, seed {seed}", "are not trained yet", command)
+            found = self._tried(
+                self.train_digest(experiment, method, seed), lambda: self._trained(experiment, method, job)
+            )
         return str(found.folder / "weights.safetensors")
 
-    def make(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> None:
-        """Make a row's records in a cell, with all that they need, where they are missing.
+    def make(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
+        """Make a method's records in a cell, with all that they need, where they are missing.
 
         Raises:
-            InputError: the row cannot be made here.
+            InputError: the method cannot be made here.
         """
-        job = self.row_job(experiment, cell, row, seed)
+        job = self.row_job(experiment, cell, method, seed)
         found = find_run(job, "row")
         if found is None or not found.done:
-            self._tried(run_digest(job, "row"), lambda: self._made(experiment, cell, row, seed, job))
+            self._tried(run_digest(job, "row"), lambda: self._made(experiment, cell, method, seed, job))
 
-    def records(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> tuple[Record, ...]:
-        """A row's records in a cell, which were made before.
+    def records(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> tuple[Record, ...]:
+        """A method's records in a cell, which were made before.
 
         Raises:
             InputError: they are not there, or were damaged.
         """
-        folder = self._row_folder(experiment, cell, row, seed)
-        return tuple(replace(one, variant=row, seed=seed) for one in read_records(folder / "records.jsonl"))
+        folder = self._row_folder(experiment, cell, method, seed)
+        return tuple(replace(one, variant=method, seed=seed) for one in read_records(folder / "records.jsonl"))
 
-    def images(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> tuple[Path, Path]:
-        """The folders of a row's images in a cell and of their photos.
+    def images(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> tuple[Path, Path]:
+        """The folders of a method's images in a cell and of their photos.
 
         Raises:
             InputError: they were not made.
         """
-        file = self._row_folder(experiment, cell, row, seed) / "images.json"
+        file = self._row_folder(experiment, cell, method, seed) / "images.json"
         where = json.loads(file.read_text(encoding="utf-8"))
         return Path(where["images"]), Path(where["photos"])
 
-    def _row_folder(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None) -> Path:
-        found = find_run(self.row_job(experiment, cell, row, seed), "row")
+    def _row_folder(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> Path:
+        found = find_run(self.row_job(experiment, cell, method, seed), "row")
         if found is None or not found.done:
-            raise InputError(f"{row} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
+            raise InputError(f"{method} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
         return found.folder
 
-    def _made(self, experiment: Experiment, cell: StudyCell, row: str, seed: int | None, job: DictConfig) -> None:
-        choice = experiment.table.rows[row]
+    def _made(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None, job: DictConfig) -> None:
+        choice = experiment.table.methods[method]
         with status.attempt():
-            own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{row}")
+            own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{method}")
             cell_fit = self._tried(job.fit, partial(self.fitted, cell.fit))
-            weights = self.weights(experiment, row, seed)
+            weights = self.weights(experiment, method, seed)
             settings: dict[str, Any] = {"weights": weights, "enhance": list(choice.enhance)}
             settings |= {"upscale": choice.upscale, "render": choice.render}
-            images = images_of(self.cfg, cell, row, OmegaConf.create(settings))
-            label = Label(images.run, cell.scene, cell.splat, row)
+            images = images_of(self.cfg, cell, method, OmegaConf.create(settings))
+            label = Label(images.run, cell.scene, cell.splat, method)
             how = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
             how.runtime = self.cfg.runtime
             sources = {**images.sources, "fit": cell_fit.folder.name}
@@ -194,9 +196,9 @@ class Runs:
         refusal = InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
         return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
-    def _trained(self, experiment: Experiment, row: str, job: DictConfig) -> Run:
+    def _trained(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
         """A finished training, its fits before it."""
-        for overrides in (one for fits in self.pairs(experiment.learns[row]).values() for one in fits):
+        for overrides in (one for fits in self.pairs(experiment.learns[method]).values() for one in fits):
             self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
         with status.attempt():
             train.run(job)
@@ -206,7 +208,7 @@ class Runs:
         return found
 
     def _tried(self, digest: str, make: Callable[[], T]) -> T:
-        """What a run gives; one that failed is not tried again by every row that needs it."""
+        """What a run gives; one that failed is not tried again by every method that needs it."""
         if digest in self.failures:
             raise self.failures[digest]
         try:
@@ -216,7 +218,7 @@ class Runs:
             raise
 
     def _digest(self, key: tuple[Any, ...], configured: Callable[[], DictConfig]) -> str:
-        """A digest, reckoned once: many rows need the same fits and trainings."""
+        """A digest, reckoned once: many methods need the same fits and trainings."""
         if key not in self._digests:
             self._digests[key] = run_digest(configured(), str(key[0]))
         return self._digests[key]

@@ -1,6 +1,6 @@
 """What tables need: every run once, with its inputs, its state, what it is likely to cost and what it lacks."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,7 @@ class Work:
         job: "fit", "train", "row" (enhanced and measured) or "cost".
         table: who needs it.
         fit: overrides of a fit.
-        row: of a training, or of what is measured.
+        method: of a training, or of what is measured.
         seed: of its training; None where it learns nothing.
         cell: where it is measured.
     """
@@ -36,7 +36,7 @@ class Work:
     job: str
     table: str
     fit: tuple[str, ...] = ()
-    row: str = ""
+    method: str = ""
     seed: int | None = None
     cell: StudyCell | None = None
 
@@ -75,14 +75,14 @@ def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[Step]:
         cfg: conf/tables.yaml or conf/status.yaml, composed.
         experiments: the tables.
     """
-    plan = _Plan(cfg)
+    plan = _Plan(cfg, {metric for one in experiments for metric in one.table.metrics})
     for one in experiments:
         if one.table.kind == "cost":
             plan.costs(one)
         for cell in one.cells:
-            for row in one.table.rows:
-                for seed in one.seeds(row):
-                    plan.row(one, cell, row, seed)
+            for method in one.table.methods:
+                for seed in one.seeds(method):
+                    plan.method(one, cell, method, seed)
     return plan.steps()
 
 
@@ -107,8 +107,8 @@ def told(steps: Sequence[Step]) -> str:
 class _Plan:
     """Collects steps by their digests."""
 
-    def __init__(self, cfg: DictConfig) -> None:
-        self.cfg, self.runs = cfg, Runs(cfg)
+    def __init__(self, cfg: DictConfig, metrics: Set[str]) -> None:
+        self.cfg, self.runs, self.metrics = cfg, Runs(cfg), metrics
         self.estimates = Estimates(Path(cfg.runs), cfg.scale)
         self.known: dict[str, Step] = {}
         self.tables: dict[str, dict[str, None]] = {}
@@ -118,34 +118,34 @@ class _Plan:
         """All steps, with the tables that need them."""
         return [replace(one, tables=tuple(self.tables[key])) for key, one in self.known.items()]
 
-    def row(self, one: Experiment, cell: StudyCell, row: str, seed: int | None) -> None:
-        """A row in a cell, and what comes before it."""
-        label = f"{cell.scene}-{cell.splat}-{row}" + ("" if seed is None else f"-seed{seed}")
+    def method(self, one: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
+        """A method in a cell, and what comes before it."""
+        label = f"{cell.scene}-{cell.splat}-{method}" + ("" if seed is None else f"-seed{seed}")
         inputs = [self.fit(one, cell.fit)]
         if seed is not None:
-            inputs.append(self.training(one, row, seed))
-        work = Work("row", one.table.name, row=row, seed=seed, cell=cell)
-        self._add(work, label, lambda: self.runs.row_job(one, cell, row, seed), tuple(inputs), cell.finer)
+            inputs.append(self.training(one, method, seed))
+        work = Work("row", one.table.name, method=method, seed=seed, cell=cell)
+        self._add(work, label, lambda: self.runs.row_job(one, cell, method, seed), tuple(inputs), cell.finer)
 
     def costs(self, one: Experiment) -> None:
-        """The trainings of all rows, and a measurement of each size."""
+        """The trainings of all methods, and a measurement of each size."""
         seed = one.table.seeds[0]
-        inputs = tuple(self.training(one, row, seed) for row in one.table.rows)
+        inputs = tuple(self.training(one, method, seed) for method in one.table.methods)
 
         def job(size: str) -> DictConfig:
-            learnt = {row: self.runs.train_digest(one, row, seed) for row in one.table.rows}
+            learnt = {method: self.runs.train_digest(one, method, seed) for method in one.table.methods}
             height, width = self.cfg.scale.outputs[size]
             return cost_job(self.runs, learnt, size, (int(height), int(width)))
 
         for size in one.table.datasets:
             self._add(Work("cost", one.table.name), size, partial(job, size), inputs)
 
-    def training(self, one: Experiment, row: str, seed: int) -> str:
-        """The training of a row and the fits before it; its name."""
-        fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[row]).values() for own in side]
-        work, key = Work("train", one.table.name, row=row, seed=seed), train_key(one, row, seed)
+    def training(self, one: Experiment, method: str, seed: int) -> str:
+        """The training of a method and the fits before it; its name."""
+        fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[method]).values() for own in side]
+        work, key = Work("train", one.table.name, method=method, seed=seed), train_key(one, method, seed)
         return self._add(
-            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, row, seed)), tuple(fits), key=key
+            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, method, seed)), tuple(fits), key=key
         )
 
     def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
@@ -210,21 +210,21 @@ class _Plan:
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job == "train" else label
             name = f"{label}-{digest}" if found is None else found.folder.name
-            lacks = "" if done else _lacks(job, cfg)
+            lacks = "" if done else _lacks(job, cfg, self.metrics)
             step = Step(work, digest, name, state, inputs, minutes, lacks, ())
         self.known.setdefault(digest, step)
         return digest
 
 
-def _lacks(job: str, cfg: DictConfig) -> str:
-    """What a run needs and no run makes, in words; empty where it lacks nothing."""
+def _lacks(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
+    """What a run needs for metrics and no run makes, in words; empty where it lacks nothing."""
     try:
-        return ", ".join(_lacking(job, cfg))
+        return ", ".join(_lacking(job, cfg, metrics))
     except InputError as error:
         return str(error)
 
 
-def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
+def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
     """What a run needs and no run makes: a dataset, gates, a device, a metric's backbone."""
     import glob
 
@@ -240,4 +240,4 @@ def _lacking(job: str, cfg: DictConfig) -> Iterator[str]:
         if cfg.trainer.accelerator == "cuda" and not torch.cuda.is_available():
             yield "torch finds no CUDA device"
     if job == "row":
-        yield from (f"{name}: no backbone" for name, there in cfg.lpips.items() if not there)
+        yield from (f"{name}: no backbone" for name, there in cfg.lpips.items() if name in metrics and not there)

@@ -33,7 +33,7 @@ class Estimates:
         Args:
             job: "fit", "train", "row" or "cost".
             cfg: its configuration.
-            finer: whether a row is measured against photos 4 times as fine.
+            finer: whether a method is measured against photos 4 times as fine.
         """
         if job == "fit":
             published = published_fit_minutes(cfg.scene)
@@ -54,7 +54,7 @@ class Estimates:
         Args:
             job: "fit", "train" or "row".
             overrides: of its job.
-            finer: whether a row is measured against photos 4 times as fine.
+            finer: whether a method is measured against photos 4 times as fine.
         """
         if job == "row":
             return VIEWS * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)

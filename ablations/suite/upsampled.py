@@ -1,6 +1,6 @@
 """Images on a grid 4 times as fine as a fit's renders: photos, bicubic enlargements, the splat rendered anew.
 
-Each folder is a content-addressed run of its own, made once for all rows that need it.
+Each folder is a content-addressed run of its own, made once for all methods that need it.
 """
 
 from collections.abc import Callable, Iterable, Mapping

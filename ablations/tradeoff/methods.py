@@ -9,7 +9,7 @@ from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
-from ablations.records.description import Row, Table
+from ablations.study.description import Method, Study
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import composed
 from ablations.suite.method_runs import Runs
@@ -109,10 +109,10 @@ class Ready:
 
 
 def _training(cfg: DictConfig, setting: Setting) -> Experiment:
-    """A table of one trained row, so that its training is found where the suite files it."""
+    """A table of one trained method, so that its training is found where the suite files it."""
     train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
-    rows = {setting.name: Row(title=setting.name, about="", role="", train=train)}
-    table = Table(
-        "tradeoff", "", "quality", "", rows, setting.name, (), (), {}, tuple(cfg.scale.seeds[:1]), {}, False, ""
+    methods = {setting.name: Method(title=setting.name, about="", role="", train=train)}
+    table = Study(
+        "tradeoff", "", "quality", "", methods, setting.name, (), (), {}, tuple(cfg.scale.seeds[:1]), {}, False, ""
     )
     return Experiment(table, (), {setting.name: setting.learns})

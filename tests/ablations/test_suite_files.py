@@ -64,11 +64,11 @@ def test_there_are_ten_tables_three_figures_and_our_own_studies() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
     one = experiment(name, scale)
-    learning = [row for row, values in one.table.rows.items() if values.train]
-    assert set(learning) <= set(one.table.rows)
-    assert all(row.about for row in one.table.rows.values())
+    learning = [method for method, values in one.table.methods.items() if values.train]
+    assert set(learning) <= set(one.table.methods)
+    assert all(method.about for method in one.table.methods.values())
     assert one.table.about
-    assert one.table.rows[one.table.baseline].role == "" or one.table.kind == "cost"
+    assert one.table.methods[one.table.baseline].role == "" or one.table.kind == "cost"
     for dataset in one.table.datasets.values():
         assert dataset.scenes
         assert dataset.stand_in or scale.name == "paper"
@@ -88,7 +88,7 @@ def test_the_papers_values_are_carried_over_exactly(name) -> None:
     blocks = {"repeats": set(table.datasets), "quality": set(table.splats)}[table.kind]
     assert set(table.paper) == blocks
     if table.kind == "quality":
-        assert all(set(rows) <= set(table.rows) for rows in table.paper.values())
+        assert all(set(methods) <= set(table.methods) for methods in table.paper.values())
 
 
 def test_all_scenes_of_the_paper_are_in_its_scale() -> None:
@@ -121,28 +121,28 @@ def configured_inside(scale: str):
     return compose("tables", ["table=all", f"scale={scale}"])
 
 
-def rows() -> list[tuple[str, str]]:
-    """A study and a row for every choice of overrides of the job train, once."""
+def methods() -> list[tuple[str, str]]:
+    """A study and a method for every choice of overrides of the job train, once."""
     found: dict[tuple[str, ...], tuple[str, str]] = {}
     for path in sorted((ROOT / "ablations").glob("*/*.yaml")):
         study = loaded(path)
-        for row, values in study["rows"].items() if "rows" in study else ():
+        for method, values in study["rows"].items() if "rows" in study else ():
             if values.get("train"):
-                found[(*study.get("train", ()), *values["train"])] = (path.stem, row)
+                found[(*study.get("train", ()), *values["train"])] = (path.stem, method)
     return sorted(found.values())
 
 
-@pytest.mark.parametrize(("name", "row"), rows())
-def test_every_row_composes_and_builds_what_it_names(name, row) -> None:
+@pytest.mark.parametrize(("name", "row"), methods())
+def test_every_row_composes_and_builds_what_it_names(name, method) -> None:
     scale = configured("smoke").scale
-    overrides = experiment(name, scale).table.rows[row].train
+    overrides = experiment(name, scale).table.methods[method].train
     with initialize_config_dir(CONF, version_base="1.3"):
         parent = compose("tables", ["table=all", "scale=smoke"])
         job = composed("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
     build(job.fusion)
     build(job.loss)
     reference_config = build(job.reference_config)
-    assert reference_config.fine == (row == "gepp_sr")
+    assert reference_config.fine == (method == "gepp_sr")
 
 
 def test_files_behind_rows_are_used_and_say_why_they_are_fair() -> None:

@@ -95,10 +95,12 @@ def test_the_limit_is_all_that_differs():
     for guard, limits in guards.LIMITS.items():
         made = [guards.guarded(pretrained, guard, limit) for limit in limits]
         agreements = [one.reference_config.warp.photo_consistency for one in made]  # type: ignore[union-attr]
-        assert agreements == (list(limits) if guard == "agreement" else [Reprojected().photo_consistency] * len(made))
+        assert agreements == (
+            list(limits) if guard == "photo_consistency" else [Reprojected().photo_consistency] * len(made)
+        )
         assert [one.colour_clamping for one in made] == (
             list(limits) if guard == "colour_clamping" else [3] * len(made)
         )
         assert [one.strength for one in made] == (list(limits) if guard == "strength" else [1.0] * len(made))
     with pytest.raises(InputError, match="do not warp"):
-        guards.guarded(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "agreement", 0.2)
+        guards.guarded(Pretrained(small(), ReferenceConfig(Unwarped()), {}), "photo_consistency", 0.2)

@@ -7,22 +7,22 @@ from pathlib import Path
 
 from PIL import Image
 
-from ablations.records.description import Dataset, Row, Table, write_description
+from ablations.study.description import Dataset, Method, Study, write_description
 from gaussian_enhancer.metrics.records import MISSING, Record, write_records
 
 NASTY = "<script>document.title='broken'</script><img src=x onerror=alert(1)>"
 SCENES = ("yard", NASTY)
 GAIN = {"ge": 1.0, "gepp": 2.0}
 
-QUALITY = Table(
+QUALITY = Study(
     name="table_2",
     title="Same resolution, Mip-NeRF 360",
     kind="quality",
     about="as in the paper",
-    rows={
-        "raw": Row("raw render", role=""),
-        "ge": Row("GE", train=("+ablation/variant=ge",)),
-        "gepp": Row("GE++", about="the whole of it", train=("+ablation/variant=gepp_lr",)),
+    methods={
+        "raw": Method("raw render", role=""),
+        "ge": Method("GE", train=("+ablation/variant=ge",)),
+        "gepp": Method("GE++", about="the whole of it", train=("+ablation/variant=gepp_lr",)),
     },
     baseline="raw",
     metrics=("psnr", "ssim"),
@@ -32,12 +32,12 @@ QUALITY = Table(
     paper={"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": None}},
 )
 
-REPEATS = Table(
+REPEATS = Study(
     name="table_10",
     title="Repeated",
     kind="repeats",
     about="over trainings",
-    rows={name: QUALITY.rows[name] for name in ("raw", "gepp")},
+    methods={name: QUALITY.methods[name] for name in ("raw", "gepp")},
     baseline="raw",
     metrics=("psnr", "ssim"),
     splats=("3dgs",),
@@ -47,11 +47,11 @@ REPEATS = Table(
 )
 
 
-def record(scene: str, splat: str, view: str, row: str, seed: int | None, psnr: float, ssim: float) -> Record:
+def record(scene: str, splat: str, view: str, method: str, seed: int | None, psnr: float, ssim: float) -> Record:
     where = SCENES.index(scene) if scene in SCENES else 9
     sources = {"fit": f"scene{where}-{splat}"}
     if seed is not None:
-        sources |= {"train": f"{row}-seed{seed}", "enhance": f"scene{where}-{splat}-{row}-{seed}"}
+        sources |= {"train": f"{method}-seed{seed}", "enhance": f"scene{where}-{splat}-{method}-{seed}"}
     values: dict[str, float | None] = {"psnr": psnr, "ssim": ssim}
     made = {"commit": "0123abc", "machine": "2 cores <b>", "time": f"2026-11-21T10:00:0{seed or 0}+00:00"}
     return Record(
@@ -60,7 +60,7 @@ def record(scene: str, splat: str, view: str, row: str, seed: int | None, psnr: 
         scene,
         splat,
         view,
-        row,
+        method,
         values,
         {},
         (24, 16),
@@ -97,7 +97,7 @@ def measured(views: Sequence[str] = ("a.png", "b.png", "c.png")) -> list[Record]
                 machine="-",
                 time="-",
             )
-            for row in QUALITY.rows
+            for row in QUALITY.methods
         ]
     first = next(index for index, one in enumerate(found) if one.variant == "gepp")
     found[first] = replace(
@@ -111,7 +111,7 @@ def write_results(folder: Path, records: Sequence[Record] | None = None) -> Path
     records = measured() if records is None else list(records)
     for table in (QUALITY, REPEATS):
         write_description(folder / f"{table.name}.json", table)
-        own = [one for one in records if one.variant in table.rows and one.splat in table.splats]
+        own = [one for one in records if one.variant in table.methods and one.splat in table.splats]
         write_records(folder / f"{table.name}.jsonl", own)
     return folder
 

@@ -8,9 +8,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ablations.records.results import Results, block_of
 from ablations.report.dashboard.folder import Listed
-from ablations.report.dashboard.lines import Line, Number, baselines, table_lines
+from ablations.study.lines import Line, Number, baselines, table_lines
+from ablations.study.results import Results, block_of
 from gaussian_enhancer.metrics.records import MISSING, Record
 from gaussian_enhancer.report.quantities import Quantity, quantities
 
@@ -91,7 +91,7 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
         "metrics": table.metrics,
         "splats": table.splats,
         "seeds": table.seeds,
-        "rows": {name: _described(dataclasses.asdict(row)) for name, row in table.rows.items()},
+        "rows": {name: _described(dataclasses.asdict(method)) for name, method in table.methods.items()},
         "datasets": {name: dataclasses.asdict(dataset) for name, dataset in table.datasets.items()},
         "absent": one.absent,
         "digest": one.digest,
@@ -105,9 +105,9 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
     }
 
 
-def _described(row: dict[str, Any]) -> dict[str, Any]:
-    """A row's description without what it leaves open."""
-    return {name: value for name, value in row.items() if value not in ("", (), False) or name in ("title", "role")}
+def _described(method: dict[str, Any]) -> dict[str, Any]:
+    """A method's description without what it leaves open."""
+    return {name: value for name, value in method.items() if value not in ("", (), False) or name in ("title", "role")}
 
 
 def _line(line: Line, metrics: Sequence[str]) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def _line(line: Line, metrics: Sequence[str]) -> dict[str, Any]:
     return {
         "block": line.block,
         "dataset": line.dataset,
-        "row": line.row,
+        "row": line.method,
         "statistic": line.statistic,
         "numbers": [_number(line.numbers[metric]) for metric in metrics],
         "records": line.records,

@@ -8,11 +8,11 @@ from ablations.report.dashboard.folder import Listed, all_records
 from ablations.report.dashboard.packed import packed_tables
 from ablations.report.dashboard.pictures import Pictures
 from ablations.report.dashboard.runs import SourceRun, packed_runs
-from ablations.report.dashboard.studies import Study
+from ablations.report.dashboard.studies import StudyView
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.provenance import this_commit
 from gaussian_enhancer.metrics.records import MISSING
-from gaussian_enhancer.report.markup import Markup, fill, head, json_block, resource
+from gaussian_enhancer.report.templating import render
 
 SCRIPTS = (
     "elements",
@@ -42,7 +42,7 @@ def write_dashboard(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    studies: Sequence[Study] = (),
+    studies: Sequence[StudyView] = (),
 ) -> None:
     """Write the page.
 
@@ -66,25 +66,25 @@ def document(
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
     pictures: Pictures | None = None,
-    studies: Sequence[Study] = (),
-) -> Markup:
+    studies: Sequence[StudyView] = (),
+) -> str:
     """The page's HTML; arguments as for `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
     data["studies"] = [study.packed() for study in studies]
-    scripts = [resource("stage.js"), *(resource(f"dashboard/{name}.js", PACKAGE) for name in SCRIPTS)]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)
     lacking = f" · {missing} of them of what is missing" if missing else ""
     values = {
-        "head": head(title, resource("report.css") + resource("dashboard/dashboard.css", PACKAGE), POLICY),
         "title": title,
         "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{lacking}",
-        "data": json_block(data),
-        "script": Markup("(() => {\n" + "".join(scripts) + "})();"),
+        "data": data,
+        "package": PACKAGE,
+        "policy": POLICY,
+        "scripts": [f"dashboard/{name}.js" for name in SCRIPTS],
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "commit": this_commit(),
     }
-    return fill("dashboard/dashboard.html", values, PACKAGE)
+    return render("dashboard/dashboard.html", values, PACKAGE)
 
 
 def _counted(count: int, word: str) -> str:

@@ -29,8 +29,8 @@ class Shown:
         scene: as in the records.
         splat: as in the records.
         view: file name of the view.
-        files: addresses relative to the page, by "render", "photo" and row.
-        rows: title by row.
+        files: addresses relative to the page, by "render", "photo" and method.
+        methods: title by method.
         size: width and height in pixels.
     """
 
@@ -38,7 +38,7 @@ class Shown:
     splat: str
     view: str
     files: dict[str, str] = field(default_factory=dict)
-    rows: dict[str, str] = field(default_factory=dict)
+    methods: dict[str, str] = field(default_factory=dict)
     size: tuple[int, int] = (0, 0)
 
 
@@ -48,7 +48,7 @@ class Pictures:
 
     Args:
         shown: views with files.
-        missing: reason by scene, splat and row in words.
+        missing: reason by scene, splat and method in words.
     """
 
     shown: tuple[Shown, ...] = ()
@@ -62,7 +62,7 @@ class Pictures:
 def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int = 2) -> Pictures:
     """Copy a few views of every scene and splat from the enhanced runs that records name.
 
-    Of rows with several seeds the first is shown. Views are spread evenly over those that were measured.
+    Of methods with several seeds the first is shown. Views are spread evenly over those that were measured.
 
     Args:
         listed: tables and records.
@@ -76,7 +76,7 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
     chosen = _chosen(listed, most)
     shown: dict[tuple[str, str, str], Shown] = {}
     missing: dict[str, str] = {}
-    for (scene, splat, row), (title, records) in chosen.items():
+    for (scene, splat, method), (title, records) in chosen.items():
         place = f"{scene} · {splat} · {title}"
         name = records[0].sources.get("enhance")
         if name is None:
@@ -89,7 +89,7 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
             continue
         for record in records:
             view = shown.setdefault((scene, splat, record.view), Shown(scene, splat, record.view))
-            lacking = _add(view, row, title, side, record.view, output)
+            lacking = _add(view, method, title, side, record.view, output)
             if lacking:
                 missing[f"{place} · {record.view}"] = lacking
     kept = tuple(view for view in shown.values() if "render" in view.files and len(view.files) > 1)
@@ -97,22 +97,22 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
 
 
 def _chosen(listed: Sequence[Listed], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
-    """Title and the records to show, by scene, splat and row; rows of the same weights in two tables come once."""
+    """Title and records to show, by scene, splat and method; methods of the same weights in two tables come once."""
     found: dict[tuple[str, str, str], tuple[str, list[Record]]] = {}
     for one in listed:
         members: dict[tuple[str, str, str], list[Record]] = {}
         for record in one.records:
-            row = one.table.rows.get(record.variant)
-            learnt = row is not None and bool(row.train or row.weights)
+            method = one.table.methods.get(record.variant)
+            learnt = method is not None and bool(method.train or method.weights)
             if record.kind == "quality" and record.view and learnt:
                 members.setdefault((record.scene, record.splat, record.variant), []).append(record)
-        for (scene, splat, row_name), records in members.items():
+        for (scene, splat, method_name), records in members.items():
             first = min(records, key=lambda record: -1 if record.seed is None else record.seed).seed
             ours = sorted((r for r in records if r.seed == first), key=lambda record: record.view)
-            title = one.table.rows[row_name].title
-            key = (scene, splat, row_name)
+            title = one.table.methods[method_name].title
+            key = (scene, splat, method_name)
             if key in found and found[key][1][0].sources.get("enhance") != ours[0].sources.get("enhance"):
-                key = (scene, splat, f"{one.table.name}/{row_name}")
+                key = (scene, splat, f"{one.table.name}/{method_name}")
                 title = f"{title} ({one.table.name})"
             found.setdefault(key, (title, _spread(ours, most)))
     return found
@@ -130,18 +130,18 @@ def _side(folder: Path) -> Path | None:
     return max(steps)[1] if steps else None
 
 
-def _add(view: Shown, row: str, title: str, side: Path, name: str, output: Path) -> str:
+def _add(view: Shown, method: str, title: str, side: Path, name: str, output: Path) -> str:
     """Copy a view's files; what it lacks, in words."""
     sources = {what: side / part / name for what, part in PARTS.items() if what not in view.files}
-    sources[row] = side / "enhanced" / name
+    sources[method] = side / "enhanced" / name
     for what, source in sources.items():
         if not source.is_file():
             if what != "photo":
                 return f"{source.parent.name}/{name} is not in the enhanced run"
             continue
         file, size = _copied(source, output)
-        if what == row:
-            view.rows[row] = title
+        if what == method:
+            view.methods[method] = title
         view.files[what] = file
         view.size = size if what == "render" else view.size
     return ""

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ablations.report.plan_study import Aims, Section, cost_table
+import pandas as pd
+
+from ablations.report.plan_study import PlanAims, PlanScenes, cost_table
 from ablations.report.stability import count_table
 from ablations.report.tradeoff_quality import by_side, setting_table
 from ablations.stability.judge import KIND as CELL
 from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.metrics.comparison import Table
 from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.metrics.tradeoff import summarised
 
@@ -21,11 +22,11 @@ FOLDER = "diagrams"
 NOTES = {
     "tradeoff": (
         "gaussian-enhancer tradeoff",
-        "Error over run time, both logarithmic; the grey line is the Pareto front. Open a diagram to read its marks.",
+        "Error over run time, both logarithmic; the grey line is the Pareto front, whose settings are named.",
     ),
     "stability": (
         "gaussian-enhancer stability",
-        "Every case in five precisions, forward and backward, held against float64. Open the matrix to read its cells.",
+        "Every case in five precisions, forward and backward, compared with float64.",
     ),
     "plan": (
         "gaussian-enhancer plan_study",
@@ -49,7 +50,7 @@ class Diagram:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyView:
     """What the page shows of a study.
 
     Args:
@@ -63,16 +64,19 @@ class Study:
     name: str
     note: str
     diagrams: tuple[Diagram, ...] = ()
-    tables: Mapping[str, Table] | None = None
+    tables: Mapping[str, pd.DataFrame] | None = None
     absent: str = ""
 
     def packed(self) -> dict[str, Any]:
         """The study as the page's script reads it."""
-        tables = [{"title": title, **vars(table)} for title, table in (self.tables or {}).items()]
+        tables = [
+            {"title": title, "columns": list(table.columns), "rows": table.to_numpy().tolist()}
+            for title, table in (self.tables or {}).items()
+        ]
         return {**vars(self), "diagrams": [vars(one) for one in self.diagrams], "tables": tables}
 
 
-def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Aims) -> Study:
+def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: PlanAims) -> StudyView:
     """What the page shows of a study; its reason where nothing was measured.
 
     Args:
@@ -86,7 +90,7 @@ def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Aim
         InputError: records are damaged, or a file cannot be written.
     """
     if not records.is_file():
-        return Study(name, "", absent=f"Nothing was measured where this page was made: {NOTES[name][0]}.")
+        return StudyView(name, "", absent=f"Nothing was measured where this page was made: {NOTES[name][0]}.")
     found = read_records(records)
     tables = {
         "tradeoff": _tradeoff_tables,
@@ -94,16 +98,16 @@ def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Aim
         "plan": lambda own: _plan_tables(own, aims),
     }[name](found)
     files = sorted(diagrams.glob("*.svg")) if diagrams.is_dir() else [diagrams] if diagrams.is_file() else []
-    return Study(name, NOTES[name][1], copy_diagrams(files, output), tables)
+    return StudyView(name, NOTES[name][1], copy_diagrams(files, output), tables)
 
 
-def _tradeoff_tables(records: Sequence[Record]) -> dict[str, Table]:
+def _tradeoff_tables(records: Sequence[Record]) -> dict[str, pd.DataFrame]:
     return {
         f"{study}, {side} scenes": setting_table(summarised(own)[0]) for (study, side), own in by_side(records).items()
     }
 
 
-def _stability_tables(records: Sequence[Record]) -> dict[str, Table]:
+def _stability_tables(records: Sequence[Record]) -> dict[str, pd.DataFrame]:
     families: dict[str, list[Record]] = {}
     for record in records:
         if record.kind == CELL:
@@ -111,9 +115,9 @@ def _stability_tables(records: Sequence[Record]) -> dict[str, Table]:
     return {family.capitalize(): count_table(own) for family, own in families.items()}
 
 
-def _plan_tables(records: Sequence[Record], aims: Aims) -> dict[str, Table]:
-    section = Section("", "", records, aims)
-    return {f"{plan} against {aims.baseline}": cost_table(section.cells(plan), aims) for plan in section.plans()}
+def _plan_tables(records: Sequence[Record], aims: PlanAims) -> dict[str, pd.DataFrame]:
+    scenes = PlanScenes("", "", records, aims)
+    return {f"{plan} against {aims.baseline}": cost_table(scenes.costs(plan), aims) for plan in scenes.plans()}
 
 
 def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:

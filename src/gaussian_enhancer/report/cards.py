@@ -1,13 +1,10 @@
-"""Card of one view: images under a movable divider, with the numbers below."""
+"""The pictures of one view's card, and the scale that all cards of a page share."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gaussian_enhancer.report.compared import ComparedView, Images, size_of
 from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale, sampled
-from gaussian_enhancer.report.markup import Markup, fill, joined, resource, tag
-from gaussian_enhancer.report.quantities import Quantity
-from gaussian_enhancer.report.summary import gain_of
 
 PAGE_BYTES = 40_000_000
 """Bytes that all pictures of a page may take together, before base64."""
@@ -61,87 +58,66 @@ def pictured(count: int, worst: int | None, most: int) -> list[int]:
     return sorted(chosen)
 
 
-def card(index: int, view: ComparedView, quantities: Sequence[Quantity], pictures: Pictures, *, worst: bool) -> Markup:
-    """One view as an article.
+@dataclass(frozen=True)
+class Picture:
+    """One picture of a card.
+
+    Args:
+        name: its CSS class.
+        uri: the picture itself.
+        alt: what it shows, in words.
+    """
+
+    name: str
+    uri: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class Card:
+    """One view as ``templates/card.html`` shows it.
 
     Args:
         index: the view's place in the report; names the anchor ``view-INDEX``.
         view: the view.
-        quantities: the metrics of the report, in order.
-        pictures: what all pictures share.
+        worst: whether this frame fared worst.
+        size: width and height in words.
+        ratio: width over height.
+        with_photo: whether there is a photo.
+        pictures: render, enhanced render and, where there is a photo, the photo and both errors.
+    """
+
+    index: int
+    view: ComparedView
+    worst: bool
+    size: str
+    ratio: str
+    with_photo: bool
+    pictures: tuple[Picture, ...]
+
+
+def card(index: int, view: ComparedView, shared: Pictures, *, worst: bool) -> Card:
+    """Read a view's images and make its pictures.
+
+    Args:
+        index: the view's place in the report.
+        view: the view.
+        shared: what all pictures share.
         worst: whether this frame fared worst.
     """
     images = view.read()
-    with_photo = images.photo is not None
-    return fill(
-        "card.html",
-        {
-            "index": str(index),
-            "name": view.name,
-            "size": size_of(images.raw),
-            "ratio": f"{images.raw.shape[-1] / images.raw.shape[-2]:.5f}",
-            "badge": tag("span", "worst frame", class_="badge") if worst else Markup(),
-            "time": _time(view),
-            "images": _pictures(view.name, images, pictures),
-            "modes": Markup(resource("modes.html")) if with_photo else Markup(),
-            "scale": _legend(pictures.scale) if with_photo and pictures.scale is not None else Markup(),
-            "numbers": _numbers(view, quantities),
-        },
-    )
+    ratio = f"{images.raw.shape[-1] / images.raw.shape[-2]:.5f}"
+    pictures = tuple(_pictures(images, shared))
+    return Card(index, view, worst, size_of(images.raw), ratio, images.photo is not None, pictures)
 
 
-def _pictures(name: str, images: Images, shared: Pictures) -> Markup:
-    shown = {"raw": (images.raw, "render"), "enhanced": (images.enhanced, "enhanced render")}
-    budgets = dict.fromkeys(("raw", "enhanced", "photo"), shared.budget)
-    if images.photo is not None and shared.scale is not None:
-        shown["photo"] = (images.photo, "photo")
-        for key, image, alt in (("error-raw", images.raw, "render"), ("error-enhanced", images.enhanced, "enhanced")):
-            shown[key] = (error_map(error(image, images.photo), shared.scale), f"error of the {alt}")
-            budgets[key] = shared.budget // 3
-    return joined(
-        *(
-            tag("img", class_=key, src=data_uri(image, budgets[key]), alt=f"{alt}, {name}", draggable="false")
-            for key, (image, alt) in shown.items()
-        )
-    )
-
-
-def _legend(scale: float) -> Markup:
-    return tag(
-        "div",
-        tag("span", "0"),
-        tag("i"),
-        tag("span", f"≥ {scale:.2f}", data_scale=repr(scale)),
-        class_="legend",
-        title="mean absolute difference from the photo, 1 is white against black; one scale for the whole page",
-    )
-
-
-def _time(view: ComparedView) -> Markup:
-    if view.milliseconds is None:
-        return Markup()
-    return tag("span", f"{view.milliseconds:.0f} ms", class_="time", data_value=repr(view.milliseconds))
-
-
-def _numbers(view: ComparedView, quantities: Sequence[Quantity]) -> Markup:
-    if not quantities:
-        return tag("p", "No photo of this view: nothing to measure against.", class_="quiet")
-    heads = [tag("th", text, scope="col") for text in ("", "render", "enhanced", "gain")]
-    rows = [_row(view, quantity) for quantity in quantities]
-    return tag("table", tag("thead", tag("tr", *heads)), tag("tbody", *rows), class_="numbers")
-
-
-def _row(view: ComparedView, quantity: Quantity) -> Markup:
-    key = quantity.key
-    unit = tag("small", f" {quantity.unit}") if quantity.unit else ""
-    head = tag("th", quantity.label, unit, scope="row", title=quantity.meaning or None)
-    gain = gain_of(view, key)
-    if gain is None:
-        reason = view.reasons.get(key, "not measured")
-        return tag("tr", head, tag("td", reason, colspan="3", class_="reason", title=reason), data_metric=key)
-    cells = [
-        tag("td", quantity.written(values[key]), data_of=name, data_value=repr(values[key]))
-        for name, values in (("raw", view.metrics_raw), ("enhanced", view.metrics_enhanced))
-    ]
-    shown = tag("td", quantity.gain_written(gain), class_=quantity.verdict(gain), data_of="gain", data_value=repr(gain))
-    return tag("tr", head, *cells, shown, data_metric=key)
+def _pictures(images: Images, shared: Pictures) -> Iterator[Picture]:
+    yield Picture("raw", data_uri(images.raw, shared.budget), "render")
+    yield Picture("enhanced", data_uri(images.enhanced, shared.budget), "enhanced render")
+    if images.photo is None or shared.scale is None:
+        return
+    yield Picture("photo", data_uri(images.photo, shared.budget), "photo")
+    for name, image in (("render", images.raw), ("enhanced", images.enhanced)):
+        errors = error_map(error(image, images.photo), shared.scale)
+        key = "error-raw" if name == "render" else "error-enhanced"
+        yield Picture(key, data_uri(errors, shared.budget // 3), f"error of the {name}")

@@ -3,17 +3,19 @@
 No address outside the page is ever loaded; a content security policy in the page makes the browser enforce it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.cards import Pictures, card, pictured
 from gaussian_enhancer.report.compared import ComparedView, check_names
-from gaussian_enhancer.report.markup import Markup, fill, head, joined, json_block, resource, tag
-from gaussian_enhancer.report.overview import overview_table, summary_tiles
+from gaussian_enhancer.report.quantities import Quantity
 from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
+from gaussian_enhancer.report.templating import render
 
 POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """Pictures, style and script are inside the page."""
@@ -46,7 +48,7 @@ def write_report(
 
 def document(
     title: str, views: Sequence[ComparedView], provenance: Mapping[str, str], *, most_pictured: int = 60
-) -> Markup:
+) -> str:
     """The page's HTML; arguments as for `write_report`."""
     check_names(views)
     summaries = [summarise(views, quantity) for quantity in measured(views)]
@@ -54,22 +56,46 @@ def document(
     shown = pictured(len(views), worst, most_pictured)
     pictures = Pictures.of([views[i] for i in shown])
     quantities = [summary.quantity for summary in summaries]
-    ramp = f":root {{ --ramp: linear-gradient(90deg, {pictures.ramp}); }}"
     values = {
-        "head": head(title, f"{resource('report.css')}\n{ramp}", POLICY),
         "title": title,
+        "policy": POLICY,
         "subtitle": _subtitle(views, len(shown)),
-        "script": Markup(resource("stage.js") + resource("report.js")),
-        "summary": summary_tiles(views, summaries),
-        "overview": overview_table(views, quantities, worst, set(shown)),
-        "modes": Markup("" if pictures.scale is None else resource("modes.html")),
-        "least": "320px" if pictures.portrait else "400px",
-        "cards": joined(*(card(i, views[i], quantities, pictures, worst=i == worst) for i in shown)),
-        "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
-        "data": json_block(report_data(title, views, summaries, provenance)),
+        "ramp": pictures.ramp,
+        "scale": pictures.scale,
+        "portrait": pictures.portrait,
+        "views": views,
+        "tiles": summaries,
+        "times": [view.milliseconds for view in views if view.milliseconds is not None],
+        "quantities": quantities,
+        "columns": [one for one in quantities if any(gain_of(view, one.key) is not None for view in views)],
+        "shown": set(shown),
+        "worst": worst,
+        "cards": [card(i, views[i], pictures, worst=i == worst) for i in shown],
+        "gain_of": gain_of,
+        "bar_width": partial(_bar_width, views),
+        "unmeasured": partial(_unmeasured, views),
+        "provenance": provenance,
+        "data": report_data(title, views, summaries, provenance),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
-    return fill("report.html", values)
+    return render("report.html", values)
+
+
+def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -> float:
+    """Half a cell's width in percent for the largest finite gain of a metric, less for smaller ones."""
+    gains = [abs(one) for view in views if (one := gain_of(view, quantity.key)) is not None and math.isfinite(one)]
+    reach = max(gains, default=0.0)
+    return 50 * min(1.0, abs(gain) / reach) if math.isfinite(gain) and reach > 0 else 0.0
+
+
+def _unmeasured(views: Sequence[ComparedView], summary: Summary) -> str:
+    """Why a metric has no mean."""
+    if summary.infinite:
+        return f"not finite in {summary.infinite} views (identical images)"
+    key = summary.quantity.key
+    reasons = sorted({view.reasons[key] for view in views if key in view.reasons})
+    told = " · ".join(reason.removeprefix("not measured: ") for reason in reasons)
+    return told or "not measured on render and enhanced render alike"
 
 
 def report_data(

@@ -4,7 +4,7 @@ Axes: h height, w width, _ sizes that may differ from image to image.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.report.figures import contact_sheet, data_uri
-from gaussian_enhancer.report.markup import Markup, fill, head, joined, resource, tag
+from gaussian_enhancer.report.templating import render
 
 EDGE = 320
 """Longest edge in pixels of an image on a sheet."""
@@ -91,39 +91,17 @@ def write_page(
     """
     count = sum(len(row.images) for section in sections for row in section.rows)
     budget = PAGE_BYTES // max(count, 40)
-    style = f"{resource('report.css')}\n{resource('simulation.css').rstrip()}"
     values = {
-        "head": head(title, style, "img-src data:; style-src 'unsafe-inline'"),
         "title": title,
+        "policy": "img-src data:; style-src 'unsafe-inline'",
         "subtitle": subtitle,
-        "sections": joined(*(_section(section, budget) for section in sections)),
-        "provenance": joined(*(tag("div", tag("dt", k), tag("dd", v)) for k, v in provenance.items())),
+        "sections": sections,
+        "uri": lambda image: data_uri(image, budget, EDGE),
+        "tiny": EDGE // 2,
+        "provenance": provenance,
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
-    write_text(path, fill("simulation.html", values))
-
-
-def _section(section: Section, budget: int) -> Markup:
-    rows = [_row(replace(row, captions=row.captions or ("",) * len(row.images)), budget) for row in section.rows]
-    return tag("section", tag("h2", section.title), tag("p", section.text, class_="quiet"), *rows, class_="part")
-
-
-def _row(row: Row, budget: int) -> Markup:
-    figures = [
-        tag("figure", _picture(image, f"{row.name} {caption}".strip(), budget), tag("figcaption", caption))
-        for image, caption in zip(row.images, row.captions, strict=True)
-    ]
-    head = tag("h3", row.name, tag("small", row.note)) if row.name else ""
-    return tag("div", head, tag("div", *figures, class_="strip") if figures else "", class_="row")
-
-
-def _picture(image: Float[Tensor, "3 h w"], alt: str, budget: int) -> Markup:
-    height, width = image.shape[1:]
-    kind = "tiny" if max(height, width) < EDGE // 2 else None
-    source = data_uri(image, budget, EDGE)
-    return tag(
-        "img", src=source, alt=alt, width=str(width), height=str(height), class_=kind, loading="lazy", decoding="async"
-    )
+    write_text(path, render("simulation.html", values))
 
 
 def _framed(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:

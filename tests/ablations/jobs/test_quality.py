@@ -52,15 +52,15 @@ def network(path: Path, bias: float = 0.0) -> Path:
 
 @pytest.fixture
 def configured(tmp_path) -> Callable[..., DictConfig]:
-    """The job's configuration for one scene and method, with rows of one's own beside the raw one."""
+    """The job's configuration for one scene and method, with methods of one's own beside the raw one."""
 
-    def of(*overrides: str, **rows: dict[str, object]) -> DictConfig:
+    def of(*overrides: str, **methods: dict[str, object]) -> DictConfig:
         paths = [f"runs={tmp_path / 'runs'}", f"markdown={tmp_path / 'docs/q.md'}", f"records={tmp_path / 'q.jsonl'}"]
         few = ["scenes=[unbounded]", "splats=[3dgs]", "lpips=[]", "backbones=null"]
         with initialize_config_dir(CONF, version_base="1.3"):
             cfg = compose("quality", [*paths, *few, "runtime.threads=1", "runtime.progress=false", *overrides])
             with open_dict(cfg):
-                cfg.tables = {"lr": {**cfg.tables.lr, "rows": {"raw": {"about": "the render"}, **rows}}}
+                cfg.tables = {"lr": {**cfg.tables.lr, "rows": {"raw": {"about": "the render"}, **methods}}}
         return cfg
 
     return of
@@ -80,17 +80,19 @@ def test_numbers_on_the_page_are_those_of_images_on_disk(fits, configured, tmp_p
     gain = started(configured(ours={"role": "ours", "weights": str(weights)}))
     found = read_records(tmp_path / "q.jsonl")
     assert {(r.scene, r.splat, r.variant) for r in found} == {
-        ("unbounded", f"3dgs/{density}", f"lr/{row}") for density in ("dense", "sparse") for row in ("raw", "ours")
+        ("unbounded", f"3dgs/{density}", f"lr/{method}")
+        for density in ("dense", "sparse")
+        for method in ("raw", "ours")
     }
     differences = []
     for density in ("dense", "sparse"):
         means = {}
-        for row in ("raw", "ours"):
-            mine = [r for r in found if (r.splat, r.variant) == (f"3dgs/{density}", f"lr/{row}")]
-            means[row] = sum(r.metrics["psnr_aligned"] or 0 for r in mine) / len(mine)
+        for method in ("raw", "ours"):
+            mine = [r for r in found if (r.splat, r.variant) == (f"3dgs/{density}", f"lr/{method}")]
+            means[method] = sum(r.metrics["psnr_aligned"] or 0 for r in mine) / len(mine)
             for record in mine:
-                part = "renders" if row == "raw" else "enhanced"
-                source = f"fit/{record.run}" if row == "raw" else f"enhance/{record.run}-*"
+                part = "renders" if method == "raw" else "enhanced"
+                source = f"fit/{record.run}" if method == "raw" else f"enhance/{record.run}-*"
                 (image,) = (tmp_path / "runs").glob(f"{source}/test/ours_100/{part}/{record.view}")
                 (photo,) = (tmp_path / "runs").glob(f"fit/{record.run}/test/ours_100/gt/{record.view}")
                 assert record.metrics == measure_pair(read_photo(image), read_photo(photo)).metrics
@@ -154,11 +156,11 @@ def test_a_killed_study_goes_on(fits, configured, tmp_path, monkeypatch) -> None
 
 
 def test_an_aim_that_fails_is_said_to_fail_and_frames_made_worse_are_named(fits, configured, tmp_path) -> None:
-    rows = {
+    methods = {
         "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
         "worse": {"role": "ours", "weights": str(network(tmp_path / "v.safetensors", bias=0.6))},
     }
-    assert started(configured("+tables.lr.allowed.psnr=0.02", **rows)) is not None
+    assert started(configured("+tables.lr.allowed.psnr=0.02", **methods)) is not None
     page = page_of(tmp_path)
     assert "| ours | unbounded | psnr +1 or better | +0.0000 [+0.0000, +0.0000] | **missed** |" in page
     assert "| ours | all | no frame loses more than 0.02 in psnr_aligned | 0 of 3 frames do | met |" in page
@@ -169,13 +171,13 @@ def test_an_aim_that_fails_is_said_to_fail_and_frames_made_worse_are_named(fits,
 
 
 def test_missing_weights_are_named_and_leave_aims_open(fits, configured, tmp_path) -> None:
-    rows = {
+    methods = {
         "gone": {"role": "other", "weights": "gone.safetensors"},
         "untrained": {"role": "other", "train": ["+recipe=lr", "seed=77"]},
         "unknown": {"role": "other", "train": ["+recipe=lr", "fusion=unheard_of"]},
         "ours": {"role": "ours", "weights": str(network(tmp_path / "w.safetensors"))},
     }
-    started(configured(**rows))
+    started(configured(**methods))
     page = page_of(tmp_path)
     assert "weights gone.safetensors: is neither a file nor a shipped name" in page
     assert "gaussian-enhancer train +recipe=lr seed=77: `untrained` in all 2 cells" in page
@@ -223,9 +225,9 @@ def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(conf
     cfg = configured(ours={"role": "ours", "train": trained})
     with initialize_config_dir(CONF, version_base="1.3"):
         with pytest.raises(InputError, match="not trained yet"):
-            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+            cells.weights_of(cfg, cfg.tables.lr.methods.ours)
         run = open_run(with_effect(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
         with pytest.raises(InputError, match="being trained"):
-            cells.weights_of(cfg, cfg.tables.lr.rows.ours)
+            cells.weights_of(cfg, cfg.tables.lr.methods.ours)
         run.finish()
-        assert Path(cells.weights_of(cfg, cfg.tables.lr.rows.ours)).parent == run.folder
+        assert Path(cells.weights_of(cfg, cfg.tables.lr.methods.ours)).parent == run.folder

@@ -14,7 +14,7 @@ import torch
 from omegaconf import OmegaConf
 
 from ablations.suite import costs
-from ablations.suite import method_runs as rows
+from ablations.suite import method_runs as methods
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.cli.train import with_effect
@@ -57,12 +57,12 @@ def test_every_row_seed_and_view_is_there_with_its_sources(made) -> None:
     found = content(made)
     assert {entry[3] for entry in found} == {"raw", "ge", "ge_tsds", "ge_ssif", "gepp"}
     assert len(found) == 5 * len({entry[2] for entry in found})
-    for _, _, _, row, seed, metrics, sources, _ in found:
+    for _, _, _, method, seed, metrics, sources, _ in found:
         assert metrics["psnr"] is not None
-        assert seed == (None if row == "raw" else 0)
+        assert seed == (None if method == "raw" else 0)
         for job, name in sources.items():
             assert (made / "runs" / job / name / "done").is_file()
-        assert set(sources) == ({"fit"} if row == "raw" else {"fit", "train", "enhance"})
+        assert set(sources) == ({"fit"} if method == "raw" else {"fit", "train", "enhance"})
 
 
 def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
@@ -71,7 +71,12 @@ def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
     def refused(*_: object) -> None:
         raise AssertionError("computed again")
 
-    for module, name in ((pipeline.fit, "run"), (rows.train, "run"), (rows, "images_of"), (rows, "measure_now")):
+    for module, name in (
+        (pipeline.fit, "run"),
+        (methods.train, "run"),
+        (methods, "images_of"),
+        (methods, "measure_now"),
+    ):
         monkeypatch.setattr(module, name, refused)
     (copied / "results/tiny/table_10.jsonl").unlink()
     started("table=10")
@@ -116,7 +121,7 @@ def test_a_dry_run_tells_what_is_missing(tmp_path, monkeypatch) -> None:
 
 
 def test_a_damaged_record_is_refused_by_name(copied) -> None:
-    file = next(copied.glob("runs/row/object-2dgs-gepp-*/records.jsonl"))
+    file = next(copied.glob("runs/method/object-2dgs-gepp-*/records.jsonl"))
     file.write_text(file.read_text().replace('"psnr": ', '"psnr": 1', 1))
     with pytest.raises(InputError, match=rf"row/{file.parent.name}/records.jsonl line 1: was changed or damaged"):
         started("table=10")
@@ -144,7 +149,7 @@ def test_a_cell_that_cannot_be_made_leaves_its_reason(tmp_path, monkeypatch) -> 
     started("table=10", "fit_missing=false")
     found = read_records("results/tiny/table_10.jsonl")
     assert {(r.kind, r.variant) for r in found} == {
-        ("missing", row) for row in ("raw", "ge", "ge_tsds", "ge_ssif", "gepp")
+        ("missing", method) for method in ("raw", "ge", "ge_tsds", "ge_ssif", "gepp")
     }
     assert all("is not made yet; gaussian-enhancer fit scene=object scene.seed=2000" in r.reasons["row"] for r in found)
     assert not list(tmp_path.glob("runs/fit/*"))
@@ -158,7 +163,7 @@ def test_a_training_that_fails_is_missing_once_and_marked(copied, monkeypatch) -
         open_run(with_effect(job), "train", job.label)
         raise RuntimeError("out of memory")
 
-    monkeypatch.setattr(rows.train, "run", failing)
+    monkeypatch.setattr(methods.train, "run", failing)
     started("table=10", "scale.seeds=[7]")
     found = read_records("results/tiny/table_10.jsonl")
     assert {r.variant for r in found if r.kind == "missing"} == {"ge", "ge_tsds", "ge_ssif", "gepp"}
@@ -180,7 +185,7 @@ def test_costs_are_measured_at_the_size_of_the_output(tmp_path) -> None:
     weights = tmp_path / "w.safetensors"
     save_weights(weights, SIF((8, 8), (1, 1)), ReferenceConfig(), {})
     runtime = {"device": "cpu", "threads": 1, "keep_memory": False}
-    runs = rows.Runs(OmegaConf.create({"scale": {"repeats": 2}, "runtime": runtime}))
+    runs = methods.Runs(OmegaConf.create({"scale": {"repeats": 2}, "runtime": runtime}))
     (found,) = costs._timed(runs, {"ge": str(weights)}, "1k", (32, 48), "name")
     assert found.size == (48, 32)
     assert found.metrics["milliseconds"] > 0

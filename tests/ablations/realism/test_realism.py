@@ -16,6 +16,7 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import NoGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import Record, write_records
 from support.synthetic_runs import write_plane_run
 
 
@@ -47,9 +48,11 @@ def test_runs_are_found_by_pattern_and_unfinished_ones_named(runs, tmp_path):
         finished_runs([str(tmp_path / "plane_3*")])
 
 
-def test_a_run_is_named_by_scene_method_and_digest():
+def test_a_scene_is_named_by_records_or_by_the_folder(tmp_path):
     assert scene_of(Path("runs/object_2-mip_splatting-578ed12c")) == "object_2"
     assert scene_of(Path("my-scene-2dgs-578ed12c")) == "my-scene"
+    write_records(tmp_path / "named/records.jsonl", [Record("cost", "named", "fox", "3dgs", "", "raw", {})])
+    assert scene_of(tmp_path / "named") == "fox"  # fitted with output=named
     with pytest.raises(InputError, match="SCENE-METHOD-DIGEST"):
         scene_of(Path("plane-0"))
 

@@ -3,16 +3,16 @@ from pathlib import Path
 import pytest
 from PIL import Image, ImageChops, ImageDraw
 
-from ablations.records.description import Dataset, Row, Table
 from ablations.report.grids import PHOTO, crop_box, write_grid
+from ablations.study.description import Dataset, Method, Study
 from gaussian_enhancer.errors import InputError
 
-TABLE = Table(
+TABLE = Study(
     "figure_7",
     "Artefacts",
     "images",
     "",
-    {"raw": Row("3DGS", role=""), "gepp": Row("GE++")},
+    {"raw": Method("3DGS", role=""), "gepp": Method("GE++")},
     "raw",
     ("psnr",),
     ("3dgs",),
@@ -32,9 +32,9 @@ def spotted(colour: tuple[int, int, int], size: tuple[int, int] = (60, 48)) -> I
 def images(tmp_path: Path) -> dict[tuple[str, str], Path]:
     found = {}
     for scene in ("train", "truck"):
-        for row, picture in {"raw": spotted(RED), "gepp": spotted(BLUE), PHOTO: spotted(GREEN)}.items():
-            found[scene, row] = tmp_path / f"{scene}-{row}.png"
-            picture.save(found[scene, row])
+        for method, picture in {"raw": spotted(RED), "gepp": spotted(BLUE), PHOTO: spotted(GREEN)}.items():
+            found[scene, method] = tmp_path / f"{scene}-{method}.png"
+            picture.save(found[scene, method])
     return found
 
 

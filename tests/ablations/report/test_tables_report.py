@@ -13,16 +13,20 @@ from pathlib import Path
 
 import pytest
 
-from ablations.records.description import Dataset, Row, Table
-from ablations.report.latex import escaped
 from ablations.report.tables import summary_page, write_reports
+from ablations.study.description import Dataset, Method, Study
+from ablations.study.latex import escaped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 
 STATED = {"protocol": "8 bit", "commit": "c0ffee", "machine": "2 cores, no GPU", "time": "2026-01-02T03:04:05+00:00"}
-ROWS = {"raw": Row("raw render", role=""), "ge": Row("GE", train=("a=b",)), "gepp": Row("GE++", train=("c=d",))}
+ROWS = {
+    "raw": Method("raw render", role=""),
+    "ge": Method("GE", train=("a=b",)),
+    "gepp": Method("GE++", train=("c=d",)),
+}
 PAPER = {"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": (28.96, 0.871)}}
-TABLE = Table(
+TABLE = Study(
     "table_2",
     "Same resolution",
     "quality",
@@ -39,34 +43,34 @@ TABLE = Table(
 GAINS = {"raw": 0.0, "ge": 0.5, "gepp": 1.0}
 
 
-def frame(scene: str, splat: str, row: str, view: int, seed: int | None, seeds: int = 2) -> Record:
-    noise = random.Random(f"{scene} {splat} {row} {view} {seed}").uniform(-0.1, 0.1)
+def frame(scene: str, splat: str, method: str, view: int, seed: int | None, seeds: int = 2) -> Record:
+    noise = random.Random(f"{scene} {splat} {method} {view} {seed}").uniform(-0.1, 0.1)
     own = 0.0 if seed is None else (seed - (seeds - 1) / 2) / 10
     metrics: dict[str, float | None] = {
-        "psnr": 20.0 + GAINS[row] + own + noise,
-        "ssim": 0.8 + (GAINS[row] + noise) / 100,
+        "psnr": 20.0 + GAINS[method] + own + noise,
+        "ssim": 0.8 + (GAINS[method] + noise) / 100,
     }
-    return Record("quality", "run", scene, splat, f"{view}.png", row, metrics, seed=seed, **STATED)
+    return Record("quality", "run", scene, splat, f"{view}.png", method, metrics, seed=seed, **STATED)
 
 
-def all_records(table: Table = TABLE) -> list[Record]:
+def all_records(table: Study = TABLE) -> list[Record]:
     scenes = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
     return [
-        frame(scene, splat, row, view, seed, len(table.seeds))
-        for scene, splat, row, view in product(scenes, table.splats, table.rows, range(3))
-        for seed in (table.seeds if table.rows[row].train else (None,))
+        frame(scene, splat, method, view, seed, len(table.seeds))
+        for scene, splat, method, view in product(scenes, table.splats, table.methods, range(4))
+        for seed in (table.seeds if table.methods[method].train else (None,))
     ]
 
 
-def gap(scene: str, seed: int | None, reason: str, row: str = "gepp", splat: str = "3dgs") -> Record:
-    return Record("missing", "", scene, splat, "", row, {}, {"row": reason}, seed=seed, **STATED)
+def gap(scene: str, seed: int | None, reason: str, method: str = "gepp", splat: str = "3dgs") -> Record:
+    return Record("missing", "", scene, splat, "", method, {}, {"row": reason}, seed=seed, **STATED)
 
 
 def without(records: list[Record], **values: object) -> list[Record]:
     return [r for r in records if any(getattr(r, name) != value for name, value in values.items())]
 
 
-def reports(folder: Path, table: Table, records: list[Record]) -> dict[str, str]:
+def reports(folder: Path, table: Study, records: list[Record]) -> dict[str, str]:
     paths = write_reports(folder, table, records)
     assert [path.name for path in paths] == [f"{table.name}{suffix}" for suffix in (".md", ".tex", ".csv")]
     return {path.suffix: path.read_text(encoding="utf-8") for path in paths}
@@ -74,14 +78,14 @@ def reports(folder: Path, table: Table, records: list[Record]) -> dict[str, str]
 
 def cells(text: str) -> dict[tuple[str, str, str, str], dict[str, str]]:
     found = list(csv.DictReader(io.StringIO(text)))
-    keyed = {(c["block"] or c["dataset"], c["row"], c["statistic"], c["metric"]): c for c in found}
+    keyed = {(c["block"] or c["dataset"], c["method"], c["statistic"], c["metric"]): c for c in found}
     assert len(keyed) == len(found)
     return keyed
 
 
-def mean(records: list[Record], splat: str, row: str, metric: str) -> float:
+def mean(records: list[Record], splat: str, method: str, metric: str) -> float:
     """All scenes, seeds and views have equally many, so that this is the mean of means too."""
-    return statistics.fmean(r.metrics[metric] or 0 for r in records if (r.splat, r.variant) == (splat, row))
+    return statistics.fmean(r.metrics[metric] or 0 for r in records if (r.splat, r.variant) == (splat, method))
 
 
 def printed_latex(text: str) -> list[list[str]]:
@@ -109,14 +113,14 @@ def test_every_mean_and_gain_stands_in_every_report(tmp_path: Path) -> None:
     found = reports(tmp_path, TABLE, records)
     exact = cells(found[".csv"])
     assert len(exact) == 2 * 3 * 2
-    for (splat, row, _, metric), cell in exact.items():
-        value = mean(records, splat, row, metric)
+    for (splat, method, _, metric), cell in exact.items():
+        value = mean(records, splat, method, metric)
         assert float(cell["value"]) == pytest.approx(value, rel=1e-12)
-        assert (cell["scenes"], cell["seeds"], cell["views"]) == ("2", "0" if row == "raw" else "2", "6")
+        assert (cell["scenes"], cell["seeds"], cell["views"]) == ("2", "0" if method == "raw" else "2", "8")
         text = f"{value:.2f}" if metric == "psnr" else f"{value:.4f}"
         assert text in found[".md"]
         assert text in found[".tex"]
-        if row != "raw":
+        if method != "raw":
             gain = value - mean(records, splat, "raw", metric)
             assert float(cell["gain"]) == pytest.approx(gain, rel=1e-9)
             assert float(cell["low"]) <= gain <= float(cell["high"])
@@ -134,13 +138,13 @@ def test_the_paper_stands_beside_ours(tmp_path: Path) -> None:
 
 def test_the_best_of_a_column_is_marked_in_its_direction(tmp_path: Path) -> None:
     exact = cells(reports(tmp_path, TABLE, all_records())[".csv"])
-    assert {row for (_, row, _, _), cell in exact.items() if cell["best"]} == {"gepp"}
+    assert {method for (_, method, _, _), cell in exact.items() if cell["best"]} == {"gepp"}
     low = dataclasses.replace(TABLE, metrics=("lpips_vgg_raw",), paper={})
     records = [dataclasses.replace(r, metrics={"lpips_vgg_raw": 1 - GAINS[r.variant] / 2}) for r in all_records()]
     worse = [dataclasses.replace(r, metrics={"lpips_vgg_raw": 0.1}) if r.variant == "raw" else r for r in records]
-    assert {row for (_, row, _, _), cell in cells(reports(tmp_path, low, worse)[".csv"]).items() if cell["best"]} == {
-        "raw"
-    }
+    assert {
+        method for (_, method, _, _), cell in cells(reports(tmp_path, low, worse)[".csv"]).items() if cell["best"]
+    } == {"raw"}
 
 
 def test_a_missing_cell_says_so_with_its_numbered_reason(tmp_path: Path) -> None:
@@ -203,7 +207,7 @@ def test_a_metric_that_was_measured_nowhere_is_a_note_and_no_column(tmp_path: Pa
     assert "SSIM" not in found[".md"].split("## Missing")[0]
     assert re.search(r"\[1\] SSIM: .*no window fits", found[".md"])
     line = next(line for line in found[".md"].splitlines() if line.startswith("| GE++"))
-    assert [cell.strip() for cell in line.split("|")[-4:-1]] == ["2", "2", "6"]
+    assert [cell.strip() for cell in line.split("|")[-4:-1]] == ["2", "2", "8"]
     assert cells(found[".csv"])["3dgs", "gepp", "mean", "ssim"]["missing"]
     assert "SSIM" in reports(tmp_path / "papers", TABLE, bare)[".md"].split("## Missing")[0]  # the paper has numbers
 
@@ -226,17 +230,17 @@ def test_the_order_of_the_records_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_the_csv_holds_what_it_was_given(tmp_path: Path) -> None:
-    rows = {**ROWS, "ge": Row('GE, "quoted"\n| and more', train=("a",))}
-    table = dataclasses.replace(TABLE, rows=rows)
+    methods = {**ROWS, "ge": Method('GE, "quoted"\n| and more', train=("a",))}
+    table = dataclasses.replace(TABLE, methods=methods)
     exact = cells(reports(tmp_path, table, all_records())[".csv"])
     assert exact["3dgs", "ge", "mean", "psnr"]["title"] == 'GE, "quoted"\n| and more'
 
 
 def test_latex_has_the_same_columns_in_every_line_whatever_the_words(tmp_path: Path) -> None:
     nasty = "[100%_of $x^2$ & {#1} ~ \\input \u2713 <é>\x00"
-    table = dataclasses.replace(TABLE, title=nasty, rows={**ROWS, "ge": Row(nasty, train=("a",))})
+    table = dataclasses.replace(TABLE, title=nasty, methods={**ROWS, "ge": Method(nasty, train=("a",))})
     text = reports(tmp_path, table, all_records())[".tex"]
-    assert {len(line) for line in printed_latex(text)} == {1 + 2 * 5 + 3}
+    assert {len(line) for line in printed_latex(text)} == {2 + 2 * 5 + 3}
     assert r"{[}100\%\_of \$x\textasciicircum{}2\$ \& \{\#1\} \textasciitilde{} \textbackslash{}input (U+2713)" in text
     assert escaped("a -- b\n\tc-d – e") == "a -{}- b c-d -- e"
 
@@ -257,10 +261,10 @@ def test_a_view_measured_twice_is_refused(tmp_path: Path) -> None:
 
 def test_p_values_are_corrected_over_all_rows_and_blocks(tmp_path: Path) -> None:
     exact = cells(reports(tmp_path, TABLE, all_records())[".csv"])
-    tested = [cell for cell in exact.values() if cell["metric"] == "psnr" and cell["row"] != "raw"]
+    tested = [cell for cell in exact.values() if cell["metric"] == "psnr" and cell["method"] != "raw"]
     assert {cell["test_unit"] for cell in tested} == {"view"}  # four scenes and seeds could tell nothing
-    assert [cell["p"] for cell in tested] == [repr(2 / 2**6)] * 4
-    assert [float(cell["p_holm"]) for cell in tested] == pytest.approx([4 * 2 / 2**6] * 4)
+    assert [cell["p"] for cell in tested] == [repr(2 / 2**8)] * 4
+    assert [float(cell["p_holm"]) for cell in tested] == pytest.approx([4 * 2 / 2**8] * 4)
 
 
 REPEATS = dataclasses.replace(
@@ -269,7 +273,7 @@ REPEATS = dataclasses.replace(
     kind="repeats",
     splats=("3dgs",),
     seeds=(0, 1, 2),
-    rows={"raw": ROWS["raw"], "gepp": ROWS["gepp"]},
+    methods={"raw": ROWS["raw"], "gepp": ROWS["gepp"]},
     paper={"mip_nerf_360": {"max": (0.92, 0.02), "min": (0.69, 0.014), "mean": (0.81, 0.016), "std": (0.09, 0.002)}},
 )
 
@@ -295,7 +299,7 @@ COST = dataclasses.replace(
     TABLE,
     name="table_3",
     kind="cost",
-    rows={"ge": ROWS["ge"], "gepp": ROWS["gepp"]},
+    methods={"ge": ROWS["ge"], "gepp": ROWS["gepp"]},
     baseline="ge",
     metrics=("milliseconds", "peak_memory_mb"),
     splats=(),
@@ -304,9 +308,9 @@ COST = dataclasses.replace(
 )
 
 
-def cost(size: str, row: str, milliseconds: float) -> Record:
+def cost(size: str, method: str, milliseconds: float) -> Record:
     metrics = {"milliseconds": milliseconds, "peak_memory_mb": 1234.0}
-    return Record("cost", "run", size, "", "", row, metrics, size=(64, 48), seed=0, **STATED)
+    return Record("cost", "run", size, "", "", method, metrics, size=(64, 48), seed=0, **STATED)
 
 
 def test_cost_by_resolution_with_the_machine_in_the_caption(tmp_path: Path) -> None:
@@ -333,7 +337,7 @@ def test_a_figure_shows_its_grid_or_says_that_it_is_missing(tmp_path: Path) -> N
     assert "{figure_5.png}" in found[".tex"]
 
 
-def verdicts(*tables: tuple[Table, list[Record]]) -> dict[str, str]:
+def verdicts(*tables: tuple[Study, list[Record]]) -> dict[str, str]:
     lines = [line.split(" | ") for line in summary_page(tables).split("## The paper's claims")[1].splitlines()]
     return {line[0].removeprefix("| "): line[1] for line in lines if len(line) == 3}
 
@@ -355,7 +359,7 @@ def test_the_summary_lists_tables_and_decides_claims() -> None:
     gain = mean(records, "3dgs", "gepp", "psnr") - mean(records, "3dgs", "ge", "psnr")
     assert f"- as claimed: table_4, 3DGS, gepp over ge, PSNR {gain:+.4f} [" in summary_page(others)
     assert verdict(verdicts(*others[:-1]), "GE++ is ahead") == "undecided"  # table 10 was not made
-    assert verdict(verdicts(*others), "SSIF is ahead") == "undecided"  # no such row
+    assert verdict(verdicts(*others), "SSIF is ahead") == "undecided"  # no such method
     assert verdict(verdicts(*others), "SR is ahead") == "undecided"
 
 

@@ -69,7 +69,7 @@ def fits(monkeypatch) -> list[Scene]:
 def configured(tmp_path) -> Callable[..., DictConfig]:
     """The job's configuration with its second table alone, for one small scene."""
 
-    def of(**rows: dict[str, object]) -> DictConfig:
+    def of(**methods: dict[str, object]) -> DictConfig:
         paths = [f"runs={tmp_path / 'runs'}", f"markdown={tmp_path / 'q.md'}", f"records={tmp_path / 'q.jsonl'}"]
         few = ["scenes=[object]", "splats=[3dgs]", "lpips=[]", "backbones=null", "~tables.lr", "runtime.threads=1"]
         with initialize_config_dir(CONF, version_base="1.3"):
@@ -77,7 +77,7 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
             with open_dict(cfg):
                 cfg.groups.procedural.scenes = {"object": SMALL}
                 cfg.tables.sr.every = 1
-                cfg.tables.sr.rows = {"bicubic": {"upscale": True}, **rows}
+                cfg.tables.sr.methods = {"bicubic": {"upscale": True}, **methods}
         return cfg
 
     return of
@@ -124,11 +124,11 @@ def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fit
     runs = tmp_path / "runs"
     (fit,) = (runs / "fit").iterdir()
     for photo in scene.test_photos:
-        row = {name: records[f"sr/{name}", photo.name] for name in ("bicubic", "render_4x")}
-        assert {record.size for record in row.values()} == {(128, 96)}
+        method = {name: records[f"sr/{name}", photo.name] for name in ("bicubic", "render_4x")}
+        assert {record.size for record in method.values()} == {(128, 96)}
         # A network that was never trained changes nothing, before and after enlarging.
-        assert records["sr/same_bicubic", photo.name].metrics == row["bicubic"].metrics
-        assert records["sr/render_4x_same", photo.name].metrics == row["render_4x"].metrics
+        assert records["sr/same_bicubic", photo.name].metrics == method["bicubic"].metrics
+        assert records["sr/render_4x_same", photo.name].metrics == method["render_4x"].metrics
         (drawn,) = runs.glob(f"render_finer/*/images/{photo.name}")
         assert photo.camera is not None
         camera = photo.camera.resized(96, 128)
@@ -144,11 +144,11 @@ def test_the_table_measures_enlarged_and_rendered_images_against_fine_photos(fit
 
 @pytest.mark.slow
 def test_rows_at_four_times_the_resolution_are_found_again(fits, configured, monkeypatch, tmp_path) -> None:
-    rows = {"render_4x": {"role": "other", "render": True}}
-    started(configured(**rows))
+    methods = {"render_4x": {"role": "other", "render": True}}
+    started(configured(**methods))
     page = (tmp_path / "q.md").read_text(encoding="utf-8")
     monkeypatch.setattr(upsampled, "write_image", lambda *_: pytest.fail("done before"))
     monkeypatch.setattr(upsampled, "render_capture", lambda *_: pytest.fail("done before"))
-    started(configured(**rows))
+    started(configured(**methods))
     assert (tmp_path / "q.md").read_text(encoding="utf-8") == page
     assert len(fits) == 1

@@ -9,11 +9,11 @@ import pytest
 from omegaconf import OmegaConf
 from PIL import Image
 
-from ablations.records.description import write_description
 from ablations.report.dashboard.folder import Listed, all_records, read_folder
 from ablations.report.dashboard.page import document
 from ablations.report.dashboard.pictures import copy_pictures
 from ablations.report.dashboard.runs import MOST_POINTS, flat, read_curves, source_runs
+from ablations.study.description import write_description
 from gaussian_enhancer.errors import InputError
 from support.dashboard_samples import NASTY, QUALITY, measured, write_results, write_runs
 
@@ -134,7 +134,7 @@ def test_pictures_are_copied_once_at_their_size(listed: tuple[Listed, ...], tmp_
     assert len(found.shown) == 4
     for view in found.shown:
         assert set(view.files) == {"render", "photo", "gepp"}
-        assert view.rows == {"gepp": "GE++"}
+        assert view.methods == {"gepp": "GE++"}
         for name in view.files.values():
             assert re.fullmatch(r"images/[0-9a-f]{20}\.png", name)
             assert Image.open(tmp_path / "page" / name).size == view.size == (24, 16)

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from ablations.records.description import Dataset
-from ablations.records.results import Results
 from ablations.report.dashboard.folder import Listed, all_records, read_folder
-from ablations.report.dashboard.lines import table_lines
 from ablations.report.dashboard.page import write_dashboard
 from ablations.report.dashboard.pictures import copy_pictures
 from ablations.report.dashboard.runs import source_runs
+from ablations.study.description import Dataset
+from ablations.study.lines import table_lines
+from ablations.study.results import Results
 from support.dashboard_samples import NASTY, QUALITY, record, write_results, write_runs
 
 pytestmark = pytest.mark.browser
@@ -79,11 +79,15 @@ def test_the_numbers_are_those_of_the_records(page, listed: tuple[Listed, ...]) 
         shown = page.execute_script(script, one.table.name)
         assert len(shown) == len(lines) > 0
         for line, (where, cells) in zip(lines, shown, strict=True):
-            assert (where["block"], where["row"], where.get("statistic", "")) == (line.block, line.row, line.statistic)
+            assert (where["block"], where["row"], where.get("statistic", "")) == (
+                line.block,
+                line.method,
+                line.statistic,
+            )
             for metric, of, value, text in cells:
                 expected = getattr(line.numbers[metric], of)
                 assert (None if value is None else float(value)) == expected
-                if value is None and of != "paper_gain" and line.row != one.table.baseline:
+                if value is None and of != "paper_gain" and line.method != one.table.baseline:
                     assert text.startswith("missing")
                     assert "not fitted <yet>" in text or line.numbers[metric].reasons[0] in text
                 elif value is not None:
@@ -109,7 +113,7 @@ def test_tabs_open_by_pointer_keyboard_and_address(page) -> None:
 def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=gain][data-metric=psnr] button")
+    click(page, "#table-table_2 tr[data-block='3dgs'][data-method=gepp] [data-of=gain][data-metric=psnr] button")
     text = page.find_element("css selector", "dialog[open]").text
     for fact in (
         "0123abc",
@@ -129,7 +133,7 @@ def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -
     assert sorted(all_of(page, "dialog code")) == sorted(own)
     page.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert all_of(page, "dialog[open]") == []
-    click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=value][data-metric=psnr] button")
+    click(page, "#table-table_2 tr[data-block='3dgs'][data-method=gepp] [data-of=value][data-metric=psnr] button")
     page.find_element("link text", "All 12 records of this cell").click()
     until(page, "document.documentElement.dataset.drawn.startsWith('#measurements')")
     assert sorted(all_of(page, "#part-measurements tbody tr", "e.dataset.record")) == sorted(own)
@@ -143,8 +147,8 @@ def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -
 
 def test_settings_show_what_differs_and_nothing_else(page) -> None:
     go(page, "#settings?left=train/gepp-seed0&right=train/gepp-seed1")
-    rows = all_of(page, "#part-settings tbody tr", "[...e.children].map((c) => c.textContent)")
-    assert rows == [["extra", "not set", "true"], ["seed", "0", "1"]]
+    methods = all_of(page, "#part-settings tbody tr", "[...e.children].map((c) => c.textContent)")
+    assert methods == [["extra", "not set", "true"], ["seed", "0", "1"]]
     assert all_of(page, "#part-settings caption") == ["2 of 5 settings differ"]
     go(page, "#settings?left=train/gepp-seed0&right=train/ge-seed1")
     assert "train/ge-seed1: no settings, the run is not on this machine." in all_of(page, "#part-settings .absent")
@@ -202,7 +206,7 @@ def test_every_link_leads_somewhere(page) -> None:
         go(page, f"#{part}")
         found |= set(all_of(page, "main a", "e.getAttribute('href')"))
     click(page, "#tab-tables")
-    click(page, "#table-table_2 tr[data-row=gepp] [data-of=gain] button")
+    click(page, "#table-table_2 tr[data-method=gepp] [data-of=gain] button")
     found |= set(all_of(page, "dialog a", "e.getAttribute('href')"))
     assert {address.partition("?")[0] for address in found} == {"#tables", "#measurements", "#settings"}
     for address in sorted(found):
@@ -231,10 +235,10 @@ def test_ten_thousand_records_open_and_sort_quickly(browser, tmp_path: Path) -> 
     table = replace(QUALITY, splats=("3dgs",), datasets={"all": Dataset("All", scenes)}, seeds=(0, 1, 2))
     views = [f"{i:04d}.png" for i in range(143)]
     made = [
-        record(scene, "3dgs", view, row, seed, 20 + chance.random(), chance.random())
+        record(scene, "3dgs", view, method, seed, 20 + chance.random(), chance.random())
         for scene in scenes
         for view in views
-        for row, seed in [("raw", None), *[(row, seed) for row in ("ge", "gepp") for seed in (0, 1, 2)]]
+        for method, seed in [("raw", None), *[(method, seed) for method in ("ge", "gepp") for seed in (0, 1, 2)]]
     ]
     assert len(made) == 10_010
     listed = (Listed(table, tuple(made), tuple(f"{i:012x}" for i in range(len(made))), "f" * 64),)

@@ -4,21 +4,22 @@ import pytest
 
 from ablations.report.dashboard.folder import Listed
 from ablations.report.dashboard.page import document
-from ablations.report.dashboard.studies import NOTES, Diagram, Study, copy_diagrams, read_study
-from ablations.report.diagram import Mark, Panel, diagram
-from ablations.report.plan_study import Aims
+from ablations.report.dashboard.studies import NOTES, Diagram, StudyView, copy_diagrams, read_study
+from ablations.report.plan_study import PlanAims
 from ablations.stability.judge import FAILED, KIND, WITHIN
+from ablations.study.markdown import markdown
+from ablations.study.plots import Mark, Panel, work_precision
 from gaussian_enhancer.metrics.records import Record, write_records
 from support import paths
 from support.dashboard_samples import NASTY, QUALITY
 
-AIMS = Aims("full", "auto", 1.5, 0.98, 0.02)
+AIMS = PlanAims("full", "auto", 1.5, 0.98, 0.02)
 DOCS = paths.DOCS
 
 
 def test_diagrams_are_copied_and_named_by_their_titles(tmp_path) -> None:
     panel = Panel("all", "ms", "error", {"a": (Mark("x", 1.0, 1.0),)})
-    text = diagram(NASTY, [panel], 1)
+    text = work_precision(NASTY, [panel], 1)
     (tmp_path / "lr.svg").write_text(text, encoding="utf-8")
     (tmp_path / "left_out.svg").write_text("<svg><rect><title>of a mark, not of the whole</title></rect></svg>")
     found = copy_diagrams([tmp_path / "lr.svg", tmp_path / "left_out.svg"], tmp_path / "page")
@@ -43,8 +44,8 @@ def test_a_matrix_is_counted_by_family(tmp_path) -> None:
     tables = read_study("stability", tmp_path / "matrix.jsonl", tmp_path, tmp_path / "page", AIMS).tables
     assert tables is not None
     assert list(tables) == ["Splats", "Images"]
-    assert tables["Splats"].rows[0] == ("float32", "1", "0", "0", "1")
-    assert tables["Images"].rows[0] == ("float32", "1", "0", "0", "0")
+    assert tuple(tables["Splats"].iloc[0]) == ("float32", "1", "0", "0", "1")
+    assert tuple(tables["Images"].iloc[0]) == ("float32", "1", "0", "0", "0")
 
 
 def test_what_plans_leave_out_is_shown_as_it_was_measured(tmp_path) -> None:
@@ -55,13 +56,13 @@ def test_what_plans_leave_out_is_shown_as_it_was_measured(tmp_path) -> None:
     assert study.tables is not None
     table = study.tables["auto against full"]
     page = (DOCS / "results/plan.md").read_text(encoding="utf-8")
-    assert table.rows
-    assert table.markdown() in page
+    assert len(table)
+    assert markdown(table) in page
 
 
 def test_the_page_is_told_of_its_studies() -> None:
     found = document(
-        "Suite", [Listed(QUALITY)], studies=[Study("plan", "As read.", (Diagram("Error", "diagrams/lr.svg"),))]
+        "Suite", [Listed(QUALITY)], studies=[StudyView("plan", "As read.", (Diagram("Error", "diagrams/lr.svg"),))]
     )
     assert '"diagrams":[{"title":"Error","file":"diagrams/lr.svg"}]' in found
     assert '"note":"As read."' in found

@@ -2,15 +2,15 @@ import dataclasses
 
 import pytest
 
-from ablations.records.description import Dataset, Row, Table, read_description, write_description
+from ablations.study.description import Dataset, Method, Study, read_description, write_description
 from gaussian_enhancer.errors import InputError
 
-TABLE = Table(
+TABLE = Study(
     "table_2",
     "Same resolution",
     "quality",
     "as the paper's",
-    {"raw": Row("3DGS", role=""), "ge": Row("GE", train=("+ablation/variant=ge",))},
+    {"raw": Method("3DGS", role=""), "ge": Method("GE", train=("+ablation/variant=ge",))},
     "raw",
     ("psnr", "ssim"),
     ("3dgs",),

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from ablations.records.statistics import (
-    Sample,
-    bootstrap_interval,
+from ablations.study.sample import Sample
+from ablations.study.statistics import (
     holm,
+    interval,
     over_scenes_and_seeds,
     over_seeds,
     sign_flip,
@@ -22,10 +22,16 @@ from ablations.records.statistics import (
 
 
 def sample(values: dict[tuple[str, int | None], list[float]], missing: dict | None = None) -> Sample:
+    """One splat a scene; scenes and seeds in the order of their first mention."""
     units = [*values, *(missing or {})]
-    scenes, seeds = (tuple(dict.fromkeys(unit[i] for unit in units)) for i in (0, 1))
-    views = {unit: {f"v{i}": value for i, value in enumerate(found)} for unit, found in values.items()}
-    return Sample(scenes, seeds, views, missing or {})
+    pairs = tuple(dict.fromkeys((scene, "3dgs") for scene, _ in units))
+    seeds = tuple(dict.fromkeys(seed for _, seed in units))
+    views = {
+        ((scene, "3dgs"), seed): {f"v{i}": value for i, value in enumerate(found)}
+        for (scene, seed), found in values.items()
+    }
+    reasons = {((scene, "3dgs"), seed): reason for (scene, seed), reason in (missing or {}).items()}
+    return Sample(pairs, seeds, views, reasons)
 
 
 GAINS = sample({("a", 0): [1.0, 3.0], ("a", 1): [2.0, 4.0], ("b", 0): [0.0], ("b", 1): [1.0]})
@@ -34,7 +40,7 @@ GAINS = sample({("a", 0): [1.0, 3.0], ("a", 1): [2.0, 4.0], ("b", 0): [0.0], ("b
 
 def test_a_mean_counts_views_then_seeds_then_scenes_alike() -> None:
     uneven = sample({("a", 0): [1.0, 3.0], ("a", 1): [6.0], ("b", 0): [0.0]})
-    assert uneven.unit_means() == {("a", 0): 2.0, ("a", 1): 6.0, ("b", 0): 0.0}
+    assert [*uneven.unit_means().values()] == [2.0, 6.0, 0.0]
     assert uneven.mean() == 2.0  # a: (2 + 6) / 2; b: 0
     assert uneven.counts() == (2, 2, 3)
     assert math.isnan(sample({}).mean())
@@ -71,58 +77,74 @@ def test_runs_are_averaged_over_the_same_scenes_and_name_what_they_leave_out() -
     assert set(nothing.left_out) == {"seed 1", "seed 2"}
 
 
-def test_an_interval_of_one_number_is_that_number_and_of_none_nothing() -> None:
-    assert bootstrap_interval(sample({("a", None): [2.5]})) == (2.5, 2.5)
-    assert all(map(math.isnan, bootstrap_interval(sample({}))))
+@pytest.mark.parametrize(
+    "values", [{}, {("a", None): [2.5]}, {("a", None): [0.0, 1.0] * 2}, {("a", s): [1.0] for s in (0, 1)}]
+)
+def test_there_is_no_interval_of_too_few_numbers(values) -> None:
+    assert all(map(math.isnan, interval(sample(values))))
+
+
+def test_an_interval_of_equal_numbers_is_that_number() -> None:
+    assert interval(sample({("a", None): [2.5] * 6})) == (2.5, 2.5)
 
 
 def test_an_interval_does_not_depend_on_the_order_of_units_and_views() -> None:
     generator = np.random.default_rng(1)
-    values = {unit: generator.normal(size=4).tolist() for unit in product("abc", (0, 1))}
-    whole = sample(values)
+    whole = sample({unit: generator.normal(size=4).tolist() for unit in product("abc", (0, 1))})
     turned = {unit: dict(reversed(list(views.items()))) for unit, views in reversed(list(whole.values.items()))}
-    assert bootstrap_interval(Sample(whole.scenes, whole.seeds, turned), 200) == bootstrap_interval(whole, 200)
+    assert interval(Sample(whole.pairs, whole.seeds, turned)) == interval(whole)
 
 
-def test_an_interval_of_many_scenes_agrees_with_the_normal_one() -> None:
+@pytest.mark.parametrize("by", ["scenes", "views"])
+def test_an_interval_of_many_agrees_with_the_normal_one(by: str) -> None:
     values = np.random.default_rng(2).normal(3.0, 1.0, 60)
-    low, high = bootstrap_interval(sample({(f"s{i}", None): [value] for i, value in enumerate(values)}))
+    scenes = {(f"s{i}", None): [value] for i, value in enumerate(values)}
+    found = interval(sample(scenes if by == "scenes" else {("a", None): values.tolist()}))
     ends = stats.t.interval(0.95, 59, values.mean(), stats.sem(values))
-    assert (low, high) == pytest.approx(ends, abs=0.05)
+    assert found == pytest.approx(ends, abs=0.05)
 
 
-def test_an_interval_of_few_scenes_is_widened_as_its_source_says() -> None:
-    # tail = Phi(-sqrt(5 / 4) * 2.776) = 0.00096; of the 5^5 resamples 1 has mean 0, 5 have 0.2, 15 have 0.4
-    found = bootstrap_interval(sample({(f"s{i}", None): [float(i)] for i in range(5)}), resamples=50_000)
-    assert found == pytest.approx((0.2, 3.8))
+def test_an_interval_follows_the_skew_of_its_numbers() -> None:
+    values = np.random.default_rng(5).exponential(1.0, 40)
+    low, high = interval(sample({("a", None): values.tolist()}))
+    assert high - values.mean() > 1.1 * (values.mean() - low)
 
 
-def test_a_scene_draws_as_many_views_as_it_has() -> None:
-    uneven = sample({("a", None): [-1.0, 1.0], ("b", None): [0.0] * 50})
-    assert bootstrap_interval(uneven) == (-1.0, 1.0)  # a twice, and both of its views the same
+def test_few_scenes_are_fixed_and_their_views_drawn() -> None:
+    near = interval(sample({("a", None): [0.0, 1.0] * 4, ("b", None): [10.0, 11.0] * 4}))
+    assert near[1] - near[0] < 1.0  # drawing the two scenes would give 0.5 to 10.5
+
+
+def test_views_that_several_splats_share_are_drawn_together() -> None:
+    views = {f"v{i}": value for i, value in enumerate(np.random.default_rng(6).normal(size=9))}
+    pairs = tuple(("fox", splat) for splat in ("2dgs", "3dgs", "mip_splatting"))
+    three = Sample(pairs, (None,), {(pair, None): views for pair in pairs})
+    one = Sample(pairs[:1], (None,), {(pairs[0], None): views})
+    assert interval(three) == pytest.approx(interval(one), abs=0.01)
 
 
 def test_gaps_do_not_count_as_zeros() -> None:
-    gappy = sample({("a", 0): [5.0, 5.0], ("a", 1): [5.0], ("b", 1): [5.0]})
-    assert bootstrap_interval(gappy) == (5.0, 5.0)
+    gappy = sample({("a", 0): [5.0] * 6, ("a", 1): [5.0], ("b", 1): [5.0, 5.0]})
+    assert interval(gappy) == (5.0, 5.0)
 
 
-@pytest.mark.parametrize(("scenes", "least", "most"), [(4, 0.88, 1.0), (12, 0.90, 0.99)])
-def test_intervals_hold_the_truth_as_often_as_they_say(scenes: int, least: float, most: float) -> None:
-    generator, held, trials = np.random.default_rng(3), 0, 100
-    for _ in range(trials):
-        place, seed = generator.normal(0, 1.0, (scenes, 1, 1)), generator.normal(0, 0.3, (1, 3, 1))
-        values = 2.0 + place + seed + generator.normal(0, 0.5, (scenes, 3, 6))
-        drawn = sample({(f"s{i}", j): values[i, j].tolist() for i in range(scenes) for j in range(3)})
-        low, high = bootstrap_interval(drawn, 200)
+SHAPES = {"scenes": (12, 6), "one scene": (1, 9), "few views": (1, 6), "four scenes": (4, 5)}
+"""Scenes and views of the simulated studies."""
+
+
+@pytest.mark.parametrize("draw", ["normal", "exponential"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_intervals_hold_the_truth_as_often_as_they_say(shape: str, draw: str) -> None:
+    """Coverage by simulation; scenes differ in their means where scenes are drawn, else they are fixed."""
+    generator, (scenes, views), held, trials = np.random.default_rng(3), SHAPES[shape], 0, 150
+    own = generator.normal(0, 1, (trials, scenes, 1)) if shape == "scenes" else np.zeros((trials, scenes, 1))
+    noise = generator.normal(size=(trials, scenes, views))
+    if draw == "exponential":
+        noise = generator.exponential(size=(trials, scenes, views)) - 1
+    for values in 2.0 + own + 0.5 * noise:
+        low, high = interval(sample({(f"s{i}", None): one.tolist() for i, one in enumerate(values)}))
         held += low <= 2.0 <= high
-    assert least <= held / trials <= most
-
-
-def test_a_seed_that_shifts_all_scenes_alike_widens_the_interval() -> None:
-    shared = sample({(s, seed): [float(seed)] for s in "abcdefgh" for seed in (0, 1, 2)})
-    low, high = bootstrap_interval(shared)
-    assert high - low > 1.5  # drawn apart in each scene, seeds would average out to half of that
+    assert (0.90 if draw == "normal" else 0.85) <= held / trials <= 0.99
 
 
 def test_a_test_is_made_on_scenes_and_seeds_or_on_views_where_these_are_few() -> None:

@@ -1,23 +1,23 @@
-"""Which differences of a table chance explains: a p-value for every row over the baseline, corrected by Holm."""
+"""Which differences of a table chance explains: a p-value for every method over the baseline, corrected by Holm."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ablations.records.results import Results
-from ablations.records.statistics import holm, sign_flip, units_of
-from ablations.report.dashboard.lines import ALL, Line
+from ablations.study.lines import ALL, Line
+from ablations.study.results import Results
+from ablations.study.statistics import holm, sign_flip, units_of
 
 Place = tuple[str, str, str, str]
-"""Block, dataset, row and metric."""
+"""Block, dataset, method and metric."""
 
 
 @dataclass(frozen=True)
 class Significance:
-    """A paired sign-flip test of a row against the baseline.
+    """A paired sign-flip test of a method against the baseline.
 
     Args:
         p: two-sided p-value; NaN below two units.
-        corrected: by Holm over the rows and blocks of the table, by metric and dataset.
+        corrected: by Holm over the methods and blocks of the table, by metric and dataset.
         units: number of paired means.
         unit: what one of them stands for.
     """
@@ -35,16 +35,16 @@ def significance(results: Results, lines: Sequence[Line]) -> Mapping[Place, Sign
         results: the table's records.
         lines: its lines, `table_lines`.
     """
-    table = results.table
+    table = results.study
     if table.kind not in ("quality", "images"):
         return {}
     found: dict[Place, tuple[str, tuple[float, ...]]] = {}
     for line in lines:
-        if line.row != table.baseline:
+        if line.method != table.baseline:
             scenes = results.scenes if line.dataset == ALL else table.datasets[line.dataset].scenes
             for metric in table.metrics:
-                gains = results.gains(line.block, line.row, metric, None, scenes)
-                found[line.block, line.dataset, line.row, metric] = units_of(gains)
+                gains = results.gains(line.block, line.method, metric, None, scenes)
+                found[line.block, line.dataset, line.method, metric] = units_of(gains)
     values = {place: sign_flip(units) for place, (_, units) in found.items()}
     families: dict[tuple[str, str], dict[Place, float]] = {}
     for place, value in values.items():

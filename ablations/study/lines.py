@@ -5,13 +5,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ablations.records.description import Table
-from ablations.records.results import Results, block_of
-from ablations.records.statistics import Sample, Spread, bootstrap_interval, over_seeds
+from ablations.study.description import Study
+from ablations.study.results import Results, block_of
+from ablations.study.sample import Sample, SceneSplat
+from ablations.study.statistics import Spread, interval, over_seeds
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 STATISTICS = {"max": "maximum", "min": "minimum", "mean": "mean", "std": "deviation"}
-"""What tables of repeated runs state of a row's gains over trainings, as the paper and as `Spread` name it."""
+"""What tables of repeated runs state of a method's gains over trainings, as the paper and as `Spread` name it."""
 
 ALL = "all"
 """Key of the lines over all datasets."""
@@ -24,7 +25,7 @@ class Number:
     Args:
         value: mean in the metric's unit; None where nothing was measured.
         gain: mean gain over the baseline (or the statistic of it); None for the baseline and where it is unknown.
-        low: lower end of the gain's 95% interval; None below two numbers.
+        low: lower end of the gain's 95% interval; None where there are too few units.
         high: upper end.
         deviation: standard deviation of the gain over trainings (ddof=1); None below two.
         views: views that count.
@@ -55,7 +56,7 @@ class Line:
     Args:
         block: splatting method; size where the table is one of cost.
         dataset: key of the dataset; `ALL` for all of several.
-        row: the row's name.
+        method: the method's name.
         statistic: one of `STATISTICS` in tables of repeated runs, else empty.
         numbers: by metric.
         records: places of the records behind it, those of what is missing among them.
@@ -63,7 +64,7 @@ class Line:
 
     block: str
     dataset: str
-    row: str
+    method: str
     statistic: str = ""
     numbers: Mapping[str, Number] = field(default_factory=dict)
     records: tuple[int, ...] = ()
@@ -76,13 +77,13 @@ def table_lines(results: Results, records: Sequence[Record]) -> tuple[Line, ...]
         results: the table with its records.
         records: the same records, in the order that places are counted in.
     """
-    return tuple(_lines(results, _members(results.table, records)))
+    return tuple(_lines(results, _members(results.study, records)))
 
 
-def baselines(table: Table, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
+def baselines(table: Study, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
     """For each record the places of the baseline's records that its gain is over; empty where there is none.
 
-    Mostly one, of the same scene, splat, view and seed. A baseline without a seed stands beside every seed; a row
+    Mostly one, of the same scene, splat, view and seed. A baseline without a seed stands beside every seed; a method
     without one is held against the mean over the baseline's seeds.
     """
     at: dict[tuple[str, str, str], dict[int | None, int]] = {}
@@ -103,14 +104,14 @@ def baselines(table: Table, records: Sequence[Record]) -> tuple[tuple[int, ...],
 
 
 def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[int, str]]]) -> Iterator[Line]:
-    table = results.table
+    table = results.study
     for block in results.blocks:
         for key, scenes in _datasets(results, block):
-            for row in table.rows:
-                if table.kind == "repeats" and row == table.baseline:
+            for method in table.methods:
+                if table.kind == "repeats" and method == table.baseline:
                     continue
-                both = [*members.get((block, row), ()), *members.get(("", row), ())]
-                line = Line(block, key, row, records=tuple(place for place, scene in both if scene in scenes))
+                both = [*members.get((block, method), ()), *members.get(("", method), ())]
+                line = Line(block, key, method, records=tuple(place for place, scene in both if scene in scenes))
                 if table.kind == "repeats":
                     yield from _repeated(results, line, scenes)
                 else:
@@ -118,8 +119,8 @@ def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[in
                     yield dataclasses.replace(line, numbers=numbers)
 
 
-def _members(table: Table, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
-    """Places and scenes of the records by block and row."""
+def _members(table: Study, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
+    """Places and scenes of the records by block and method."""
     kinds = ("cost" if table.kind == "cost" else "quality", MISSING)
     found: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for place, record in enumerate(records):
@@ -130,32 +131,32 @@ def _members(table: Table, records: Sequence[Record]) -> dict[tuple[str, str], l
 
 def _datasets(results: Results, block: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Every dataset's key and scenes, and all together where there are several, or none, or the block is a size."""
-    datasets = {} if results.costs else results.table.datasets
+    datasets = {} if results.costs else results.study.datasets
     for key, dataset in datasets.items():
         yield key, dataset.scenes
-    if len(datasets) != 1 and results.table.kind != "repeats":
+    if len(datasets) != 1 and results.study.kind != "repeats":
         yield ALL, results.scenes_of(block)
 
 
 def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) -> Number:
     """One metric of a line that states means."""
-    table = results.table
-    values = results.values(line.block, line.row, metric, scenes)
+    table = results.study
+    values = results.values(line.block, line.method, metric, scenes)
     paper, paper_gain = _paper(table, line, metric)
     value = _known(values.mean())
-    if line.row == table.baseline or table.kind == "cost":
+    if line.method == table.baseline or table.kind == "cost":
         return _counted(values, Number(value=value, paper=paper, paper_gain=paper_gain))
-    gains = results.gains(line.block, line.row, metric, None, scenes)
-    low, high = bootstrap_interval(gains) if sum(map(len, gains.values.values())) > 1 else (math.nan, math.nan)
+    gains = results.gains(line.block, line.method, metric, None, scenes)
+    low, high = interval(gains)
     spread = over_seeds(gains)
     number = Number(value, _known(gains.mean()), _known(low), _known(high), _known(spread.deviation))
     return _counted(gains, dataclasses.replace(number, paper=paper, paper_gain=paper_gain))
 
 
 def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[Line]:
-    """The statistics of a row's gains over trainings."""
-    table = results.table
-    gains = {metric: results.gains(line.block, line.row, metric, None, scenes) for metric in table.metrics}
+    """The statistics of a method's gains over trainings."""
+    table = results.study
+    gains = {metric: results.gains(line.block, line.method, metric, None, scenes) for metric in table.metrics}
     spreads = {metric: over_seeds(sample) for metric, sample in gains.items()}
     for statistic in STATISTICS:
         told = dataclasses.replace(line, statistic=statistic)
@@ -163,7 +164,7 @@ def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[L
         yield dataclasses.replace(told, numbers=numbers)
 
 
-def _repeat(gains: Sample, spread: Spread, table: Table, line: Line, metric: str) -> Number:
+def _repeat(gains: Sample, spread: Spread, table: Study, line: Line, metric: str) -> Number:
     found = _known(getattr(spread, STATISTICS[line.statistic]))
     _, paper_gain = _paper(table, line, metric)
     number = _counted(gains, Number(gain=found, paper_gain=paper_gain))
@@ -183,11 +184,11 @@ def _counted(sample: Sample, number: Number) -> Number:
     return dataclasses.replace(number, views=views, scenes=scenes, seeds=seeds, reasons=tuple(reasons))
 
 
-def _unit(scene: str, seed: int | None) -> str:
-    return scene if seed is None else f"{scene}, seed {seed}"
+def _unit(pair: SceneSplat, seed: int | None) -> str:
+    return pair[0] if seed is None else f"{pair[0]}, seed {seed}"
 
 
-def _paper(table: Table, line: Line, metric: str) -> tuple[float | None, float | None]:
+def _paper(table: Study, line: Line, metric: str) -> tuple[float | None, float | None]:
     """The paper's value and gain. Its blocks are those of one dataset, and stand beside all where a scale has more."""
     place = table.metrics.index(metric)
     if table.kind == "repeats":
@@ -195,8 +196,8 @@ def _paper(table: Table, line: Line, metric: str) -> tuple[float | None, float |
     if len(table.datasets) > 1 and line.dataset != ALL:
         return None, None
     block = table.paper.get(line.block, {})
-    value, first = _at(block.get(line.row), place), _at(block.get(table.baseline), place)
-    if table.kind == "cost" or line.row == table.baseline or value is None or first is None:
+    value, first = _at(block.get(line.method), place), _at(block.get(table.baseline), place)
+    if table.kind == "cost" or line.method == table.baseline or value is None or first is None:
         return value, None
     return value, value - first
 

@@ -1,12 +1,14 @@
 """A study's gains, intervals, losses and verdicts, from records with known numbers."""
 
-import math
-
 import pytest
 
-from ablations.records.gains import Aims, Study, interval
+from ablations.study.aims import Aims, losses, verdicts
+from ablations.study.description import Dataset, Method, Study
+from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import MISSING, Record
 
+METHODS = {"raw": Method("raw", role=""), "other": Method("other", role="other"), "ours": Method("ours", role="ours")}
+STUDY = Study("t", "", "quality", "", METHODS, "raw", ("psnr", "lpips_alex"), (), {"d": Dataset("D", ("fox",))}, ())
 AIMS = Aims({"fox": {"psnr": 1.0, "lpips_alex": 0.0}}, ("psnr", "lpips_alex"), {"psnr": 0.02})
 
 
@@ -19,49 +21,37 @@ def gap(splat: str, row: str, reason: str = "no weights", scene: str = "fox") ->
     return Record(MISSING, "", scene, splat, "", row, {}, {"row": reason})
 
 
-def study(*changes: tuple[str, str, float, float | None], missing: tuple[Record, ...] = ()) -> Study:
+def study(*changes: tuple[str, str, float, float | None], missing: tuple[Record, ...] = ()) -> Results:
     """Two cells, of two frames and of one, with raw at 20 dB and 0.3; a change is (splat, row, dB, LPIPS)."""
     views = {"dense": ("a", "b"), "sparse": ("c",)}
     records = [frame(splat, "raw", view, 20.0, 0.3) for splat, names in views.items() for view in names]
     for splat, row, gain, distance in changes:
         lower = None if distance is None else 0.3 + distance
         records += [frame(splat, row, view, 20.0 + gain, lower) for view in views[splat]]
-    return Study([*records, *missing], "raw", ("other",), ("ours",))
+    return Results(STUDY, [*records, *missing])
 
 
-def verdict(found: Study, aim: str) -> bool | None:
-    (one,) = [v for v in found.verdicts("ours", AIMS) if v.aim.startswith(aim)]
+def verdict(found: Results, aim: str) -> bool | None:
+    (one,) = [v for v in verdicts(found, "ours", AIMS) if v.aim.startswith(aim)]
     return one.met
 
 
 WHOLE = [(s, r, g, d) for s in ("dense", "sparse") for r, g, d in (("other", 0.5, -0.01), ("ours", 1.2, -0.02))]
 
 
-def test_cells_count_alike_however_many_frames_they_have() -> None:
+def test_pairs_have_equal_weights_however_many_frames_they_have() -> None:
     found = study(("dense", "ours", 1.0, 0.0), ("sparse", "ours", 3.0, 0.0))
-    gain = found.gain(found.cells, "ours", "psnr")
-    assert (gain.value, gain.frames, gain.cells, gain.missing) == (pytest.approx(2.0), 3, 2, 0)
+    gains = found.sample(found.pairs, "ours", "psnr", "raw")
+    assert (gains.mean(), gains.frames, len(gains.pairs), gains.missing_pairs()) == (pytest.approx(2.0), 3, 2, 0)
 
 
-def test_gain_over_another_row() -> None:
+def test_gain_over_another_method() -> None:
     found = study(*WHOLE)
-    assert found.gain(found.cells, "ours", "psnr", over="other").value == pytest.approx(0.7)
-
-
-def test_interval_holds_the_mean_and_grows_with_the_spread() -> None:
-    narrow, wide = interval([[0.9, 1.0, 1.1] * 4]), interval([[0.0, 1.0, 2.0] * 4])
-    assert narrow[0] < 1.0 < narrow[1]
-    assert wide[1] - wide[0] == pytest.approx(10 * (narrow[1] - narrow[0]), rel=0.1)
-    normal = 1.96 * math.sqrt(2 / 3 / 12)  # standard error of the mean of 12 values of variance 2/3
-    assert (wide[1] - wide[0]) / 2 == pytest.approx(normal, rel=0.1)
-
-
-def test_interval_does_not_mix_cells() -> None:
-    assert interval([[0.0, 0.0], [2.0, 2.0]]) == (1.0, 1.0)
+    assert found.sample(found.pairs, "ours", "psnr", "other").mean() == pytest.approx(0.7)
 
 
 def test_all_aims_met() -> None:
-    assert all(v.met for v in study(*WHOLE).verdicts("ours", AIMS))
+    assert all(v.met for v in verdicts(study(*WHOLE), "ours", AIMS))
 
 
 def test_a_gain_below_the_aim_is_missed_and_one_at_the_aim_is_met() -> None:
@@ -77,7 +67,7 @@ def test_no_change_is_no_improvement_and_lower_lpips_is() -> None:
 
 def test_being_behind_in_one_metric_is_missed_even_where_cells_are_missing() -> None:
     behind = study(("dense", "ours", 1.2, -0.01), ("dense", "other", 1.0, -0.02), missing=(gap("sparse", "ours"),))
-    (one,) = [v for v in behind.verdicts("ours", AIMS) if v.aim.startswith("ahead")]
+    (one,) = [v for v in verdicts(behind, "ours", AIMS) if v.aim.startswith("ahead")]
     assert one.met is False
     assert "other (lpips_alex +0.010)" in one.found
 
@@ -97,17 +87,13 @@ def test_what_is_missing_leaves_aims_open() -> None:
 def test_one_frame_made_worse_misses_the_aim_and_is_named() -> None:
     found = study(*WHOLE[:-1], ("sparse", "ours", -0.03, -0.1))
     assert verdict(found, "no frame") is False
-    ((pair, metric, gain),) = found.worse("ours", AIMS.allowed)
-    assert (pair.baseline.view, metric, gain) == ("c", "psnr", pytest.approx(-0.03))
-    worst = found.worst("ours", "psnr")
-    assert worst is not None
-    assert (worst[0].baseline.view, worst[1]) == ("c", pytest.approx(-0.03))
+    worst = losses(found, "ours", "psnr")[0]
+    assert (worst.view, worst.loss) == ("c", pytest.approx(0.03))
     assert verdict(study(*WHOLE[:-1], ("sparse", "ours", -0.01, -0.1)), "no frame") is True
 
 
 def test_worse_means_higher_for_lpips() -> None:
     found = study(("dense", "ours", 1.0, 0.005), ("sparse", "ours", 1.0, -0.005))
-    assert [pair.baseline.view for pair, _, _ in found.worse("ours", {"lpips_alex": 0.002})] == ["a", "b"]
-    worst = found.worst("ours", "lpips_alex")
-    assert worst is not None
-    assert worst[1] == pytest.approx(0.005)
+    assert [(one.view, one.loss) for one in losses(found, "ours", "lpips_alex")] == [
+        (view, pytest.approx(loss)) for view, loss in (("a", 0.005), ("b", 0.005), ("c", -0.005))
+    ]

@@ -1,4 +1,4 @@
-r"""A printed table as LaTeX: booktabs, every character that LaTeX would take as a command made harmless.
+r"""A rendered table as LaTeX by pandas: booktabs, every character that LaTeX would take as a command made harmless.
 
 A document needs ``\usepackage{booktabs,graphicx}``; text is UTF-8.
 """
@@ -7,7 +7,9 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-from ablations.report.rendered_cells import Piece, Sheet
+import pandas as pd
+
+from ablations.study.rendered_table import Cell, RenderedTable
 
 SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -51,47 +53,49 @@ def escaped(text: str) -> str:
     return " ".join("".join(map(_character, apart)).split())
 
 
-def document(sheet: Sheet, name: str, caption: str, remarks: Sequence[str], figure: str = "") -> str:
+def document(table: RenderedTable, name: str, caption: str, remarks: Sequence[str], figure: str = "") -> str:
     """The table as a float.
 
     Args:
-        sheet: its cells.
+        table: its text.
         name: its label.
         caption: plain text.
         remarks: sentences under the table.
         figure: file name of a picture over the table; empty for none.
     """
-    width = len(sheet.columns)
-    lines = [
-        r"% needs \usepackage{booktabs,graphicx}",
-        r"\begin{table*}[t]",
-        r"\centering",
-        rf"\caption{{{escaped(caption)}}}",
-        rf"\label{{tab:{name.replace('_', '-')}}}",
-        *([rf"\includegraphics[width=\textwidth]{{{figure}}}\par\medskip"] if figure else []),
-        r"\resizebox{\textwidth}{!}{%",
-        rf"\begin{{tabular}}{{l{'r' * (width - 1)}}}",
-        r"\toprule",
-        _line([Piece(column) for column in sheet.columns]),
-    ]
-    for block in sheet.blocks:
-        lines.append(r"\midrule")
-        if block.title:
-            lines.append(rf"\multicolumn{{{width}}}{{l}}{{\textit{{{escaped(block.title)}}}}} \\")
-        lines += [_line(pieces) for pieces in block.lines]
-    notes = [rf"\textsuperscript{{{number}}} {escaped(note)}" for number, note in enumerate(sheet.notes, 1)]
-    under = [*(escaped(remark) for remark in remarks), *notes]
-    lines += [r"\bottomrule", r"\end{tabular}}", r"\par\smallskip\raggedright\footnotesize"]
-    return "\n".join([*lines, "\\par\n".join(under), r"\end{table*}", ""])
+    notes = [rf"\textsuperscript{{{number}}} {escaped(note)}" for number, note in enumerate(table.notes, 1)]
+    under = "\\par\n".join([*(escaped(remark) for remark in remarks), *notes])
+    picture = rf"\includegraphics[width=\textwidth]{{{figure}}}\par\medskip" + "\n" if figure else ""
+    return rf"""% needs \usepackage{{booktabs,graphicx}}
+\begin{{table*}}[t]
+\centering
+\caption{{{escaped(caption)}}}
+\label{{tab:{name.replace("_", "-")}}}
+{picture}\resizebox{{\textwidth}}{{!}}{{%
+{tabular(table)}}}
+\par\smallskip\raggedright\footnotesize
+{under}
+\end{{table*}}
+"""
 
 
-def _line(pieces: Sequence[Piece]) -> str:
-    return " & ".join(map(_cell, pieces)) + r" \\"
+def tabular(table: RenderedTable) -> str:
+    """The tabular alone; a block's heading stands in the first column of its first line."""
+    frames = []
+    for title, block in table.blocks:
+        texts = block.map(_cell)
+        if any(title for title, _ in table.blocks):
+            texts.insert(0, "block", [escaped(title), *[""] * (len(texts) - 1)])
+        frames.append(texts)
+    whole = pd.concat(frames, ignore_index=True).rename(columns=escaped)
+    numbers = whole.shape[1] - whole.columns.get_loc("method") - 1
+    columns = "l" * (whole.shape[1] - numbers) + "r" * numbers
+    return str(whole.style.hide(axis="index").to_latex(hrules=True, column_format=columns)).rstrip()
 
 
-def _cell(piece: Piece) -> str:
-    text = rf"\textbf{{{escaped(piece.text)}}}" if piece.best else escaped(piece.text)
-    return text + (rf"\textsuperscript{{{','.join(map(str, piece.notes))}}}" if piece.notes else "")
+def _cell(cell: Cell) -> str:
+    text = rf"\textbf{{{escaped(cell.text)}}}" if cell.best else escaped(cell.text)
+    return text + (rf"\textsuperscript{{{','.join(map(str, cell.notes))}}}" if cell.notes else "")
 
 
 def _character(character: str) -> str:

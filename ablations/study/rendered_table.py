@@ -1,18 +1,20 @@
-"""From a table's records to its printed cells: columns, blocks, marks of the best, what is missing.
+"""From a study's records to the text of its table: columns, blocks, marks of the best, what is missing.
 
-Every number is that of `report.dashboard.lines`, so that all reports of a table agree.
+Every number is that of `study.lines`, so that all reports of a study agree.
 """
 
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from ablations.records.description import Table
-from ablations.records.results import Results
-from ablations.records.statistics import over_scenes_and_seeds
-from ablations.report.dashboard.lines import ALL, STATISTICS, Line, Number, table_lines
-from ablations.report.rendered_cells import Block, Notes, Piece, Sheet
-from ablations.report.significance import Place, Significance, significance
+import pandas as pd
+
+from ablations.study.description import Study
+from ablations.study.lines import ALL, STATISTICS, Line, Number, table_lines
+from ablations.study.results import Results
+from ablations.study.significance import Place, Significance, significance
+from ablations.study.statistics import over_scenes_and_seeds
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
 from gaussian_enhancer.report.quantities import quantities
 
@@ -21,78 +23,130 @@ BY_SCENE = "by scene"
 """Ending of a statistic over scenes and seeds, where the paper's is over runs."""
 
 
-class Figures:
+@dataclass(frozen=True)
+class Cell:
+    """One cell of a rendered table.
+
+    Args:
+        text: plain.
+        best: whether it is the best of its column in its block.
+        notes: numbers of the notes that it refers to.
+    """
+
+    text: str
+    best: bool = False
+    notes: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class RenderedTable:
+    """A table's text before Markdown or LaTeX.
+
+    Args:
+        blocks: frames of `Cell`, by heading; directions of metrics are arrows in the columns' names.
+        notes: why something is missing; the first has the number 1.
+    """
+
+    blocks: tuple[tuple[str, pd.DataFrame], ...]
+    notes: tuple[str, ...]
+
+
+class Notes:
+    """Numbered reasons why something is missing, each with the places where it applies."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, dict[str, dict[str, None]]] = {}
+
+    def number(self, where: str, told: str) -> int:
+        """A reason's number, counted from 1; where it applies is remembered.
+
+        Args:
+            where: block and method.
+            told: as lines tell it: scene and seed, a colon, the reason.
+        """
+        place, found, reason = told.partition(": ")
+        reason, place = (reason, place) if found else (told, "")
+        self._places.setdefault(reason, {}).setdefault(where, {})[place] = None
+        return list(self._places).index(reason) + 1
+
+    def texts(self) -> tuple[str, ...]:
+        """The notes in the order of their numbers."""
+        return tuple(f"{reason}; in {_listed(methods)}" for reason, methods in self._places.items())
+
+
+def _listed(methods: Mapping[str, Mapping[str, None]]) -> str:
+    """Methods, each with its scenes and seeds in brackets."""
+    places = {method: "; ".join(filter(None, found)) for method, found in methods.items()}
+    return ", ".join(f"{method} ({found})" if found else method for method, found in places.items())
+
+
+class StudyTable:
     """All that a table's reports state, computed once from its records.
 
     Args:
-        table: its description.
+        study: its description.
         records: its records, in any order.
 
     Raises:
         InputError: a view was measured twice.
     """
 
-    def __init__(self, table: Table, records: Sequence[Record]) -> None:
-        self.table = table
-        self.results = Results(table, records)
+    def __init__(self, study: Study, records: Sequence[Record]) -> None:
+        self.study = study
+        self.results = Results(study, records)
         found = table_lines(self.results, records)
         self.lines: tuple[Line, ...] = (*found, *self._by_scene(found))
         self.tests: Mapping[Place, Significance] = significance(self.results, found)
         self.blocks: dict[tuple[str, str], list[Line]] = {}
         for line in self.lines:
             self.blocks.setdefault((line.block, line.dataset), []).append(line)
-        self.quantities = {quantity.key: quantity for quantity in quantities(set(table.metrics))}
-        self.shown = tuple(metric for metric in table.metrics if self._known(metric)) or table.metrics
+        self.quantities = {quantity.key: quantity for quantity in quantities(set(study.metrics))}
+        self.shown = tuple(metric for metric in study.metrics if self._known(metric)) or study.metrics
 
-    def sheet(self) -> Sheet:
-        """The printed table."""
+    def rendered(self) -> RenderedTable:
+        """The table's text."""
         notes = Notes()
-        columns = (
-            "row",
-            *(title for metric in self.shown for title in self._columns(metric)),
-            "scenes",
-            "seeds",
-            "views",
-        )
+        columns = ["method", *(title for metric in self.shown for title in self._columns(metric))]
+        columns += ["scenes", "seeds", "views"]
         blocks = tuple(
-            Block(self._block_title(key), tuple(self._pieces(line, members, notes) for line in members))
-            for key, members in self.blocks.items()
+            (self._block_title(key), pd.DataFrame([self._cells(line, notes) for line in lines], columns=columns))
+            for key, lines in self.blocks.items()
         )
-        return Sheet(columns, blocks, notes.texts())
+        return RenderedTable(blocks, notes.texts())
 
     def best(self, line: Line, metric: str, paper: bool = False) -> bool:
-        """Whether a line's value is the best among its block's rows, of at least two; None never is."""
+        """Whether a line's value is the best among its block's methods, of at least two; None never is."""
         higher = HIGHER_IS_BETTER[metric]
         among = [self._value(other, metric, paper) for other in self.blocks[line.block, line.dataset]]
         known = [value for value in among if value is not None]
         own = self._value(line, metric, paper)
-        if self.table.kind == "repeats" or higher is None or own is None or len(known) < 2:
+        if self.study.kind == "repeats" or higher is None or own is None or len(known) < 2:
             return False
         return own == (max(known) if higher else min(known))
 
     def title(self, line: Line) -> str:
-        """A line's row, with the statistic where there is one."""
-        row = self.table.rows[line.row].title
+        """A line's method, with the statistic where there is one."""
+        method = self.study.methods[line.method].title
         if not line.statistic:
-            return row
-        return f"{row}, {line.statistic}" if len(self.table.rows) > 2 else line.statistic
+            return method
+        return f"{method}, {line.statistic}" if len(self.study.methods) > 2 else line.statistic
 
     def _known(self, metric: str) -> bool:
         """Whether any cell has a number of its own or of the paper: a column of nothing else is said in the notes."""
         numbers = [line.numbers[metric] for line in self.lines]
         own = [value for n in numbers for value in (n.value, n.gain)]
-        papers = [value for n in numbers for value in (n.paper, n.paper_gain)] if self.table.paper else []
+        papers = [value for n in numbers for value in (n.paper, n.paper_gain)] if self.study.paper else []
         return any(value is not None for value in own + papers)
 
     def _by_scene(self, lines: Sequence[Line]) -> Iterator[Line]:
         """Lines over scenes and seeds for every line over seeds; of one scene they are the same, and left out."""
-        datasets = self.table.datasets
+        datasets = self.study.datasets
         repeated = [line for line in lines if line.statistic and len(datasets[line.dataset].scenes) > 1]
         for line in repeated:
             scenes = datasets[line.dataset].scenes
             numbers = {}
-            for metric in self.table.metrics:
-                spread = over_scenes_and_seeds(self.results.gains(line.block, line.row, metric, None, scenes))
+            for metric in self.study.metrics:
+                spread = over_scenes_and_seeds(self.results.gains(line.block, line.method, metric, None, scenes))
                 value = getattr(spread, STATISTICS[line.statistic])
                 known = value if math.isfinite(value) else None
                 numbers[metric] = dataclasses.replace(line.numbers[metric], gain=known, paper_gain=None)
@@ -105,11 +159,11 @@ class Figures:
             return name
         if dataset == ALL:
             return f"{name}, all datasets" if name else "all datasets"
-        title = self.table.datasets[dataset].title
-        return f"{title}, {name}" if len(self.table.datasets) > 1 else name
+        title = self.study.datasets[dataset].title
+        return f"{title}, {name}" if len(self.study.datasets) > 1 else name
 
     def _columns(self, metric: str) -> Iterator[str]:
-        label, kind = self.quantities[metric].label, self.table.kind
+        label, kind = self.quantities[metric].label, self.study.kind
         unit = f", {self.quantities[metric].unit}" if self.quantities[metric].unit else ""
         arrow = {True: " ↑", False: " ↓", None: ""}[HIGHER_IS_BETTER[metric]]
         if kind == "repeats":
@@ -119,46 +173,46 @@ class Figures:
         if kind in ("quality", "images"):
             yield f"{label} gain [95 %]"
             yield f"{label} p (Holm)"
-        if self.table.paper:
+        if self.study.paper:
             yield f"{label} paper" if kind != "repeats" else f"{label} paper's gain"
             if kind in ("quality", "images"):
                 yield f"{label} paper's gain"
 
-    def _pieces(self, line: Line, members: Sequence[Line], notes: Notes) -> tuple[Piece, ...]:
-        pieces = [Piece(self.title(line))]
-        for metric in self.table.metrics:
+    def _cells(self, line: Line, notes: Notes) -> list[Cell]:
+        cells = [Cell(self.title(line))]
+        for metric in self.study.metrics:
             if metric in self.shown:
-                pieces += self._cells(line, metric, notes)
+                cells += self._metric_cells(line, metric, notes)
                 continue
             for told in line.numbers[metric].reasons:
                 place, _, reason = told.partition(": ")
                 notes.number(self._place(line), f"{place}: {self.quantities[metric].label}: {reason}")
         counts = [(n.scenes, n.seeds, n.views) for metric, n in line.numbers.items() if metric in self.shown]
-        return (*pieces, *(Piece(_range(column)) for column in zip(*counts, strict=True)))
+        return [*cells, *(Cell(_range(column)) for column in zip(*counts, strict=True))]
 
-    def _cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Piece]:
-        number, kind = line.numbers[metric], self.table.kind
+    def _metric_cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Cell]:
+        number, kind = line.numbers[metric], self.study.kind
         value = number.gain if kind == "repeats" else number.value
-        status = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
+        numbers = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
         if value is None:
-            yield Piece("missing", notes=status)
+            yield Cell("missing", notes=numbers)
         else:
             text = self._signed(metric, value) if kind == "repeats" else self._written(metric, value)
-            yield Piece(text, self.best(line, metric), status)
+            yield Cell(text, self.best(line, metric), numbers)
         if kind in ("quality", "images"):
-            yield Piece(self._gain(line, metric, number))
-            yield Piece(self._p(line, metric))
-        if self.table.paper:
+            yield Cell(self._gain(line, metric, number))
+            yield Cell(self._p(line, metric))
+        if self.study.paper:
             printed = number.paper_gain if kind == "repeats" else number.paper
-            yield Piece(_printed(metric, printed), self.best(line, metric, paper=True))
+            yield Cell(_printed(metric, printed), self.best(line, metric, paper=True))
             if kind in ("quality", "images"):
-                yield Piece("" if line.row == self.table.baseline else _printed(metric, number.paper_gain, True))
+                yield Cell("" if line.method == self.study.baseline else _printed(metric, number.paper_gain, True))
 
     def _place(self, line: Line) -> str:
-        return " ".join(part for part in (SPLATS.get(line.block, line.block), self.table.rows[line.row].title) if part)
+        return f"{SPLATS.get(line.block, line.block)} {self.study.methods[line.method].title}".strip()
 
     def _gain(self, line: Line, metric: str, number: Number) -> str:
-        if line.row == self.table.baseline:
+        if line.method == self.study.baseline:
             return ""
         if number.gain is None:
             return "missing"
@@ -168,7 +222,7 @@ class Figures:
         return f"{self._signed(metric, number.gain)} [{low}, {high}]"
 
     def _p(self, line: Line, metric: str) -> str:
-        test = self.tests.get((line.block, line.dataset, line.row, metric))
+        test = self.tests.get((line.block, line.dataset, line.method, metric))
         if test is None:
             return ""
         return (

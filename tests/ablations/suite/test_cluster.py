@@ -1,27 +1,29 @@
 """Runs of the suite made several at once: the same tables, whatever ends a run, a worker or the job itself."""
 
 import json
-import random
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
+from distributed import Client, LocalCluster
 from hydra import initialize_config_dir
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from ablations.suite import workers
+from ablations.suite import cluster
+from ablations.suite.cluster import StoppedRunError, made_ahead, runnable, worker_count
 from ablations.suite.descriptions import experiment
 from ablations.suite.plan import Step, Work
-from ablations.suite.workers import made_ahead, next_step, worker_count
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import State
@@ -32,15 +34,6 @@ LONG = "['settings.steps=1000000','scene.height=32','scene.width=48','scene.view
 
 def step(name: str, minutes: float = 1.0, inputs: tuple[str, ...] = (), digest: str = "0") -> Step:
     return Step(Work("fit", "t"), digest, name, State("not started"), inputs, minutes, "", ("t",))
-
-
-def order(steps: list[Step]) -> list[str]:
-    """The names in the order in which one worker makes them."""
-    waiting, made = list(steps), []
-    while (one := next_step(waiting, {other.name for other in waiting})) is not None:
-        waiting.remove(one)
-        made.append(one.name)
-    return made
 
 
 def working(folder: Path) -> set[int]:
@@ -68,30 +61,11 @@ def wait_until(condition, seconds: float = 900.0) -> bool:
     return bool(found)
 
 
-def test_the_longest_comes_first_and_inputs_before_what_needs_them() -> None:
-    steps = [step("row", 9.0, ("fit", "train")), step("train", 5.0, ("fit",)), step("fit", 1.0), step("other", 2.0)]
-    assert order(steps) == ["other", "fit", "train", "row"]
-    assert order([step("first"), step("second")]) == ["first", "second"]
-
-
-def test_every_run_comes_after_its_inputs_whatever_they_cost() -> None:
-    chance = random.Random(0)
-    for _ in range(20):
-        names = [str(number) for number in range(12)]
-        inputs = {name: tuple(chance.sample(names[:i], chance.randrange(i + 1))) for i, name in enumerate(names)}
-        steps = [step(name, chance.random(), inputs[name]) for name in names]
-        chance.shuffle(steps)
-        made = order(steps)
-        assert sorted(made) == sorted(names)
-        assert all(made.index(before) < made.index(name) for name in names for before in inputs[name])
-
-
-def test_what_needs_a_failed_run_or_cannot_be_configured_is_left_alone() -> None:
-    needing, unknown, free = step("needing", 9.0, ("failed",)), step("unknown", 8.0, digest=""), step("free")
-    waiting = {"needing", "unknown", "free"}
-    assert next_step([needing, unknown, free], waiting | {"failed"}) == free
-    assert next_step([needing, unknown], waiting | {"failed"}) is None
-    assert next_step([needing, unknown], waiting) == needing
+def test_what_cannot_be_configured_and_what_needs_it_is_left_alone() -> None:
+    done = replace(step("done"), state=State("done"))
+    unknown, needing = step("unknown", digest=""), step("needing", inputs=("unknown",))
+    free = step("free", inputs=("done",))
+    assert runnable([done, unknown, needing, free]) == [free]
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, "two"])
@@ -106,62 +80,115 @@ def test_the_number_of_workers_is_positive(count, tmp_path, monkeypatch) -> None
 
 def test_there_is_a_worker_a_core_but_few_and_one_beside_a_gpu(monkeypatch) -> None:
     def count(cores: int, device: str) -> int:
-        monkeypatch.setattr(workers.os, "sched_getaffinity", lambda _: set(range(cores)))
-        monkeypatch.setattr(workers, "choose_device", lambda _: OmegaConf.create({"type": device}))
+        monkeypatch.setattr(cluster.os, "sched_getaffinity", lambda _: set(range(cores)))
+        monkeypatch.setattr(cluster, "choose_device", lambda _: OmegaConf.create({"type": device}))
         return worker_count(OmegaConf.create({"workers": None, "runtime": {"device": "auto"}}))
 
-    assert [count(cores, "cpu") for cores in (1, 2, 64)] == [1, 2, workers.MOST]
+    assert [count(cores, "cpu") for cores in (1, 2, 64)] == [1, 2, cluster.MOST]
     assert count(64, "cuda") == 1
 
 
-class Pool(ProcessPoolExecutor):
-    """Processes that answer whatever they are asked with an error, or are not there any more."""
-
-    def __init__(self, error: BaseException, asked: bool) -> None:
-        self.error, self.asked, self.steps = error, asked, list[Work]()
-
-    def __enter__(self) -> "Pool":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def submit(self, make: object, settings: object, work: Work) -> Future[None]:
-        self.steps.append(work)
-        if not self.asked:
-            raise self.error
-        future = Future[None]()
-        future.set_exception(self.error)
-        return future
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """A scheduler with two workers in this process."""
+    how = {"threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with LocalCluster(n_workers=2, **how) as local, Client(local) as one:
+        yield one
 
 
-def ahead(pool: Pool, monkeypatch) -> dict[str, Exception]:
-    """What goes wrong with table 10 by such processes."""
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *_: pool)
-    cfg = configured("table=10", "workers=2")
+def ahead(make: Callable[..., None], client: Client, monkeypatch) -> dict[str, Exception]:
+    """What goes wrong with table 10 where runs are made by a function."""
+    monkeypatch.setattr(cluster, "_make", make)
+    cfg = configured("table=10", "workers=2", f"scheduler={client.scheduler.address}")
     with initialize_config_dir(CONF, version_base="1.3"):
         return made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
 
 
-@pytest.mark.parametrize("asked", [True, False])
-def test_what_broken_processes_leave_is_left_to_the_caller(asked, tmp_path, monkeypatch) -> None:
+def test_every_run_is_made_once_after_its_inputs(client, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert ahead(Pool(BrokenProcessPool("killed"), asked), monkeypatch) == {}
+    log = tmp_path / "made"
+
+    def make(settings: object, work: Work, digest: str, inputs: object) -> None:
+        with log.open("a") as file:
+            file.write(f"{digest}\n")
+
+    assert ahead(make, client, monkeypatch) == {}
+    made = log.read_text().splitlines()
+    steps = plan("table=10")
+    digests = {step.name: step.digest for step in steps}
+    assert sorted(made) == sorted(digests.values())
+    for step in steps:
+        assert all(made.index(digests[name]) < made.index(step.digest) for name in step.inputs)
 
 
-def test_a_run_that_the_user_stops_stops_the_job(tmp_path, monkeypatch) -> None:
+def test_a_run_that_the_user_stops_stops_the_job(client, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
+
+    def stopped(*_: object) -> None:
+        raise StoppedRunError
+
     with pytest.raises(KeyboardInterrupt):
-        ahead(Pool(KeyboardInterrupt(), asked=True), monkeypatch)
+        ahead(stopped, client, monkeypatch)
 
 
-def test_what_needs_a_failed_run_is_not_tried(tmp_path, monkeypatch) -> None:
+def test_what_needs_a_failed_run_is_not_tried(client, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    pool = Pool(ValueError("full"), asked=True)
-    failures = ahead(pool, monkeypatch)
-    assert [work.job for work in pool.steps] == ["fit"] * 3
+    log = tmp_path / "tried"
+
+    def full(settings: object, work: Work, digest: str, inputs: object) -> None:
+        with log.open("a") as file:
+            file.write(f"{work.job}\n")
+        raise ValueError("full")
+
+    failures = ahead(full, client, monkeypatch)
+    assert log.read_text().splitlines() == ["fit"] * 3
     assert {str(one) for one in failures.values()} == {"full"}
     assert set(failures) == {step.digest for step in plan("table=10") if step.work.job == "fit"}
+
+
+def test_a_run_whose_worker_is_killed_is_made_again(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "begun"
+
+    def dying(settings: object, work: Work, digest: str, inputs: object) -> None:
+        first = not log.exists()
+        with log.open("a") as file:
+            file.write(f"{digest}\n")
+        if first:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    how = {"threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with LocalCluster(n_workers=1, **how) as local, Client(local) as own:
+        assert ahead(dying, own, monkeypatch) == {}
+    begun = log.read_text().splitlines()
+    assert begun[:2] == [begun[0]] * 2
+    assert sorted(set(begun)) == sorted(begun[1:]) == sorted(step.digest for step in plan("table=10"))
+
+
+def test_two_jobs_at_one_scheduler_make_a_run_once(client, tmp_path, monkeypatch) -> None:
+    log = tmp_path / "made"
+
+    def make(settings: object, work: Work, digest: str, inputs: object) -> None:
+        time.sleep(0.1)
+        with log.open("a") as file:
+            file.write(f"{digest}\n")
+
+    monkeypatch.setattr(cluster, "_make", make)
+    steps = [step(name, digest=f"{tmp_path.name}-{name}") for name in "abc"]
+    with Client(client.scheduler.address, set_as_default=False) as other:
+        futures = [cluster.submitted(one, steps, {}) for one in (client, other)]
+        for own in futures:
+            for future in own.values():
+                future.result()
+    assert sorted(log.read_text().splitlines()) == [one.digest for one in steps]
+
+
+def test_a_scheduler_that_does_not_answer_is_a_users_mistake(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cluster, "Client", partial(Client, set_as_default=False))
+    cfg = configured("table=10", "scheduler=tcp://127.0.0.1:9")
+    with initialize_config_dir(CONF, version_base="1.3"), pytest.raises(InputError, match="does not answer"):
+        made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
 
 
 @pytest.mark.slow
@@ -179,11 +206,11 @@ def test_two_workers_make_the_tables_of_one(made, tmp_path, monkeypatch, capsys)
 
 @pytest.mark.slow
 def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_reason(copied, made, capsys) -> None:
-    (training,) = [one for one in plan("table=10") if one.work.job == "train" and one.work.row == "ge"]
+    (training,) = [one for one in plan("table=10") if one.work.job == "train" and one.work.method == "ge"]
     shutil.rmtree(copied / "runs/train" / training.name)
     (copied / "runs/train" / training.name).write_text("a file where the run's folder should be")
-    for row in ("ge", "ge_ssif"):
-        (folder,) = copied.glob(f"runs/row/object-2dgs-{row}-*")
+    for method in ("ge", "ge_ssif"):
+        (folder,) = copied.glob(f"runs/row/object-2dgs-{method}-*")
         shutil.rmtree(folder)
     started("table=10", "workers=2")
     told = [line for line in capsys.readouterr().err.splitlines() if line]
@@ -191,7 +218,7 @@ def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_rea
     assert sorted(name.split("-")[0] for name in ended) == ["row object", "train ge"]
     reason = f"runs/train/{training.name}/config.yaml: cannot be written"
     assert [reason in entry[7]["row"] for entry in content(copied) if entry[3] == "ge"] == [True]
-    assert sum(reason in line for line in told) == 2  # as it fails, and as its row is missing
+    assert sum(reason in line for line in told) == 2  # as it fails, and as its method is missing
     assert {r.kind for r in read_records(copied / "results/tiny/table_10.jsonl") if r.variant != "ge"} == {"quality"}
     assert [one for one in content(copied) if one[3] != "ge"] == [one for one in content(made) if one[3] != "ge"]
 
@@ -200,13 +227,13 @@ def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_rea
 @pytest.mark.slow
 def test_a_worker_that_is_killed_does_not_lose_the_job(copied, made, capsys) -> None:
     for one in plan("table=10"):
-        if one.work.row in ("ge", "gepp"):
+        if one.work.method in ("ge", "gepp"):
             shutil.rmtree(copied / "runs" / one.work.job / one.name)
     killed: list[int] = []
 
     def kill() -> None:
         def at_work() -> set[int]:
-            return working(copied) & {child.pid for child in psutil.Process().children()}
+            return working(copied) & {child.pid for child in psutil.Process().children(recursive=True)}
 
         assert wait_until(at_work)
         killed.extend(at_work())
@@ -216,7 +243,7 @@ def test_a_worker_that_is_killed_does_not_lose_the_job(copied, made, capsys) -> 
     killer.start()
     started("table=10", "workers=2")
     killer.join()
-    assert "BrokenProcessPool" in capsys.readouterr().err
+    assert "12 of 12" not in capsys.readouterr().err  # only what was missing is made
     assert gone(killed[0])
     assert content(copied) == content(made)
     assert {one.state.name for one in plan("table=10")} == {"done"}

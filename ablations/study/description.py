@@ -1,9 +1,9 @@
-"""What a table of the suite is: rows, columns, scenes, seeds, metrics and the paper's own values, as its file says.
+"""What a table of the suite is: methods, columns, scenes, seeds, metrics and the paper's own values, as its file says.
 
 A table's records lie beside its description, so that every report is made from these two alone:
 ``<folder>/<name>.json`` (`write_description`) and ``<folder>/<name>.jsonl`` (`measure.records`). In the records
-``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the row, ``seed`` that of the
-row's training; a row that could not be made in a scene leaves one record of kind ``measure.study.MISSING`` with
+``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the method, ``seed`` that of the
+method's training; a method that could not be made in a scene leaves one record of kind ``measure.study.MISSING`` with
 ``reasons["row"]``.
 """
 
@@ -23,7 +23,7 @@ Kind = Literal["quality", "repeats", "cost", "images"]
 
 
 @dataclass(frozen=True)
-class Row:
+class Method:
     """One method of a table.
 
     Args:
@@ -63,7 +63,7 @@ class Dataset:
 
 
 @dataclass(frozen=True)
-class Table:
+class Study:
     """One table, figure or study.
 
     Args:
@@ -71,14 +71,14 @@ class Table:
         title: its caption.
         kind: what its cells hold.
         about: what it shows and how it is made fair.
-        rows: by the name that records carry as ``variant``.
-        baseline: the row that gains are taken over.
+        methods: by the name that records carry as ``variant``.
+        baseline: the method that gains are taken over.
         metrics: of `HIGHER_IS_BETTER`, in the paper's order of columns.
         splats: splatting methods, one block of the table each.
         datasets: by key ("mip_nerf_360", ...), as the scale has them.
-        seeds: trainings of every row that learns.
+        seeds: trainings of every method that learns.
         paper: the paper's values by splat (by dataset where the kind is "repeats", by size where it is "cost"), then
-            by row (or statistic), in the order of ``metrics``; empty for studies of our own; None where it has none.
+            by method (or statistic), in the order of ``metrics``; empty for studies of our own; None where it has none.
         finer: measured against photos 4 times as fine.
         scale: "smoke", "desk" or "paper".
     """
@@ -87,7 +87,7 @@ class Table:
     title: str
     kind: Kind
     about: str
-    rows: Mapping[str, Row]
+    methods: Mapping[str, Method]
     baseline: str
     metrics: tuple[str, ...]
     splats: tuple[str, ...]
@@ -103,11 +103,11 @@ class Table:
             raise ValueError(f"metric {unknown[0]!r} is none of {', '.join(HIGHER_IS_BETTER)}")
         if self.kind not in get_args(Kind):
             raise ValueError(f"kind {self.kind!r} is none of {', '.join(get_args(Kind))}")
-        if self.baseline not in self.rows:
-            raise ValueError(f"baseline {self.baseline!r} is none of {', '.join(self.rows)}")
+        if self.baseline not in self.methods:
+            raise ValueError(f"baseline {self.baseline!r} is none of {', '.join(self.methods)}")
 
 
-def write_description(path: str | Path, table: Table) -> None:
+def write_description(path: str | Path, table: Study) -> None:
     """Write a table's description as JSON, whole or not at all.
 
     Raises:
@@ -117,7 +117,7 @@ def write_description(path: str | Path, table: Table) -> None:
         temporary.write_text(json.dumps(dataclasses.asdict(table), indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
-def read_description(path: str | Path) -> Table:
+def read_description(path: str | Path) -> Study:
     """Read what `write_description` wrote.
 
     Raises:
@@ -131,20 +131,22 @@ def read_description(path: str | Path) -> Table:
         raise InputError(path, f"describes no table ({error})", "make the table again") from None
 
 
-def table_of(values: Mapping[str, Any]) -> Table:
+def table_of(values: Mapping[str, Any]) -> Study:
     """A table from plain values.
 
     Raises:
         TypeError: a field is missing or unknown.
         ValueError: a value is out of range.
     """
-    rows = {str(name): Row(**_tuples(row)) for name, row in values["rows"].items()}
+    methods = {str(name): Method(**_tuples(method)) for name, method in values["methods"].items()}
     datasets = {str(name): Dataset(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
     paper = {
-        str(block): {str(row): None if cells is None else tuple(map(float, cells)) for row, cells in rows_.items()}
+        str(block): {
+            str(method): None if cells is None else tuple(map(float, cells)) for method, cells in rows_.items()
+        }
         for block, rows_ in values.get("paper", {}).items()
     }
-    return Table(**_tuples({**values, "rows": rows, "datasets": datasets, "paper": paper}))
+    return Study(**_tuples({**values, "methods": methods, "datasets": datasets, "paper": paper}))
 
 
 def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,76 @@
+"""Make every committed page and table again from its committed records, and name those that differ.
+
+    python -m ablations.pages            # fails where a page is not what its records say
+    python -m ablations.pages --write    # writes the pages in place
+
+Everything is made in a copy of ``docs/``, so that the paths in ``conf/`` hold whatever they are.
+"""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+SCALE = "desk"
+JOBS = (
+    ("quality",),
+    ("plan_study",),
+    ("tradeoff",),
+    ("stability",),
+    ("tables", "table=[all,mode]", f"scale={SCALE}"),
+)
+"""The jobs that write pages, with their overrides."""
+
+
+def remade(source: Path, folder: Path) -> list[Path]:
+    """Make all pages again in a folder; the files that differ from the committed ones.
+
+    Args:
+        source: the repository.
+        folder: an empty folder.
+
+    Returns:
+        Paths relative to both.
+    """
+    from gaussian_enhancer.cli.main import main
+
+    shutil.copytree(source / "docs", folder / "docs")
+    before, arguments = Path.cwd(), sys.argv
+    os.chdir(folder)
+    try:
+        for job, *overrides in JOBS:
+            sys.argv = ["gaussian-enhancer", job, *overrides, "records_only=true", f"hydra.run.dir={folder / 'hydra'}"]
+            try:
+                main()
+            except SystemExit as ended:
+                if ended.code:
+                    raise
+    finally:
+        sys.argv = arguments
+        os.chdir(before)
+    made = sorted(path.relative_to(folder) for path in (folder / "docs").rglob("*") if path.is_file())
+    return [path for path in made if not _same(source / path, folder / path)]
+
+
+def _same(committed: Path, made: Path) -> bool:
+    return committed.is_file() and committed.read_bytes() == made.read_bytes()
+
+
+def main() -> None:
+    """Compare, or write; the exit status tells whether any page differs."""
+    root = Path(__file__).resolve().parents[1]
+    with TemporaryDirectory() as folder:
+        different = remade(root, Path(folder))
+        for path in different:
+            print(f"differs: {path}")
+            if "--write" in sys.argv:
+                (root / path).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(Path(folder) / path, root / path)
+    if different and "--write" not in sys.argv:
+        raise SystemExit(f"{len(different)} files are not what their records say: python -m ablations.pages --write")
+    print(f"{len(different)} files written" if different else "every page is what its records say")
+
+
+if __name__ == "__main__":
+    main()

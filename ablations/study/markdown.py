@@ -1,0 +1,46 @@
+"""Frames as Markdown and plain words, without padding: a line of a table changes only where its numbers do."""
+
+from collections.abc import Iterable, Sequence
+
+import pandas as pd
+from tabulate import DataRow, TableFormat
+
+from gaussian_enhancer.metrics.comparison import written
+
+ROW = DataRow("| ", " | ", " |")
+FORMAT = TableFormat(
+    lineabove=None,
+    linebelowheader=lambda widths, alignments: f"| {' | '.join('---' for _ in widths)} |",
+    linebetweenrows=None,
+    linebelow=None,
+    headerrow=ROW,
+    datarow=ROW,
+    padding=0,
+    with_header_hide=None,
+)
+"""GitHub's tables with cells as wide as their text."""
+
+
+def frame(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> pd.DataFrame:
+    """A frame of texts."""
+    return pd.DataFrame(list(lines), columns=list(columns), dtype=object)
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """A frame of texts as a Markdown table; pipes in cells are escaped."""
+    if table.empty:
+        return f"| {' | '.join(table.columns)} |\n| {' | '.join('---' for _ in table.columns)} |\n"
+    escaped = table.map(lambda text: " ".join(text.replace("|", r"\|").split()))
+    how = {"disable_numparse": True, "stralign": None, "numalign": None}
+    return str(escaped.to_markdown(index=False, tablefmt=FORMAT, **how)) + "\n"
+
+
+def plain(text: str) -> str:
+    """Text in one line, with no HTML or emphasis of its own."""
+    return " ".join(text.replace("<", "&lt;").replace("*", r"\*").split())
+
+
+def gain_written(metric: str, gain: float, low: float, high: float) -> str:
+    """A gain with its interval, where it has one."""
+    ends = [written(metric, end, signed=True) for end in (low, high)]
+    return written(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")

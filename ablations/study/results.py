@@ -1,0 +1,181 @@
+"""The records of a study, looked up by scene-splat pair, method, seed and view: what is asked for, and what is there.
+
+Methods are paired over the same scene, splat, seed and view. A method that needs no training (the raw render, bicubic
+upsampling, shipped weights) has no seed and is compared with every seed of a method that does.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from ablations.study.description import Study
+from ablations.study.sample import Sample, SceneSplat, Unit
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.comparison import Pair
+from gaussian_enhancer.metrics.records import MISSING, Record
+
+
+def block_of(study: Study, record: Record) -> str:
+    """The block of the rendered table that a record belongs to; empty where it belongs to none.
+
+    The block is the record's splat. Studies of cost have output sizes as blocks: a record belongs to the size that its
+    ``scene``, ``splat`` or ``view`` names (the paper's "1k"), else to its width and height.
+
+    Args:
+        study: its description.
+        record: one of its records.
+    """
+    if study.kind != "cost":
+        return record.splat
+    names = (record.scene, record.splat, record.view)
+    named = next((name for name in names if name in study.paper or name in study.datasets), "")
+    return named or (f"{record.size[0]} x {record.size[1]}" if any(record.size) else "")
+
+
+class Results:
+    """The records of one study, by `block_of`; in studies of cost a reason without a size stands for every size.
+
+    Args:
+        study: its description.
+        records: its records, in any order.
+
+    Raises:
+        InputError: a view was measured twice.
+    """
+
+    def __init__(self, study: Study, records: Iterable[Record]) -> None:
+        placed = [replace(record, splat=block_of(study, record)) for record in records]
+        self.study, self.costs = study, study.kind == "cost"
+        self.pairs: tuple[SceneSplat, ...] = tuple(dict.fromkeys((record.scene, record.splat) for record in placed))
+        self.blocks = self._blocks(placed)
+        measured = [record for record in placed if record.kind != MISSING]
+        named = [scene for dataset in study.datasets.values() for scene in dataset.scenes]
+        self.scenes = tuple(dict.fromkeys(named)) or tuple(sorted({record.scene for record in measured}))
+        self.learning = {method: self._seeds(method, measured) for method in study.methods}
+        self.records = _ordered(record for record in measured if self._asked(record))
+        self.outside = _ordered(record for record in measured if not self._asked(record))
+        _refuse_twice(self.records)
+        self.views: dict[tuple[SceneSplat, str, int | None], dict[str, Record]] = {}
+        for record in self.records:
+            key = ((record.scene, record.splat), record.variant, record.seed)
+            self.views.setdefault(key, {})[record.view] = record
+        self._reasons = {
+            ((gap.scene, block), gap.variant, gap.seed): gap.reasons["row"]
+            for gap in _ordered(record for record in placed if record.kind == MISSING)
+            for block in ([gap.splat] if gap.splat else self.blocks)
+        }
+
+    def scenes_of(self, block: str) -> tuple[str, ...]:
+        """The scenes that a block asks for: all, but a size that is a scene itself asks for that one alone."""
+        return (block,) if self.costs and block in self.scenes else self.scenes
+
+    def values(self, block: str, method: str, metric: str, scenes: Sequence[str] | None = None) -> Sample:
+        """A method's numbers in one block, by scene, seed and view."""
+        return self.sample(self._pairs(block, scenes), method, metric)
+
+    def gains(
+        self, block: str, method: str, metric: str, over: str | None = None, scenes: Sequence[str] | None = None
+    ) -> Sample:
+        """A method's gains over the baseline, or over another method, on the same scenes, seeds and views."""
+        return self.sample(self._pairs(block, scenes), method, metric, over or self.study.baseline)
+
+    def sample(self, pairs: Sequence[SceneSplat], method: str, metric: str, over: str = "") -> Sample:
+        """A method's numbers in scene-splat pairs, or its gains over another method.
+
+        Args:
+            pairs: scene-splat pairs.
+            method: its name.
+            metric: its name.
+            over: the method that gains are taken over; empty for the numbers themselves.
+        """
+        seeds = self.learning[method] or (self.learning[over] if over else ()) or (None,)
+        values: dict[Unit, dict[str, float]] = {}
+        missing: dict[Unit, str] = {}
+        unknown: dict[Unit, dict[str, str]] = {}
+        for unit in [(pair, seed) for pair in pairs for seed in seeds]:
+            numbers, reasons = self._unit(unit, method, over, metric)
+            if numbers:
+                values[unit] = numbers
+                unknown.update({unit: reasons} if reasons else {})
+            else:
+                missing[unit] = "; ".join(dict.fromkeys(reasons.values()))
+        return Sample(tuple(pairs), seeds, values, missing, unknown)
+
+    def why_missing(self, pair: SceneSplat, method: str, seed: int | None = None) -> str:
+        """Why a method was not measured on a scene-splat pair; empty where it was."""
+        if (pair, method, self._seed_of(method, seed)) in self.views:
+            return ""
+        return self._reasons.get((pair, method, seed)) or self._reasons.get((pair, method, None)) or "no record"
+
+    def _pairs(self, block: str, scenes: Sequence[str] | None) -> tuple[SceneSplat, ...]:
+        return tuple((scene, block) for scene in (self.scenes_of(block) if scenes is None else scenes))
+
+    def _unit(self, unit: Unit, method: str, over: str, metric: str) -> tuple[dict[str, float], dict[str, str]]:
+        """Finite numbers by view, and the reasons of the other views; all reasons where the method is missing."""
+        pair, seed = unit
+        for name in (method, over):
+            if name and (reason := self.why_missing(pair, name, seed)):
+                return {}, {"": reason if name == method else f"{name} is missing: {reason}"}
+        after = self.views[pair, method, self._seed_of(method, seed)]
+        before = self.views[pair, over, self._seed_of(over, seed)] if over else {}
+        numbers, reasons = {}, {}
+        for view in sorted({*after, *before}):
+            number, reason = _number(after.get(view), before.get(view), (method, over), metric)
+            if reason:
+                reasons[view] = reason
+            else:
+                numbers[view] = number
+        return numbers, reasons
+
+    def _seed_of(self, method: str, seed: int | None) -> int | None:
+        return seed if self.learning.get(method) else None
+
+    def _blocks(self, records: Sequence[Record]) -> tuple[str, ...]:
+        if not self.costs:
+            return self.study.splats or tuple(dict.fromkeys(splat for _, splat in self.pairs))
+        found = sorted({(record.size, record.splat) for record in records if record.splat})
+        sizes = (name for name, dataset in self.study.datasets.items() if dataset.scenes == (name,))
+        return tuple(dict.fromkeys([*self.study.paper, *sizes, *(block for _, block in found)]))
+
+    def _seeds(self, method: str, records: Sequence[Record]) -> tuple[int, ...]:
+        """The seeds of a method's trainings; none where it needs none. Cost is that of the seeds that were timed."""
+        found = {record.seed for record in records if record.variant == method and record.seed is not None}
+        if self.costs:
+            return tuple(sorted(found))
+        return self.study.seeds if self.study.methods[method].train or found else ()
+
+    def _asked(self, record: Record) -> bool:
+        """Whether the description asks for a record."""
+        seeds = self.learning.get(record.variant)
+        placed = record.scene in self.scenes and record.splat in self.blocks
+        own = record.kind == ("cost" if self.costs else "quality")
+        return own and placed and seeds is not None and record.seed in (seeds or (None,))
+
+
+def _number(after: Record | None, before: Record | None, names: tuple[str, str], metric: str) -> tuple[float, str]:
+    """A view's number, or gain where there is a second method; NaN and the reason where there is none."""
+    method, over = names
+    if after is None or (before is None and over):
+        return math.nan, f"not measured as {method if after is None else over}"
+    number = Pair(before, after).gain(metric) if before else after.metrics.get(metric)
+    if number is None:
+        records = [record for record in (after, before) if record is not None and record.metrics.get(metric) is None]
+        return math.nan, records[0].reasons.get(metric, f"{metric} was not measured")
+    if not math.isfinite(number):
+        return math.nan, f"{metric} is not finite"
+    return number, ""
+
+
+def _ordered(records: Iterable[Record]) -> list[Record]:
+    """In an order of their own, whatever that of the file."""
+    return sorted(records, key=lambda r: (r.scene, r.splat, r.variant, r.seed or 0, r.view, r.time, repr(r)))
+
+
+def _refuse_twice(records: Sequence[Record]) -> None:
+    for one, next_ in pairwise(records):
+        names = [(r.scene, r.splat, r.variant, r.seed, r.view) for r in (one, next_)]
+        if names[0] == names[1]:
+            place = " / ".join(part for part in (one.scene, one.splat, one.view) if part)
+            received = f"was measured twice as {one.variant!r}" + ("" if one.seed is None else f" with seed {one.seed}")
+            raise InputError(place, received, "give one record of each")

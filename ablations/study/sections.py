@@ -1,0 +1,151 @@
+"""Sections that pages of studies share: methods, aims, means by scene and by pair, harm, what is missing."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from ablations.study.aims import VERDICTS, Aims, by_role, losses, pairs_of, verdicts
+from ablations.study.markdown import frame, gain_written
+from ablations.study.results import Results
+from ablations.study.sample import SceneSplat
+from ablations.study.statistics import interval
+from gaussian_enhancer.metrics.comparison import written
+from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
+
+TITLES = {
+    "psnr": "PSNR, dB",
+    "psnr_aligned": "colour-aligned PSNR, dB",
+    "ssim": "SSIM",
+    "lpips_alex": "LPIPS (alex)",
+    "lpips_vgg": "LPIPS (vgg)",
+}
+"""Metrics of a page in their order; those without a single number are left out."""
+
+
+def metrics_of(results: Results) -> tuple[str, ...]:
+    """The metrics that at least one frame was measured in."""
+    found = {name for record in results.records for name, value in record.metrics.items() if value}
+    return tuple(name for name in TITLES if name in found)
+
+
+def methods_list(results: Results) -> str:
+    """What each method is and where its weights come from."""
+    lines = []
+    for name, method in results.study.methods.items():
+        words = [method.about, f"weights `{method.weights}`" if method.weights else ""]
+        words.append(f"`gaussian-enhancer train {' '.join(method.train)}`" if method.train else "")
+        words.append(f"`{' '.join(method.enhance)}`" if method.enhance else "")
+        lines.append(f"- `{name}`: {'; '.join(filter(None, words)) or 'no description'}\n")
+    return "".join(lines)
+
+
+def aims_table(results: Results, aims: Aims) -> pd.DataFrame:
+    """One line an aim: method, scene, aim, what was found, whether it is met."""
+    found = [verdict for method in by_role(results, "ours") for verdict in verdicts(results, method, aims)]
+    lines = [(v.method, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in found]
+    return frame(("method", "scene", "aim", "found", "verdict"), lines)
+
+
+def scene_table(results: Results) -> pd.DataFrame:
+    """One line a scene and method: mean and gain of every metric over the scene's pairs."""
+    names, lines = metrics_of(results), []
+    for scene in dict.fromkeys(scene for scene, _ in results.pairs):
+        pairs = pairs_of(results, scene)
+        for method in results.study.methods:
+            known = [pair for pair in pairs if not results.why_missing(pair, method)]
+            numbers = (_mean_and_gain(results, known, method, name, True) for name in names)
+            lines.append((scene, method, f"{len(known)} of {len(pairs)}", *numbers))
+    return frame(("scene", "method", "scene-splat pairs", *(TITLES[name] for name in names)), lines)
+
+
+def pair_table(results: Results, metric: str) -> pd.DataFrame:
+    """One line a scene-splat pair, one column a method: mean over frames and gain over the baseline."""
+    lines = []
+    for pair in results.pairs:
+        frames = len(results.views.get((pair, results.study.baseline, None), {}))
+        numbers = (_mean_and_gain(results, [pair], method, metric, False) for method in results.study.methods)
+        lines.append((*pair, str(frames), *numbers))
+    return frame(("scene", "splat", "frames", *results.study.methods), lines)
+
+
+def harm_list(results: Results, allowed: Mapping[str, float]) -> str:
+    """By method: how many frames lose more than is allowed, each named for methods of ours, and the worst frame."""
+    lines, ours = [], by_role(results, "ours")
+    for method in results.study.methods:
+        if method == results.study.baseline or all(results.why_missing(pair, method) for pair in results.pairs):
+            continue
+        for metric, limit in allowed.items():
+            found = losses(results, method, metric)
+            worse = [one for one in found if one.loss > limit]
+            line = f"- `{method}`, more than {limit:g} in `{metric}`: {len(worse)} of {_frames(results, method)}"
+            sign = -1 if HIGHER_IS_BETTER[metric] else 1
+            named = [f"{' '.join((*one.pair, one.view))} ({sign * one.loss:+.4f})" for one in worse]
+            line += f": {', '.join(named)}" if named and method in ours else ""
+            if found:
+                line += f"; least gain {sign * found[0].loss:+.4f} at {' '.join((*found[0].pair, found[0].view))}"
+            lines.append(f"{line}\n")
+    return "".join(lines) or "No method was compared.\n"
+
+
+def missing_list(results: Results) -> str:
+    """Every reason with the methods and scene-splat pairs that it keeps from the page."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for method in results.study.methods:
+        for pair in results.pairs:
+            if reason := results.why_missing(pair, method):
+                found.setdefault(reason, {}).setdefault(method, []).append(" ".join(pair))
+    asked = set(results.study.metrics)
+    for record in results.records:
+        for metric, reason in record.reasons.items():
+            if metric in asked:
+                place = f"{record.scene} {record.splat} {record.view}"
+                found.setdefault(f"{metric}: {reason}", {}).setdefault(record.variant, []).append(place)
+    lines = (f"- {reason}: {_places(methods, len(results.pairs))}\n" for reason, methods in found.items())
+    return "".join(lines) or "Nothing.\n"
+
+
+def source_list(records: Sequence[Record], link: str, counted: str = "", between: str = "; ") -> str:
+    """Protocol, machine, commit, time and file of the records, a line each.
+
+    Args:
+        records: all that the page shows.
+        link: their file, as the page links it.
+        counted: what the records are, before their number.
+        between: what stands between two protocols.
+    """
+    times = [record.time for record in records] or [""]
+    return (
+        f"- protocol: {between.join(sorted({record.protocol for record in records} - {''}))}\n"
+        f"- machine: {'; '.join(sorted({record.machine for record in records}))}\n"
+        f"- commit: {', '.join(sorted({record.commit for record in records}))} (`+`: with changes of its own)\n"
+        f"- measured: {min(times)} to {max(times)}\n"
+        f"- {counted}{len(records)} records in [{link.rsplit('/', 1)[-1]}]({link})\n"
+    )
+
+
+def _mean_and_gain(results: Results, pairs: Sequence[SceneSplat], method: str, metric: str, with_interval: bool) -> str:
+    values = results.sample(pairs, method, metric)
+    if not values.values:
+        return "missing"
+    value = written(metric, values.mean())
+    if method == results.study.baseline:
+        return value
+    gains = results.sample(pairs, method, metric, results.study.baseline)
+    low, high = interval(gains) if with_interval else (math.nan, math.nan)
+    return f"{value} ({gain_written(metric, gains.mean(), low, high)})"
+
+
+def _frames(results: Results, method: str) -> int:
+    """Frames that both a method and the baseline have."""
+    both = [
+        [set(results.views.get((pair, name, None), {})) for name in (method, results.study.baseline)]
+        for pair in results.pairs
+    ]
+    return sum(len(own & base) for own, base in both)
+
+
+def _places(methods: Mapping[str, Sequence[str]], count: int) -> str:
+    """Methods with the places that they lack, short where those are all pairs."""
+    words = f"all {count} scene-splat pairs"
+    return "; ".join(f"`{name}` in {words if len(p) == count else ', '.join(p)}" for name, p in methods.items())

@@ -1,0 +1,71 @@
+"""Pages by Jinja2: every value is escaped, a name that a template does not get is an error."""
+
+import json
+import math
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from markupsafe import Markup
+
+PACKAGE = "gaussian_enhancer.report"
+
+
+def render(template: str, values: dict[str, Any], package: str = PACKAGE) -> str:
+    """A template of a package with its values.
+
+    Characters that no HTML document may hold (control characters, lone surrogates of undecodable file names) become
+    U+FFFD.
+
+    Args:
+        template: file name in the package's folder ``templates``.
+        values: what the template asks for.
+        package: whose template it is; it may include those of this package.
+    """
+    return str(_environment(package).get_template(template).render(values)) + "\n"
+
+
+@cache
+def _environment(package: str) -> Any:
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    loader = ChoiceLoader([PackageLoader(name) for name in dict.fromkeys((package, PACKAGE))])
+    environment = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_legal,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["resource"] = resource
+    environment.filters["repr"] = repr
+    environment.filters["json_block"] = json_block
+    return environment
+
+
+def resource(name: str, package: str = PACKAGE) -> Markup:
+    """The text of a file in a package's folder ``templates``, as it is."""
+    return Markup(files(package).joinpath("templates", name).read_text(encoding="utf-8"))
+
+
+def json_block(value: Any) -> Markup:
+    """JSON for a script element: no character that could end it; numbers that are not finite as words."""
+    text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _legal(value: Any) -> Any:
+    if isinstance(value, Markup) or not isinstance(value, str):
+        return value
+    return "".join(c if c in "\t\n\r" or (ord(c) >= 32 and not 0xD800 <= ord(c) <= 0xDFFF) else "\ufffd" for c in value)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
