@@ -1,11 +1,11 @@
 """The enhance job: a fitted run, a splat with its capture, or a folder of renders, to enhanced images."""
 
 import copy
+import os
 import shutil
 import statistics
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import torch
@@ -35,7 +35,6 @@ from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_header
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.train.processes import Place, together
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -69,7 +68,9 @@ def run(cfg: DictConfig) -> float | None:
 
     def written_to(folder: Path) -> list[Enhanced]:
         if count > 1:
-            every: list[Enhanced] = together(partial(_share, folder, plan), cfg, count)
+            from gaussian_enhancer.train.processes import launch
+
+            every: list[Enhanced] = launch(_share, cfg, enhancer.device.type, count, folder, plan, count)
             return every
         total = len(task.rendered.targets)
         images = enhancer(task.rendered, planner, found.pool)
@@ -126,15 +127,15 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[Enhancer, Task, Valida
     return enhancer, replace(task, rendered=found.rendered), found
 
 
-def _share(folder: Path, plan: Plan, cfg: DictConfig, place: Place) -> list[Enhanced]:
+def _share(cfg: DictConfig, folder: Path, plan: Plan, count: int) -> list[Enhanced]:
     """One process's part of the views, by the plan that was made; all of them are returned, in their order."""
     from gaussian_enhancer.cli.distributed_enhance import predicted
 
     device = start(cfg.runtime)
-    device = torch.device("cuda", place.rank) if device.type == "cuda" else device
+    device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device
     enhancer, task, found = ready(cfg, device)
     planner = found.planner(plan.rules, plan.views)
-    return predicted(enhancer, task.rendered, folder, place, cfg.runtime.progress, planner)
+    return predicted(enhancer, task.rendered, folder, count, cfg.runtime.progress, planner)
 
 
 def _processes(cfg: DictConfig) -> int:
