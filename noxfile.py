@@ -124,7 +124,7 @@ def realism(session: nox.Session) -> None:
 WEIGHTS = (
     "+recipe=lr_long fusion=ssif_lr +card.name=lr_long",
     "+recipe=lr_further fusion=ssif_lr +card.name=lr_tiny initial={lr_long}",
-    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimiser.lr=1.5e-3 label=lr_base "
+    "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimizer.lr=1.5e-3 label=lr_base "
     "+card.name=lr_base",
     "+recipe=sr_shipped size=tiny",
     "+recipe=sr_cascade fusion=cascade size=tiny label=sr_tiny +card.name=sr_tiny initial.first={lr_further} "

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import torch
 
 from ablations.realism.realism import Row
+from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates.adaptive import calibrated_on
-from gaussian_enhancer.degrade.gates.gate import TYPES, AllGate, Gate, NoGate, RandomGate
+from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import diffused
 from gaussian_enhancer.degrade.simulator import Simulator

@@ -12,7 +12,8 @@ from gaussian_enhancer.loss.terms import DSSIM, Charbonnier, Relative
 from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.train.module import EnhancerModule, OptimiserConfig
+from gaussian_enhancer.train.metrics import gains
+from gaussian_enhancer.train.module import EnhancerModule
 from gaussian_enhancer.types import Batch, NetworkInput
 
 ANY: Tolerance = {precision.name: (math.inf, math.inf) for precision in PRECISIONS}
@@ -47,7 +48,8 @@ def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
         share: of samples that may be dropped.
     """
     loss = WeightedLoss({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(DSSIM(), 0.1)})
-    return EnhancerModule(network, loss, {}, OptimiserConfig(warmup=0), 100, bad_share=share)
+    optimizer = partial(torch.optim.AdamW, lr=8e-4, betas=(0.9, 0.99), weight_decay=1e-4)
+    return EnhancerModule(network, loss, gains(), optimizer, bad_share=share)
 
 
 def small_network() -> SIF:

@@ -6,7 +6,6 @@ For dry runs: nothing is loaded, fitted or fetched.
 import os
 import re
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,8 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
-from gaussian_enhancer.scene.datasets import Dataset, dataset_of
-from gaussian_enhancer.scene.published import DATASETS, download_command, missing_parts
+from gaussian_enhancer.scene.datasets import dataset_names, published_dataset
+from gaussian_enhancer.scene.published import download_command, missing_parts
 
 PUBLISHED = "gaussian_enhancer.scene.published.load_published"
 VARIABLE = re.compile(r"\$\{oc\.env:(\w+)\}")
@@ -53,24 +52,14 @@ def published_fit_minutes(scene: DictConfig) -> float | None:
     Args:
         scene: a scene's configuration, as the job fit has it under ``scene``.
     """
-    if scene.get("_target_") != PUBLISHED or scene.dataset not in DATASETS:
+    if scene.get("_target_") != PUBLISHED or scene.dataset not in dataset_names():
         return None
-    facts = registered(scene.dataset).scenes.get(scene.name)
+    facts = published_dataset(scene.dataset).scenes.get(scene.name)
     if facts is None:
         return None
     official = _values(_file("scene/datasets", scene.name))
     factor = official.get("downscale", 1) / scene.get("downscale", 1)
     return facts.fit_seconds * max(1.0, factor**2) / 60
-
-
-@cache
-def registered(name: str) -> Dataset:
-    """A dataset of ``conf/dataset``.
-
-    Raises:
-        InputError: there is none of that name.
-    """
-    return dataset_of(_values(_file("dataset", name)))
 
 
 def _file(folder: str, name: str) -> Path:

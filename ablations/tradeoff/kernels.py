@@ -22,7 +22,7 @@ from gaussian_enhancer.align.depth_smoothing import smooth_depth
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.degrade.artefacts.blur import oriented_kernels
-from gaussian_enhancer.degrade.artefacts.resampling import KINDS, resampling_matrix
+from gaussian_enhancer.degrade.artefacts.downsampling import KINDS, resampling_matrix
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, LinearSchedule, Sampler, Schedule
 from gaussian_enhancer.degrade.generative.factors import Factors, cells
 from gaussian_enhancer.degrade.generative.weights import load_model

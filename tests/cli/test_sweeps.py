@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from support import paths
 
 CONF = paths.CONF
-SMALL = ("size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=2")
+SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=2")
 LAUNCHERS = {
     "joblib": ["+sweep=two_jobs"],
     "submitit": ["hydra/launcher=submitit_local", "runtime.progress=false", "runtime.threads=1"],
@@ -51,3 +51,32 @@ def test_a_cluster_gets_the_same_jobs():
     assert cfg.hydra.launcher._target_.endswith("SlurmLauncher")
     assert cfg.hydra.launcher.gpus_per_node == 1
     assert cfg.runtime.progress is False
+
+
+def test_a_search_by_optuna_composes_and_names_options_that_there_are():
+    from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides
+    from omegaconf import OmegaConf
+
+    with initialize_config_dir(CONF, version_base="1.3"):
+        cfg = compose("train", ["+sweep=optuna", "data.train=[]", "data.validation=[]"], return_hydra_config=True)
+    sweeper = cfg.hydra.sweeper
+    assert sweeper._target_.endswith("OptunaSweeper")
+    assert sweeper.sampler._target_.endswith("TPESampler")
+    assert sweeper.direction == "maximize"
+    ranges, fixed = create_params_from_overrides([f"{name}={value}" for name, value in sweeper.params.items()])
+    assert set(ranges) == set(sweeper.params)
+    assert not fixed
+    assert all(OmegaConf.select(cfg, name) is not None for name in ranges)
+    assert cfg.study == "lr"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_search_by_optuna_trains_each_trial(plane_run, other_plane_run, tmp_path):
+    told = swept(tmp_path, plane_run, other_plane_run, "+sweep=optuna", "hydra.sweeper.n_trials=2", "runtime.threads=1")
+    folders = list(tmp_path.glob("train/*"))
+    assert len(folders) == 2
+    assert all((folder / "done").is_file() for folder in folders)
+    best = max(json.loads((folder / "card.json").read_text())["validation"]["gain/psnr"] for folder in folders)
+    stated = (tmp_path / "multirun/optimization_results.yaml").read_text()
+    assert float(re.search(r"best_value: (\S+)", stated)[1]) == pytest.approx(best, abs=1e-5), told

@@ -3,9 +3,9 @@ import torch
 
 from gaussian_enhancer.degrade import manual
 from gaussian_enhancer.degrade.artefacts.region import soft_region
-from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.rng import named, spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.gate import TYPES, Step
+from gaussian_enhancer.degrade.gates.gate import Step
 from gaussian_enhancer.degrade.manual import degrade
 
 
@@ -34,8 +34,21 @@ def generators(count, seed=1):
     return spawn(count, torch.Generator().manual_seed(seed))
 
 
-def test_every_type_has_its_function():
-    assert set(manual.ARTEFACTS) == set(TYPES)
+def test_what_is_drawn_for_a_step_does_not_depend_on_the_steps_before_it(monkeypatch):
+    def speckled(view, strength, generators):
+        drawn = torch.stack([torch.rand(3, *view.image.shape[-2:], generator=one) for one in generators])
+        return View(view.image + drawn, view.depth, view.alpha)
+
+    def same(view, strength, generators):
+        torch.rand(5, generator=generators[0])
+        return view
+
+    monkeypatch.setattr(manual, "ARTEFACTS", {"blur": same, "noise": speckled})
+    alone = degrade(photo(), [(Step("noise", 1.0),)], generators(1)).image
+    after = degrade(photo(), [(Step("blur", 1.0), Step("noise", 1.0))], generators(1)).image
+    assert torch.equal(alone, after)
+    other = degrade(photo(), [(Step("noise", 1.0),)], generators(1, seed=2)).image
+    assert not torch.equal(alone, other)
 
 
 @pytest.mark.usefixtures("stand_ins")
@@ -60,7 +73,8 @@ def test_strengths_stay_with_their_samples():
 def test_a_regional_step_acts_by_the_share_of_its_region(seed):
     view = View(torch.zeros(1, 3, 64, 96))
     done = degrade(view, [(Step("colour", 1.0, regional=True),)], generators(1, seed)).image
-    region = soft_region(64, 96, generators(1, seed), view.image)
+    own = named("colour", int(torch.randint(2**62, (), generator=generators(1, seed)[0])))
+    region = soft_region(64, 96, [own], view.image)
     torch.testing.assert_close(done, region.expand_as(done))
     assert region.min() < 0.5 < 0.95 < region.max() <= 1
 

@@ -1,9 +1,10 @@
 import pytest
 import torch
 
+from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.gate import TYPES, AllGate, NoGate, RandomGate
+from gaussian_enhancer.degrade.gates.gate import AllGate, NoGate, RandomGate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError

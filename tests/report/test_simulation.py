@@ -7,9 +7,9 @@ import pytest
 import torch
 from PIL import Image
 
+from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import NoGate, RandomGate, Step
-from gaussian_enhancer.degrade.manual import ARTEFACTS
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.report import simulation, simulation_parts
 from gaussian_enhancer.report.simulation import Row, Section, sheet, write_page

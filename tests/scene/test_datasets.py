@@ -4,9 +4,11 @@ import pytest
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.datasets import dataset_of
-from gaussian_enhancer.scene.published import DATASETS, PYRAMID
+from gaussian_enhancer.scene import datasets
+from gaussian_enhancer.scene.datasets import dataset_names, dataset_of, published_dataset
+from gaussian_enhancer.scene.published import load_published
 from support import paths
+from support.published_on_disk import write_synthetic
 
 CONF = paths.ROOT / "conf"
 
@@ -23,23 +25,38 @@ def test_every_dataset_of_the_paper_is_there_with_its_scenes():
         "deep_blending": 2,
         "nerf_synthetic": 8,
     }
-    assert set(found) == set(DATASETS)
+    assert set(found) == set(dataset_names())
     assert all(name == dataset.name for name, dataset in found.items())
 
 
 def test_every_scene_has_a_configuration_of_the_same_resolution():
-    for name in DATASETS:
+    for name in dataset_names():
         dataset = dataset_of(values(name))
         for scene, facts in dataset.scenes.items():
             chosen = OmegaConf.load(CONF / "scene" / "datasets" / f"{scene}.yaml")
             assert (chosen.dataset, chosen.name) == (name, scene)
             if name == "mip_nerf_360":
-                assert facts.images == (PYRAMID[chosen.downscale],), scene
+                assert facts.images == (dataset.pyramid[chosen.downscale],), scene
                 outdoors = scene in ("bicycle", "flowers", "garden", "stump", "treehill")
                 assert chosen.downscale == (4 if outdoors else 2), scene
             else:
                 assert "downscale" not in chosen
     assert len(list((CONF / "scene" / "datasets").glob("*.yaml"))) == 21
+
+
+def test_a_new_dataset_is_one_file(tmp_path, monkeypatch):
+    """Layout, sizes and background are the file's; nothing else names the dataset."""
+    folder = tmp_path / "dataset"
+    folder.mkdir()
+    made = {**values("nerf_synthetic"), "name": "mine", "title": "Mine", "background": [0.5, 0.5, 0.5]}
+    OmegaConf.save(OmegaConf.create(made), folder / "mine.yaml")
+    monkeypatch.setattr(datasets, "configurations", lambda: tmp_path)
+    root = tmp_path / "mine" / "lego"
+    write_synthetic(root)
+    scene = load_published(root, dataset="mine", name="lego", photos=9)
+    assert scene.background == (0.5, 0.5, 0.5)
+    with pytest.raises(InputError, match=r"choose from mine$"):
+        published_dataset("tanks")
 
 
 def test_shared_archive_is_the_same_in_both_datasets():

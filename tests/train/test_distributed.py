@@ -21,14 +21,15 @@ from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate
-from gaussian_enhancer.train.processes import together
+from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.samples import prepare_samples
-from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
+from gaussian_enhancer.train.share import SharedBatches, SharedCrops
 from support import paths
 from support.failing_processes import dies, refuses
 from support.synthetic_runs import write_plane_run
 
 CONF = paths.CONF
+FAST = ("lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")
 
 
 def configured(job: str, *overrides: str):
@@ -39,7 +40,7 @@ def configured(job: str, *overrides: str):
 def options(train: Path, validation: Path, runs: Path) -> list[str]:
     places = [f"data.train=[{train}]", f"data.validation=[{validation}]", f"runs={runs}", "logger=csv"]
     small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=4"]
-    quick = ["optimiser.lr=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2"]
+    quick = ["optimizer.lr=0.01", *FAST, "data.steps_per_epoch=2"]
     return [*places, *small, *quick, "trainer=smoke", "trainer.max_steps=4", "save_every=3"]
 
 
@@ -80,11 +81,6 @@ def test_shares_make_the_whole_batch(renders_known, plane_run, tmp_path):
 def test_a_batch_that_cannot_be_split_evenly_is_refused():
     with pytest.raises(InputError, match="multiple"):
         SharedBatches(BalancedDraw([3], 12, seed=0), 3, 0, 2)
-
-
-def test_strides_leave_nothing_out_and_nothing_twice():
-    for count in (0, 1, 3, 8):
-        assert sorted([*Strided(count, 0, 3), *Strided(count, 1, 3), *Strided(count, 2, 3)]) == list(range(count))
 
 
 def test_two_processes_train_as_one_does(plane_run, three_views, tmp_path):
@@ -136,10 +132,10 @@ def test_two_processes_enhance_as_one_does(three_views, tmp_path):
 
 def test_a_process_that_fails_ends_the_others():
     cfg = configured("enhance")
-    with pytest.raises(InputError, match="mend it"):
-        together(refuses, cfg, 2)
+    with pytest.raises(InputError, match="a: is bad; mend it"):
+        launch(refuses, cfg, "cpu", 2)
     with pytest.raises(torch.multiprocessing.ProcessExitedException, match="SIGKILL"):
-        together(dies, cfg, 2)
+        launch(dies, cfg, "cpu", 2)
 
 
 @pytest.mark.slow

@@ -1,3 +1,5 @@
+from functools import partial
+
 import pytest
 import torch
 
@@ -5,9 +7,9 @@ from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.train.generator import DiffusedModule, GeneratorLoss, PairedModule
-from gaussian_enhancer.train.module import OptimiserConfig
 from gaussian_enhancer.types import Batch, NetworkInput
 
+ADAM = partial(torch.optim.Adam, lr=1e-3)
 PIXELS_ALONE = GeneratorLoss(pixels=10.0, texture=0.0, size=0.0, noise=0.0)
 
 
@@ -49,7 +51,7 @@ def difference(made: torch.Tensor) -> float:
 
 
 def test_paired_step_overfits_to_nearly_no_error():
-    module = quiet(PairedModule(model(), PIXELS_ALONE, OptimiserConfig(), 400))
+    module = quiet(PairedModule(model(), PIXELS_ALONE, ADAM))
     before = difference(batch().photo)
     train(module, 400)
     manual, real, generators = module.prepared(batch(), 0)
@@ -60,9 +62,9 @@ def test_paired_step_overfits_to_nearly_no_error():
 
 def test_diffused_step_learns_the_codes_of_its_views():
     """With one pair a code is determined by M, so that samples come near R, and nearer with training."""
-    module = quiet(PairedModule(model(), GeneratorLoss(pixels=10.0, texture=0.0, noise=0.05), OptimiserConfig(), 300))
+    module = quiet(PairedModule(model(), GeneratorLoss(pixels=10.0, texture=0.0, noise=0.05), ADAM))
     train(module, 300)
-    second = quiet(DiffusedModule(module.model, GeneratorLoss(noise=0.05), OptimiserConfig(), 400, Sampler(4)))
+    second = quiet(DiffusedModule(module.model, GeneratorLoss(noise=0.05), ADAM, Sampler(4)))
     before = difference(sampled(second)), unknown(second)
     train(second, 400)
     assert difference(sampled(second)) < before[0]
@@ -84,7 +86,7 @@ def sampled(module) -> torch.Tensor:
 
 
 def test_second_step_trains_the_denoiser_alone():
-    module = quiet(DiffusedModule(model(), GeneratorLoss(), OptimiserConfig(), 10, Sampler(2)))
+    module = quiet(DiffusedModule(model(), GeneratorLoss(), ADAM, Sampler(2)))
     module.training_step(batch(), 0).backward()
     assert all(p.grad is not None for p in module.model.denoiser.parameters())
     others = (*module.model.extractor.parameters(), *module.model.combiner.parameters())
@@ -92,7 +94,7 @@ def test_second_step_trains_the_denoiser_alone():
 
 
 def test_scale_follows_the_size_of_codes():
-    module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), OptimiserConfig(), 10))
+    module = quiet(PairedModule(model(), GeneratorLoss(noise=0.3), ADAM))
     manual, real, _ = module.prepared(batch(), 0)
     factors = module.model.extractor(manual, real)
     for _ in range(1500):
@@ -102,7 +104,7 @@ def test_scale_follows_the_size_of_codes():
 
 
 def test_batches_without_real_renders_are_refused():
-    module = quiet(PairedModule(model(), GeneratorLoss(), OptimiserConfig(), 10))
+    module = quiet(PairedModule(model(), GeneratorLoss(), ADAM))
     plain = Batch(batch().views, batch().photo, ("a", "b"))
     with pytest.raises(InputError, match="simulates nothing"):
         module.training_step(plain, 0)

@@ -7,24 +7,26 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from lightning.pytorch.loggers import CSVLogger
 from PIL import Image
 
 from gaussian_enhancer.cli.train import run, with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import effective, run_digest
-from gaussian_enhancer.train.loggers import LastingCSV
+from gaussian_enhancer.train.loggers import ResumableCSVLogger, make_loggers
+from gaussian_enhancer.train.trainer import device_count, processes
 from support import paths
 from support.wandb_log import history, records
 
 CONF = paths.CONF
 SMALL = (
-    "size=tiny",
+    "fusion=sif",
     "fusion.widths=[8,8,8]",
     "data.augmentation.crop=32",
     "data.batch_size=2",
     "data.steps_per_epoch=2",
 )
-QUICK = ("optimiser.lr=0.01", "+optimiser.warmup=1", "+optimiser.average=0.5", "data.steps_per_epoch=2")
+QUICK = ("optimizer.lr=0.01", "lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")
 SHORT = ("trainer=smoke", "trainer.max_steps=4", "save_every=3", "runtime.progress=false", "runtime.threads=1")
 
 
@@ -71,7 +73,8 @@ def test_wandb_keeps_the_run_with_its_content_and_group(by_wandb):
     digest = by_wandb.name.rpartition("-")[2]
     assert (told.run_id, told.run_group, told.job_type) == (digest, "gates", "train")
     assert told.display_name == by_wandb.name
-    config = {item.key: json.loads(item.value_json) for item in told.config.update}
+    updates = [one.config.update for one in found if one.WhichOneof("record_type") == "config"]
+    config = {item.key: json.loads(item.value_json) for items in updates for item in items}
     assert config["seed"] == 0
     assert config["data"]["batch_size"] == 2
     assert "study" not in config
@@ -143,11 +146,11 @@ def test_tensorboard_keeps_the_same_scalars_and_images(plane_run, other_plane_ru
 
 
 def test_rows_from_the_first_step_that_is_logged_again_are_dropped(tmp_path):
-    first = LastingCSV(tmp_path, name=None, version="log")
+    first = ResumableCSVLogger(tmp_path, name=None, version="log")
     for step in range(4):
         first.log_metrics({"a": float(step)}, step)
     first.save()
-    second = LastingCSV(tmp_path, name=None, version="log")
+    second = ResumableCSVLogger(tmp_path, name=None, version="log")
     second.log_metrics({"a": 20.0, "b": 1.0}, 2)
     second.save()
     assert [(row["step"], row["a"], row["b"]) for row in rows_of(tmp_path)] == [
@@ -160,15 +163,27 @@ def test_rows_from_the_first_step_that_is_logged_again_are_dropped(tmp_path):
 def test_neither_logger_nor_study_nor_processes_make_another_run():
     places = ("data.train=[]", "data.validation=[]")
     plain = with_effect(configured(*places))
-    for other in ("logger=wandb", "logger=tensorboard", "study=gates", "trainer.devices=2", "trainer.strategy=ddp"):
+    watched = ("logger=wandb", "logger=tensorboard", "study=gates", "profiler=simple")
+    for other in (*watched, "trainer.devices=2", "trainer.devices=1", "trainer.strategy=ddp"):
         same = with_effect(configured(*places, other))
         assert run_digest(same, "train") == run_digest(plain, "train"), other
-    assert effective(plain)["logger"]["_target_"] == "lightning.pytorch.loggers.CSVLogger"
+    assert "logger" not in effective(plain)
     assert run_digest(with_effect(configured(*places, "seed=1")), "train") != run_digest(plain, "train")
 
 
-def test_devices_and_strategies_that_cannot_be_are_refused(tmp_path):
+def test_any_lightning_logger_is_taken_by_its_target(tmp_path):
+    cfg = configured("data.train=[]", "data.validation=[]", "logger=csv")
+    cfg.logger = {"_target_": "lightning.pytorch.loggers.CSVLogger", "save_dir": str(tmp_path), "name": "mine"}
+    (logger,) = make_loggers(cfg.logger)
+    assert type(logger) is CSVLogger
+    assert logger.root_dir == str(tmp_path / "mine")
+
+
+def test_numbers_of_devices_are_lightnings(tmp_path):
     places = ("data.train=[]", "data.validation=[]", f"runs={tmp_path}")
-    for options, words in ((["trainer.devices=0"], "1 or more"), (["trainer.strategy=fsdp"], "auto or ddp")):
-        with pytest.raises(InputError, match=words):
-            run(configured(*places, *options))
+    for words, count in (("1", 1), ("auto", 1), ("3", 3), ("[0,1]", 2), ("-1", 1)):
+        assert device_count(configured(*places, f"trainer.devices={words}")) == count
+    assert processes(configured(*places, "trainer.devices=2", "trainer.strategy=ddp")) == 2
+    assert processes(configured(*places, "trainer.devices=2", "trainer.strategy=fsdp")) == 1  # Lightning's own affair
+    with pytest.raises(InputError, match="1 or more"):
+        run(configured(*places, "trainer.devices=0"))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
@@ -13,7 +14,8 @@ from gaussian_enhancer.loss.terms import DSSIM, Charbonnier
 from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.train.module import EnhancerModule, OptimiserConfig
+from gaussian_enhancer.train.metrics import gains
+from gaussian_enhancer.train.module import EnhancerModule
 from gaussian_enhancer.train.non_finite import FEWEST, NonFiniteFilter, emptied, finite_samples, refuse_bad
 from gaussian_enhancer.train.samples import Sample, prepare_samples
 from gaussian_enhancer.types import Batch, NetworkInput
@@ -34,12 +36,12 @@ def module(share: float = 1.0) -> EnhancerModule:
     network = SIF((8, 8), (1, 1))
     torch.nn.init.normal_(network.decode.head.weight, std=0.1)
     terms = {"photo": Weighted(Charbonnier()), "shape": Weighted(DSSIM(), 0.2)}
-    return EnhancerModule(network, WeightedLoss(terms), {}, OptimiserConfig(), 10, bad_share=share)
+    return EnhancerModule(network, WeightedLoss(terms), gains(), partial(torch.optim.AdamW, lr=8e-4), bad_share=share)
 
 
 def gradients(training: EnhancerModule, given: Batch) -> tuple[torch.Tensor, torch.Tensor]:
     training.network.zero_grad()
-    total, _ = training.loss(given)
+    total, _ = training.batch_loss(given)
     total.backward()
     return total.detach(), torch.cat([p.grad.flatten() for p in training.network.parameters() if p.grad is not None])
 
@@ -69,8 +71,8 @@ def test_a_bad_sample_weighs_nothing_and_is_named(part, value, capsys):
 
 def test_a_good_batch_is_what_it_was_bit_for_bit():
     training, good = module(), batch()
-    expected, parts = training._objective(training.network.stages(good.views), good.views.render, good.photo)
-    total, found = training.loss(good)
+    expected, parts = training._loss_at_all_scales(training.network.stages(good.views), good.views.render, good.photo)
+    total, found = training.batch_loss(good)
     assert torch.equal(total, expected)
     assert all(torch.equal(found[name], value) for name, value in parts.items())
     assert training.non_finite.counts == {}
@@ -93,8 +95,8 @@ def test_weights_that_are_not_finite_end_the_training():
     training = module()
     with torch.no_grad():
         next(training.network.parameters()).fill_(float("nan"))
-    with pytest.raises(InputError, match=r"weights that are not finite at step 0; lower optimiser.rate"):
-        training.loss(batch())
+    with pytest.raises(InputError, match=r"weights that are not finite at step 0; lower optimizer.lr"):
+        training.batch_loss(batch())
 
 
 def test_emptying_keeps_the_others():

@@ -60,7 +60,7 @@ def run(cfg: DictConfig) -> float | None:
         if min(count, total) > 1:
             from gaussian_enhancer.cli.distributed_enhance import enhanced_together  # loads lightning
 
-            return enhanced_together(folder, plan, cfg, min(count, total))
+            return enhanced_together(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, found.pool)
         return write_enhanced(track(images, "enhancing", total=total, console=console, disable=hidden), folder)
 

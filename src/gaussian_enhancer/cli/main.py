@@ -11,9 +11,9 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
+from gaussian_enhancer.configurations import configurations as configurations
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable
 
@@ -60,15 +60,6 @@ _gaussian_enhancer() {
 COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
 complete -o nospace -F _gaussian_enhancer gaussian-enhancer
 """
-
-
-def configurations() -> Path:
-    """The folder of configurations: inside the installed package, or beside ``src`` in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "conf", package.parents[1] / "conf"):
-        if (folder / "base.yaml").is_file():
-            return folder
-    raise InputError(package / "conf", "is missing from the installation", "install the package again")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -3,7 +3,6 @@
 import copy
 import json
 import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,19 @@ from omegaconf import DictConfig, open_dict
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.weights import count_parameters, design_of, load_weights, reference_config_of, save_weights
+from gaussian_enhancer.infer.weights import (
+    count_parameters,
+    design_of,
+    load_weights,
+    reference_config_of,
+    require_saveable,
+    save_weights,
+)
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.processes import Place, together
+from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.trainer import alike, alone, make_trainer, processes, quieten
 
 if TYPE_CHECKING:
@@ -43,37 +49,29 @@ def run(cfg: DictConfig) -> float | None:
             print(f"trained already: {job.folder / 'weights.safetensors'}")
             return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
         quieten()
+        require_saveable(_network(cfg))
         if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
             _data(cfg).prepare_data()
-        gain: float | None = together(partial(_train, job), cfg, count)
+        gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
         return gain
 
 
-def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
+def _train(cfg: DictConfig, job: Run) -> float | None:
     """One process's part; the first writes what comes of it."""
     # Heavy, and of no use to those who only ask for help.
     from lightning import seed_everything
 
     from gaussian_enhancer.train.loggers import watching
-    from gaussian_enhancer.train.module import EnhancerModule, psnr, ssim
-    from gaussian_enhancer.train.waiting import Waiting
+    from gaussian_enhancer.train.metrics import gains, psnr, ssim
+    from gaussian_enhancer.train.module import EnhancerModule
 
     start(cfg.runtime)
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
     data = _data(cfg)
-    metrics = {"psnr": psnr, "ssim": ssim}
-    module = EnhancerModule(
-        _network(cfg),
-        build(cfg.loss),
-        metrics,
-        build(cfg.optimiser),
-        cfg.trainer.max_steps,
-        cfg.coarse,
-        _bad_share(cfg),
-    )
-    waiting = Waiting()
-    trainer = make_trainer(cfg, job, "last", [waiting], place=place)
+    made = build(cfg.loss), gains(psnr=psnr, ssim=ssim), build(cfg.optimizer), build(cfg.lr_scheduler)
+    module = EnhancerModule(_network(cfg), *made, coarse=cfg.coarse, bad_share=_bad_share(cfg))
+    trainer = make_trainer(cfg, job, "last")
     last = job.folder / "last.ckpt"
     started = time.time()
     with watching(trainer.loggers):
@@ -81,35 +79,32 @@ def _train(job: Run, cfg: DictConfig, place: Place) -> float | None:
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
             return None
-        gains = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+        found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     non_finite = module.non_finite.of_all()
     if not trainer.is_global_zero:
         return None
     reference_config = build(cfg.reference_config)
     card = {
         **plain(cfg.card),
-        "design": design_of(module.ema),  # type: ignore[arg-type]
+        "design": design_of(module.network),
         "reference_config": reference_config_of(reference_config),
-        "parameters": count_parameters(module.ema),
+        "parameters": count_parameters(module.network),
         "steps": trainer.global_step,
         "minutes": round((time.time() - started) / 60, 1),
-        "waiting": round(waiting.share, 4),
-        "first_batches_seconds": round(waiting.first, 1),
         "simulated": float(cfg.data.get("simulated", 0)),
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
-        "validation": gains,
+        "validation": found,
         "seed": int(cfg.seed),
         "run": job.digest,
         **_told(cfg),
         **({"dropped": non_finite} if non_finite else {}),
     }
-    save_weights(job.folder / "weights.safetensors", module.ema, reference_config, card)  # type: ignore[arg-type]
+    save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
-    print(f"steps waited for data {waiting.share:.1%} of the time, and {waiting.first:.1f} s for epochs' first batches")
-    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in gains.items()))
-    return gains["gain/psnr"]
+    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in found.items()))
+    return found["gain/psnr"]
 
 
 def _network(cfg: DictConfig) -> "Network":

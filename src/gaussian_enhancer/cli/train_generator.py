@@ -16,7 +16,7 @@ from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.trainer import alike, make_trainer, processes, quieten
+from gaussian_enhancer.train.trainer import alike, device_count, make_trainer, quieten
 
 STEPS = ("paired", "diffused")
 
@@ -29,7 +29,7 @@ def run(cfg: DictConfig) -> float | None:
     """
     require(cfg)
     start(cfg.runtime)
-    if processes(cfg) > 1:
+    if device_count(cfg) > 1:
         received = f"is {cfg.trainer.devices}, but the simulator's noise is drawn for whole batches"
         raise InputError("trainer.devices", received, "train it with trainer.devices=1")
     job = open_run(alike(cfg), "train_generator", cfg.label)
@@ -81,13 +81,13 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
     from gaussian_enhancer.train.loggers import watching
 
     steps = int(cfg[step].steps)
-    rest = (build(cfg.generator_loss), build(cfg[step].optimiser), steps)
+    loss, optimizer, scheduler = build(cfg.generator_loss), build(cfg[step].optimizer), build(cfg[step].lr_scheduler)
     module: PairedModule | DiffusedModule
     if step == "paired":
-        module = PairedModule(FactorModel(design), *rest, seed=cfg.seed)
+        module = PairedModule(FactorModel(design), loss, optimizer, scheduler, seed=cfg.seed)
     else:
         before = load_model(job.folder / "paired.safetensors").model
-        module = DiffusedModule(before, *rest, sampler=build(cfg.sampler), seed=cfg.seed + 1)
+        module = DiffusedModule(before, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
     trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
     last = job.folder / f"{step}.ckpt"
     with watching(trainer.loggers):
@@ -95,5 +95,5 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
         if trainer.interrupted or trainer.global_step < steps:
             return None
         found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
-    save_model(job.folder / f"{step}.safetensors", module.ema, {})
+    save_model(job.folder / f"{step}.safetensors", module.model, {})
     return found

@@ -3,57 +3,35 @@
 Axes: b batch, h height, w width.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import torch
 
-from gaussian_enhancer.degrade.artefacts.banding import banding
-from gaussian_enhancer.degrade.artefacts.blur import blur
-from gaussian_enhancer.degrade.artefacts.cloudy import cloudy
-from gaussian_enhancer.degrade.artefacts.colour import colour
-from gaussian_enhancer.degrade.artefacts.displacement import displacement
-from gaussian_enhancer.degrade.artefacts.floater import floater
-from gaussian_enhancer.degrade.artefacts.jpeg import jpeg
-from gaussian_enhancer.degrade.artefacts.needle import needle
-from gaussian_enhancer.degrade.artefacts.noise import noise
+from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.region import soft_region, within
-from gaussian_enhancer.degrade.artefacts.resampling import downsampling
-from gaussian_enhancer.degrade.artefacts.sensor import sensor
-from gaussian_enhancer.degrade.artefacts.view import Artefact, View
+from gaussian_enhancer.degrade.artefacts.rng import named
+from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import Step
-
-ARTEFACTS: Mapping[str, Artefact] = {
-    "blur": blur,
-    "noise": noise,
-    "sensor": sensor,
-    "jpeg": jpeg,
-    "downsampling": downsampling,
-    "displacement": displacement,
-    "needle": needle,
-    "banding": banding,
-    "cloudy": cloudy,
-    "floater": floater,
-    "colour": colour,
-}
-"""The function of each type."""
 
 
 def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[torch.Generator]) -> View:
     """Apply to each sample its own steps in its own order.
 
-    Samples that take the same type in the same place of their order are computed together.
+    Samples that take the same type in the same place of their order are computed together. What is drawn for a step
+    follows from its sample and its type: it does not depend on which other steps there are.
 
     Args:
         view: photos.
         steps: of each sample, as a gate drew them.
         generators: one source of randomness for each sample.
     """
+    seeds = [int(torch.randint(2**62, (), generator=generator)) for generator in generators]
     for place in range(max((len(one) for one in steps), default=0)):
         here = [one[place] if place < len(one) else None for one in steps]
         for name in dict.fromkeys(step.type for step in here if step is not None):
             chosen = [i for i, step in enumerate(here) if step is not None and step.type == name]
             taken = [step for step in here if step is not None and step.type == name]
-            view = _apply(view, chosen, taken, [generators[i] for i in chosen])
+            view = _apply(view, chosen, taken, [named(name, seeds[i]) for i in chosen])
     return view
 
 

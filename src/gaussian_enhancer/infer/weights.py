@@ -5,13 +5,13 @@ are brought to it) and ``card`` (where the weights come from). Kinds of parts ar
 """
 
 import dataclasses
-import importlib
+import inspect
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from torch import nn
 
@@ -27,6 +27,7 @@ from gaussian_enhancer.checkpoint import (
     write_checkpoint,
 )
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.catalogue import NetworkCatalogue
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
@@ -45,42 +46,14 @@ STAGES: dict[str, tuple[type[Any], ...]] = {
 }
 PARTS = ("first", "second")
 """Parameters of a network that are networks."""
+LONGEST = 6
+"""Entries of a list in a design."""
+LONGEST_WORD = 64
+"""Letters of a word in a design."""
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
 
 
-class Networks(Mapping[str, type[Any]]):
-    """Networks by name; a module is imported when its network is asked for, so that one leaves the others alone.
-
-    Args:
-        modules: where each network is, within the package ``network``.
-    """
-
-    def __init__(self, modules: Mapping[str, str]) -> None:
-        self.modules = dict(modules)
-
-    def __getitem__(self, name: str) -> type[Any]:
-        kind: type[Any] = getattr(importlib.import_module(f"gaussian_enhancer.network.{self.modules[name]}"), name)
-        return kind
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.modules)
-
-    def __len__(self) -> int:
-        return len(self.modules)
-
-
-NETWORKS: Mapping[str, type[Any]] = Networks(
-    {
-        "SIF": "sif",
-        "SSIFLR": "ssif_lr",
-        "SSIFSR": "ssif_sr",
-        "Cascade": "cascade",
-        "NAFNet": "baselines.nafnet",
-        "EDVR": "baselines.edvr",
-        "Identity": "baselines.identity",
-        "Bicubic": "baselines.bicubic",
-    }
-)
+NETWORKS: Mapping[str, type[Network]] = NetworkCatalogue()
 
 
 @dataclass(frozen=True)
@@ -178,25 +151,61 @@ def build_design(design: Mapping[str, Any]) -> Network:
     kind = NETWORKS.get(values.pop("network"))
     if kind is None:
         raise ValueError(f"network {design['network']!r}")
-    built: Network = kind(**{name: _value(name, value) for name, value in values.items()})
-    return built
+    parameters = inspect.signature(kind).parameters
+    unknown = sorted(values.keys() - parameters.keys())
+    if unknown:
+        raise ValueError(f"network {design['network']!r} has no parameter {unknown[0]!r}")
+    return kind(**{name: _value(name, value, parameters[name].annotation) for name, value in values.items()})
 
 
-def _value(name: str, value: Any) -> Any:
-    """A parameter of a network from its plain value."""
+def require_saveable(network: Network) -> None:
+    """Refuse a network that could be trained and saved but not loaded again, before the training begins.
+
+    The design is written as text, read, and built anew; parameters must have the same names and shapes.
+
+    Raises:
+        InputError: they have not, or the design cannot be written or read.
+    """
+    name = type(network).__name__
+    try:
+        again = build_design(json.loads(json.dumps(design_of(network))))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        remedy = "put its file into gaussian_enhancer/network, give it plain parameters, and call describe(locals())"
+        raise InputError("fusion", f"is a {name} that its weights could not describe ({error})", remedy) from error
+    asked, found = ({n: tuple(v.shape) for n, v in one.state_dict().items()} for one in (network, again))
+    if asked != found:
+        odd = sorted(set(asked.items()) ^ set(found.items()))[0][0]
+        received = f"is a {name} that is built otherwise from its own design, at {odd}"
+        raise InputError("fusion", received, "describe every parameter that the layers depend on")
+
+
+def _value(name: str, value: Any, annotation: Any) -> Any:
+    """A parameter of a network from its plain value, which must be of the parameter's annotated type."""
     if name in PARTS:
         if "first" in value or "second" in value:
             raise ValueError(f"{name} is made of several networks itself")
         return build_design(value)
     if name in STAGES:
         return _part(value, STAGES[name])
-    if isinstance(value, bool):
+    if get_origin(annotation) is Sequence:
+        (entry,) = get_args(annotation)
+        if not isinstance(value, list) or not 1 <= len(value) <= LONGEST:
+            raise ValueError(f"{name} is {value!r}, no list of 1 to {LONGEST} entries")
+        return [_scalar(name, one, entry) for one in value]
+    return _scalar(name, value, annotation)
+
+
+def _scalar(name: str, value: Any, annotation: Any) -> bool | int | float | str:
+    """A truth value, a whole number from 0 to 1024, a finite number, or a short word."""
+    if annotation is bool and isinstance(value, bool):
         return value
-    if isinstance(value, list):
-        if not 1 <= len(value) <= 6:
-            raise ValueError(f"{name} has {len(value)} entries")
-        return [whole_number(entry, 0, 1024) for entry in value]
-    return whole_number(value, 0, 1024)
+    if annotation is int:
+        return whole_number(value, 0, 1024)
+    if annotation is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        return float(value)
+    if annotation is str and isinstance(value, str) and len(value) <= LONGEST_WORD:
+        return value
+    raise ValueError(f"{name} is {value!r}, where the network takes {getattr(annotation, '__name__', annotation)}")
 
 
 def reference_config_of(reference_config: ReferenceConfig) -> dict[str, Any]:

@@ -28,13 +28,16 @@ class Network(nn.Module, abc.ABC):
     """The plain values that it is built from: ``network``, the class's name, and its parameters."""
 
     def describe(self, arguments: Mapping[str, Any]) -> None:
-        """Set ``design`` to the class's name and the constructor's arguments, sequences as lists of whole numbers.
+        """Set ``design`` to the class's name and the constructor's arguments, sequences of numbers as lists.
 
         Args:
             arguments: ``locals()`` of the constructor, before it binds anything else.
         """
         own = {name: value for name, value in arguments.items() if name not in ("self", "__class__")}
-        plain = {n: [int(v) for v in value] if isinstance(value, Sequence) else value for n, value in own.items()}
+        plain = {
+            name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+            for name, value in own.items()
+        }
         self.design = {"network": type(self).__name__, **plain}
 
     @abc.abstractmethod

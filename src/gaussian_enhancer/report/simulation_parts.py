@@ -11,10 +11,11 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import Gate, Step
-from gaussian_enhancer.degrade.manual import ARTEFACTS, degrade
+from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.report.figures import error_map
 from gaussian_enhancer.report.simulation import EDGE, Row, Section

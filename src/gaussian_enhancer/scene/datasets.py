@@ -5,11 +5,17 @@ The facts themselves stand in ``conf/dataset/*.yaml``, with their sources in ``d
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any
 
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError
 
+LAYOUTS = ("colmap", "transforms")
+"""How a scene's folder is read."""
 DIGESTS = {"sha256": 64, "md5": 32}
 """Digits of the checksums that an archive may state."""
 
@@ -84,9 +90,12 @@ class Dataset:
         fit_basis: what the expected times of fits rest on.
         leave_out: patterns of files in the photos' folders that are no photos.
         test_photos: size of the dataset's own test split; None where every 8th photo is held out.
+        layout: of a scene's folder: ``colmap``, or ``transforms`` as NeRF-Synthetic has it.
+        pyramid: folders of photos that the authors downscaled, by the factor; empty where there is one size.
+        background: colour under transparent photos, where a scene states none.
 
     Raises:
-        InputError: a scene names an archive that there is not.
+        InputError: a scene names an archive that there is not, or the layout is unknown.
     """
 
     name: str
@@ -99,12 +108,34 @@ class Dataset:
     fit_basis: str
     leave_out: tuple[str, ...] = ()
     test_photos: int | None = None
+    layout: str = "colmap"
+    pyramid: Mapping[int, str] = field(default_factory=dict)
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if self.layout not in LAYOUTS:
+            raise InputError(f"{self.name}.layout", f"is {self.layout!r}", f"choose from {', '.join(LAYOUTS)}")
         for name, scene in self.scenes.items():
             if scene.archive not in self.archives:
                 known = ", ".join(self.archives)
                 raise InputError(f"{self.name}.{name}", f"lies in archive {scene.archive!r}", f"name one of {known}")
+
+    def photo_folder(self, downscale: int | float) -> str:
+        """The folder of a scene's photos of a size.
+
+        Args:
+            downscale: factor that divides the photos' full size.
+
+        Raises:
+            InputError: the authors published no photos downscaled by that factor.
+        """
+        if not self.pyramid:
+            return "images"
+        if downscale not in self.pyramid:
+            known = ", ".join(map(str, self.pyramid))
+            received = f"is {downscale} for {self.title}"
+            raise InputError("scene.downscale", received, f"choose from {known}: its own photos")
+        return self.pyramid[int(downscale)]
 
     def chosen(self, names: tuple[str, ...] | None) -> Mapping[str, DatasetScene]:
         """The scenes that are asked for, all where None.
@@ -129,6 +160,27 @@ def dataset_of(values: Mapping[str, Any]) -> Dataset:
     scenes = {str(key): _made(DatasetScene, value, where) for key, value in _mapping(values, "scenes", where)}
     made: Dataset = _made(Dataset, {**values, "archives": archives, "scenes": scenes}, where)
     return made
+
+
+def dataset_names() -> tuple[str, ...]:
+    """The datasets of ``conf/dataset``, sorted; a new one is a new file there."""
+    return tuple(sorted(path.stem for path in (configurations() / "dataset").glob("*.yaml")))
+
+
+@cache
+def published_dataset(name: str) -> Dataset:
+    """A dataset of ``conf/dataset``.
+
+    Args:
+        name: of its file, without ending.
+
+    Raises:
+        InputError: there is none of that name, or its file is malformed.
+    """
+    if name not in dataset_names():
+        raise InputError("scene.dataset", f"is {name!r}", f"choose from {', '.join(dataset_names())}")
+    values: Any = OmegaConf.to_container(OmegaConf.load(configurations() / "dataset" / f"{name}.yaml"))
+    return dataset_of(values)
 
 
 def _mapping(values: Mapping[str, Any], key: str, where: str) -> list[tuple[str, Any]]:

@@ -9,14 +9,10 @@ from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.colmap import MODEL_FOLDERS, find_model, load_colmap
+from gaussian_enhancer.scene.datasets import published_dataset
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.transforms import load_nerf_synthetic
-
-PYRAMID = {1: "images", 2: "images_2", 4: "images_4", 8: "images_8"}
-"""Folders of Mip-NeRF 360's photos by the factor that they are downscaled by."""
-
-DATASETS = ("mip_nerf_360", "tanks_temples", "deep_blending", "nerf_synthetic")
 
 
 def load_published(
@@ -34,13 +30,13 @@ def load_published(
 
     Args:
         path: the scene's folder, as the job ``download`` leaves it.
-        dataset: one of `DATASETS`.
+        dataset: name of a file of ``conf/dataset``.
         name: the scene's name.
         photos: how many photos the published scene has; None to take what is there.
-        downscale: factor that divides width and height. For Mip-NeRF 360 one of 1, 2, 4, 8, by the authors' own files.
+        downscale: factor that divides width and height; where the authors published several sizes, one of theirs.
         split: how to divide the photos; every 8th held out, or NeRF-Synthetic's own split, where None.
         missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
-        background: colour under transparent photos; white for NeRF-Synthetic and black otherwise where None.
+        background: colour under transparent photos; the dataset's where None.
 
     Raises:
         InputError: the dataset is unknown, files are not there (the command that fetches them is named), the number
@@ -50,13 +46,15 @@ def load_published(
     absent = missing_parts(root, dataset, downscale)
     if absent:
         raise InputError(absent[0], "does not exist", download_command(root, dataset, name, downscale))
-    ground = background if background is not None else (1.0, 1.0, 1.0) if dataset == "nerf_synthetic" else (0.0,) * 3
-    if dataset == "nerf_synthetic":
+    facts = published_dataset(dataset)
+    ground = facts.background if background is None else background
+    if facts.layout == "transforms":
         scene = load_nerf_synthetic(
             root, downscale=downscale, split=split, missing=missing, background=ground, name=name
         )
     else:
-        images, factor = (PYRAMID[int(downscale)], 1) if dataset == "mip_nerf_360" else ("images", downscale)
+        factor = 1 if facts.pyramid else downscale
+        images = facts.photo_folder(downscale)
         scene = load_colmap(
             root, images=images, downscale=factor, split=split, missing=missing, background=ground, name=name
         )
@@ -71,20 +69,19 @@ def missing_parts(path: Path, dataset: str, downscale: int | float = 1) -> tuple
 
     Args:
         path: the scene's folder.
-        dataset: one of `DATASETS`.
+        dataset: name of a file of ``conf/dataset``.
         downscale: factor of the photos that are to be read.
 
     Raises:
         InputError: the dataset is unknown, or has no photos downscaled by that factor.
     """
-    if dataset not in DATASETS:
-        raise InputError("scene.dataset", f"is {dataset!r}", f"choose from {', '.join(DATASETS)}")
-    if dataset == "nerf_synthetic":
+    facts = published_dataset(dataset)
+    if facts.layout == "transforms":
         needed = [
             f"{part}{side}{end}" for side in ("train", "test") for part, end in (("transforms_", ".json"), ("", ""))
         ]
         return tuple(path / part for part in needed if not (path / part).exists())
-    images = path / _photo_folder(dataset, downscale)
+    images = path / facts.photo_folder(downscale)
     model = () if find_model(path) is not None else (path / MODEL_FOLDERS[0],)
     return (*(() if images.is_dir() else (images,)), *model)
 
@@ -94,22 +91,14 @@ def download_command(path: Path, dataset: str, name: str, downscale: int | float
 
     Args:
         path: the scene's folder.
-        dataset: one of `DATASETS`.
+        dataset: name of a file of ``conf/dataset``.
         name: the scene's name.
         downscale: factor of the photos that are to be read.
     """
     words = [f"gaussian-enhancer download dataset={dataset} scenes=[{name}]"]
-    if dataset == "mip_nerf_360":
-        words.append(f"images=[{_photo_folder(dataset, downscale)}]")
+    facts = published_dataset(dataset)
+    if facts.pyramid:
+        words.append(f"images=[{facts.photo_folder(downscale)}]")
     if path.parts[-2:] != (dataset, name):
         return f"fetch it ({' '.join(words)}) and give its folder as scene.path"
     return f"fetch it: {' '.join(words)} folder={path.parent.parent}"
-
-
-def _photo_folder(dataset: str, downscale: int | float) -> str:
-    if dataset != "mip_nerf_360":
-        return "images"
-    if downscale not in PYRAMID:
-        known = ", ".join(map(str, PYRAMID))
-        raise InputError("scene.downscale", f"is {downscale} for Mip-NeRF 360", f"choose from {known}: its own photos")
-    return PYRAMID[int(downscale)]

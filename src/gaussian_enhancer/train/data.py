@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lightning import LightningDataModule
+from lightning.pytorch.overrides.distributed import UnrepeatedDistributedSampler
 from torch.utils.data import DataLoader
 
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -18,7 +19,7 @@ from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
 from gaussian_enhancer.train.non_finite import BAD_SHARE, refuse_bad
 from gaussian_enhancer.train.samples import Sample, batch_of, prepare_samples, training_targets
-from gaussian_enhancer.train.share import SharedBatches, SharedCrops, Strided
+from gaussian_enhancer.train.share import SharedBatches, SharedCrops
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
 
@@ -144,8 +145,11 @@ class RunsData(LightningDataModule):
             batch = batch_of([sample.planes()], [sample], references, [sample.fine_planes()])
             return batch if simulation is None else simulation(batch, [sample], [seed])
 
-        own = Strided(len(chosen), *self._place())
-        return DataLoader(list(enumerate(chosen)), batch_size=1, sampler=own, collate_fn=collate)  # type: ignore[arg-type]
+        rank, ranks = self._place()
+        views: Any = list(enumerate(chosen))
+        # Torch's own sampler would repeat views until all processes have as many, and so change the mean.
+        own = UnrepeatedDistributedSampler(views, ranks, rank, shuffle=False)
+        return DataLoader(views, batch_size=1, sampler=own, collate_fn=collate)
 
     def _drawn(self) -> int:
         """How many crops the training has had."""

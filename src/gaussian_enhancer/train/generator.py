@@ -3,7 +3,6 @@
 Axes: b batch, h height, w width.
 """
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +17,7 @@ from gaussian_enhancer.degrade.generative.factors import Factors
 from gaussian_enhancer.degrade.generative.second_stage import SCHEDULES, FactorModel
 from gaussian_enhancer.degrade.generative.texture import texture_difference
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.train.ema import follow
-from gaussian_enhancer.train.module import OptimiserConfig
+from gaussian_enhancer.train.optimizers import MakeOptimizer, MakeScheduler, configured
 from gaussian_enhancer.types import Batch
 
 
@@ -41,15 +39,19 @@ class GeneratorLoss:
 
 
 class _GeneratorModule(LightningModule):
-    """What both steps share: what a batch holds, the optimiser, a running mean of the weights."""
+    """What both steps share: what a batch holds, and the optimizer."""
 
     def __init__(
-        self, model: FactorModel, loss: GeneratorLoss, optimiser: OptimiserConfig, steps: int, seed: int
+        self,
+        model: FactorModel,
+        loss: GeneratorLoss,
+        optimizer: MakeOptimizer,
+        lr_scheduler: MakeScheduler | None = None,
+        seed: int = 0,
     ) -> None:
         super().__init__()
         self.model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.ema = copy.deepcopy(model).requires_grad_(False)
-        self.loss, self.optimiser, self.steps, self.seed = loss, optimiser, steps, seed
+        self.loss, self.optimizer, self.lr_scheduler, self.seed = loss, optimizer, lr_scheduler, seed
 
     def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
         """Stage 1's output M, the real renders R, and generators that follow from the index and the seed."""
@@ -58,17 +60,10 @@ class _GeneratorModule(LightningModule):
         generator = torch.Generator().manual_seed(1_000_003 * self.seed + index)
         return batch.views.render, batch.real, spawn(len(batch.names), generator)
 
-    def optimizer_step(self, *arguments: Any, **named: Any) -> None:
-        """Step, and move the average towards the weights before a checkpoint can be written."""
-        super().optimizer_step(*arguments, **named)
-        follow(self.ema, self.model, self.optimiser.ema, self.global_step + 1)
-
     def configure_optimizers(self) -> Any:
-        """Adam on what is trained in this step."""
-        parameters = [p for p in self.parameters() if p.requires_grad]
-        adam = torch.optim.Adam(parameters, lr=self.optimiser.lr, betas=(0.9, 0.99))
-        schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: self.optimiser.factor(step, self.steps))
-        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        """The optimizer on what is trained in this step."""
+        groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
+        return configured(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
 
     def _logged(self, values: dict[str, Tensor], batch: Batch) -> None:
         self.log_dict({f"train/{name}": value.detach() for name, value in values.items()}, batch_size=len(batch.names))
@@ -80,15 +75,20 @@ class PairedModule(_GeneratorModule):
     Args:
         model: stage 2's networks; the denoiser is left alone.
         loss: weights of the terms.
-        optimiser: how.
-        steps: length of the training, for the schedule.
+        optimizer: makes the optimizer from parameter groups.
+        lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
         seed: of all noise.
     """
 
     def __init__(
-        self, model: FactorModel, loss: GeneratorLoss, optimiser: OptimiserConfig, steps: int, seed: int = 0
+        self,
+        model: FactorModel,
+        loss: GeneratorLoss,
+        optimizer: MakeOptimizer,
+        lr_scheduler: MakeScheduler | None = None,
+        seed: int = 0,
     ) -> None:
-        super().__init__(model, loss, optimiser, steps, seed)
+        super().__init__(model, loss, optimizer, lr_scheduler, seed)
         model.denoiser.requires_grad_(False)
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
@@ -111,7 +111,7 @@ class PairedModule(_GeneratorModule):
     def validation_step(self, batch: Batch, index: int) -> None:
         """How much nearer L is to R than M: in dB of PSNR, and as the share of the texture's difference left."""
         manual, real, generators = self.prepared(batch, index)
-        made = self.ema.combine(manual, self.ema.extractor(manual, real), generators).float().clamp(0, 1)
+        made = self.model.combine(manual, self.model.extractor(manual, real), generators).float().clamp(0, 1)
         self.log("gain/paired", _nearer(manual, made, real), prog_bar=True, batch_size=1)
         self.log("texture/paired", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
 
@@ -136,9 +136,9 @@ class DiffusedModule(_GeneratorModule):
     Args:
         model: stage 2's networks after the first step.
         loss: ``noise`` is that of the first step.
-        optimiser: how.
-        steps: length of the training, for the schedule.
+        optimizer: makes the optimizer from parameter groups.
         sampler: how codes are sampled in validation.
+        lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
         seed: of all noise.
     """
 
@@ -146,12 +146,12 @@ class DiffusedModule(_GeneratorModule):
         self,
         model: FactorModel,
         loss: GeneratorLoss,
-        optimiser: OptimiserConfig,
-        steps: int,
+        optimizer: MakeOptimizer,
         sampler: Sampler,
+        lr_scheduler: MakeScheduler | None = None,
         seed: int = 0,
     ) -> None:
-        super().__init__(model, loss, optimiser, steps, seed)
+        super().__init__(model, loss, optimizer, lr_scheduler, seed)
         self.model.requires_grad_(False)
         self.model.denoiser.requires_grad_(True)
         self.sampler = sampler
@@ -168,9 +168,9 @@ class DiffusedModule(_GeneratorModule):
         manual, real, generators = self.prepared(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
-            self.log("left/denoising", self._denoising(manual, real, self.ema), batch_size=1)
-        sampled = self.ema.sample(manual, self.sampler, generators)
-        made = self.ema.combine(manual, sampled, generators).float().clamp(0, 1)
+            self.log("left/denoising", self._denoising(manual, real, self.model), batch_size=1)
+        sampled = self.model.sample(manual, self.sampler, generators)
+        made = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
         self.log("gain/diffused", _nearer(manual, made, real), prog_bar=True, batch_size=1)
         self.log("texture/diffused", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
 

@@ -1,87 +1,73 @@
-"""What a training is watched with: rows in a file always, and wandb or TensorBoard beside them.
+"""Loggers of a training, any of Lightning's; and one that keeps a resumed training's rows.
 
-Whichever logger is live, a run keeps its scalars as ``metrics.csv``, which reports are made from.
+Every choice of ``conf/logger`` has the CSV logger: reports are made from its ``metrics.csv``.
 """
 
 import csv as tables
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger, WandbLogger
+from hydra.errors import InstantiationException
+from lightning import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import CSVLogger, Logger, WandbLogger
 from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 from lightning.pytorch.loggers.logger import rank_zero_experiment
+from omegaconf import DictConfig
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.runtime import start
 
 
-@dataclass(frozen=True)
-class Watched:
-    """What loggers are told of a run.
+def make_loggers(node: DictConfig) -> list[Logger]:
+    """The loggers of a configuration: one with ``_target_``, or several by name.
 
     Args:
-        folder: where logs are kept.
-        id: of the run's content, so that a training that goes on is the same run to the logger.
-        name: to show.
-        group: the study or sweep that the run belongs to.
-        job: what is done.
-        config: resolved values.
-    """
-
-    folder: Path
-    id: str
-    name: str
-    group: str
-    job: str
-    config: Mapping[str, Any] = field(default_factory=dict)
-
-
-def csv(run: Watched) -> list[Logger]:
-    """Scalars as rows of ``log/metrics.csv``."""
-    return [LastingCSV(run.folder, name=None, version="log")]
-
-
-def tensorboard(run: Watched) -> list[Logger]:
-    """The same scalars, and images, as TensorBoard's events.
+        node: names any Lightning loggers.
 
     Raises:
-        InputError: TensorBoard is not installed.
+        InputError: one needs a package that is not installed.
     """
+    nodes = {"logger": node} if "_target_" in node else {f"logger.{name!s}": one for name, one in node.items() if one}
+    return [_made(str(name), one) for name, one in nodes.items()]
+
+
+def _made(name: str, node: DictConfig) -> Logger:
     try:
-        live = TensorBoardLogger(run.folder, name=None, version="tensorboard", default_hp_metric=False)
-    except ModuleNotFoundError as error:
-        remedy = "install gaussian-enhancer[tensorboard], or choose logger=csv"
-        raise InputError("logger=tensorboard", f"needs a package that is not installed ({error})", remedy) from error
-    return [*csv(run), live]
+        logger: Logger = build(node)
+    except InstantiationException as error:
+        if not isinstance(error.__cause__, ModuleNotFoundError):
+            raise
+        received = f"needs a package that is not installed ({error.__cause__})"
+        remedy = "install it, for instance as gaussian-enhancer[tensorboard], or choose logger=csv"
+        raise InputError(name, received, remedy) from error
+    return logger
 
 
-def wandb(run: Watched, project: str = "gaussian-enhancer", offline: bool = True) -> list[Logger]:
-    """The same scalars, tables and images, as a run of wandb, in the run's folder.
-
-    Offline nothing leaves the machine: ``wandb sync --append FOLDER/wandb/offline-*`` sends it later, the parts of a
-    training that was killed into one run, since they share its id. Online an interrupted run is continued.
+class RunSetup(Callback):
+    """Sets up every process of a training, and tells loggers the run's configuration.
 
     Args:
-        run: what is logged.
-        project: wandb's.
-        offline: keep everything on this machine.
+        runtime: of the job's configuration.
+        values: what determines the run.
     """
-    import wandb as client
 
-    told: dict[str, Any] = {"group": run.group, "job_type": run.job, "config": dict(run.config)}
-    # The mode as an argument: Lightning's own `offline` would turn every later run of the process offline as well.
-    told |= {"mode": "offline", "resume": None} if offline else {"mode": "online"}
-    # On a busy machine its service needs longer to start than the half minute that wandb grants it.
-    settings = client.Settings(silent=offline, console="off", x_service_wait=300, init_timeout=300)
-    live = WandbLogger(run.name, run.folder, id=run.id, project=project, settings=settings, **told)
-    return [*csv(run), live]
+    def __init__(self, runtime: DictConfig, values: Mapping[str, Any]) -> None:
+        self.runtime, self.values = runtime, dict(values)
+
+    def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Threads and memory as the job has them; the configuration once."""
+        start(self.runtime)
+        if stage == "fit":
+            for logger in trainer.loggers:
+                logger.log_hyperparams(self.values)
 
 
-class LastingCSV(CSVLogger):
-    """Lightning's CSV logger, which would delete the rows of a training that goes on, and keeps them here.
+class ResumableCSVLogger(CSVLogger):
+    """Lightning's CSV logger, but a training that goes on keeps the rows it has; Lightning's own deletes them.
 
     Rows from the first step that is logged again onwards were written between the last checkpoint and the kill: they
     are dropped.
@@ -92,11 +78,11 @@ class LastingCSV(CSVLogger):
     def experiment(self) -> Any:
         """The writer; it starts with the rows that are there."""
         if self._experiment is None:
-            self._experiment = _LastingWriter(self.log_dir)
+            self._experiment = _ResumableWriter(self.log_dir)
         return self._experiment
 
 
-class _LastingWriter(ExperimentWriter):
+class _ResumableWriter(ExperimentWriter):
     def __init__(self, log_dir: str) -> None:
         self.resumed = False
         super().__init__(log_dir)

@@ -1,89 +1,81 @@
-"""Several processes of one machine that do a job together, joined as Lightning's DDP joins them."""
+"""Several processes of one machine that do a job together, started by Lightning Fabric."""
 
 import os
-import socket
+import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import torch
-import torch.multiprocessing
+from lightning.fabric.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
 from gaussian_enhancer.errors import InputError
 
 
-@dataclass(frozen=True)
-class Place:
-    """One process among those that work together.
+def started_elsewhere() -> bool:
+    """Whether torchrun or a cluster has started the processes already, each of which runs the whole command."""
+    from lightning.fabric.plugins.environments import (
+        LightningEnvironment,
+        LSFEnvironment,
+        MPIEnvironment,
+        SLURMEnvironment,
+        TorchElasticEnvironment,
+    )
 
-    Args:
-        rank: its number.
-        ranks: how many there are.
-        port: where they meet; None where they do not.
-    """
-
-    rank: int = 0
-    ranks: int = 1
-    port: int | None = None
-
-    def options(self) -> dict[str, Any]:
-        """What Lightning's trainer is told: who belongs together, and that samples are split already."""
-        if self.port is None:
-            return {}
-        from lightning.pytorch.strategies import DDPStrategy
-
-        from gaussian_enhancer.train.team import Team
-
-        # Nothing is sent between two steps but gradients: processes may have unequal numbers of views.
-        strategy = DDPStrategy(find_unused_parameters=True, broadcast_buffers=False)
-        team = Team(self.rank, self.port)
-        return {"strategy": strategy, "devices": self.ranks, "plugins": [team], "use_distributed_sampler": False}
+    kinds = (TorchElasticEnvironment, SLURMEnvironment, LSFEnvironment, MPIEnvironment)
+    return LightningEnvironment().creates_processes_externally or any(kind.detect() for kind in kinds)
 
 
-def together(work: Callable[[DictConfig, Place], Any], cfg: DictConfig, processes: int) -> Any:
+def is_first() -> bool:
+    """Whether this process is the first of those that run the whole command."""
+    return int(getattr(rank_zero_only, "rank", 0) or 0) == 0
+
+
+def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: int, *given: Any) -> Any:
     """Do a work in several processes and return what the first of them returns.
 
-    Where one of them fails or is killed the others are ended, and where this process is killed they end as well.
+    Lightning's own default would start the others by repeating the command line, which in a sweep is the whole sweep
+    and in a notebook nothing at all; Fabric spawns them instead. Where one fails the others are ended.
 
     Args:
-        work: a function at the top of a module, or a partial of one.
+        work: a function at the top of a module, called with cfg and ``given``.
         cfg: the job's configuration; progress bars are the first process's alone.
-        processes: how many; with one the work is done in this process.
+        accelerator: Lightning's name of it.
+        count: how many processes; with one the work is done in this process.
+        *given: further arguments.
 
     Raises:
         InputError: the work refuses its input.
     """
-    if processes == 1:
-        return work(cfg, Place())
-    answers = torch.multiprocessing.get_context("spawn").SimpleQueue()
+    if count == 1:
+        return work(cfg, *given)
+    from lightning.fabric import Fabric
+
+    if cfg.runtime.threads is None:
+        cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // count)
+    fabric: Any = Fabric(accelerator=accelerator, devices=count, strategy="ddp_spawn")
     try:
-        torch.multiprocessing.spawn(_other, (work, cfg, processes, free_port(), answers), processes)
-    except torch.multiprocessing.ProcessExitedException:
-        refusal = None if answers.empty() else answers.get()
-        if not isinstance(refusal, InputError):
+        return pickle.loads(fabric.launch(_in_a_process, pickle.dumps((work, cfg, given))))
+    except torch.multiprocessing.ProcessRaisedException as error:
+        refusal = _refusal(str(error))
+        if refusal is None:
             raise
         raise refusal from None
-    return answers.get()
 
 
-def _other(
-    rank: int, work: Callable[[DictConfig, Place], Any], cfg: DictConfig, processes: int, port: int, answers: Any
-) -> None:
-    cfg.runtime.progress = cfg.runtime.progress and rank == 0
-    if cfg.runtime.threads is None:
-        cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // processes)
-    try:
-        answer = work(cfg, Place(rank, processes, port))
-    except InputError as error:
-        answers.put(error)
-        raise SystemExit(2) from error
-    if rank == 0:
-        answers.put(answer)
+def _in_a_process(fabric: Any, call: bytes) -> bytes:
+    """What the work returns. Calls and answers are bytes: Fabric would take frozen dataclasses apart for tensors."""
+    work, cfg, given = pickle.loads(call)
+    cfg.runtime.progress = cfg.runtime.progress and fabric.is_global_zero
+    return pickle.dumps(work(cfg, *given))
 
 
-def free_port() -> int:
-    """A port of this machine that nobody listens at."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def _refusal(traceback: str) -> InputError | None:
+    """The user's mistake that ended a process, which hands back nothing but its traceback's text."""
+    name = f"{InputError.__module__}.{InputError.__qualname__}: "
+    lines = [line.removeprefix(name) for line in traceback.splitlines() if line.startswith(name)]
+    if not lines:
+        return None
+    subject, _, rest = lines[-1].partition(": ")
+    received, _, remedy = rest.partition("; ")
+    return InputError(subject, received, remedy)

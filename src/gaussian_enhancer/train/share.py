@@ -1,7 +1,8 @@
 """The part of a training that each of several processes takes, so that together they do what one would do alone.
 
 A step's crops are drawn for all; each process makes its own part of them. What is drawn for a batch as a whole (the
-light of its samples, whether references' renders are known) follows from the whole batch in every process.
+light of its samples, whether references' renders are known) follows from the whole batch in every process. Torch's
+``DistributedSampler`` would give each process other crops than one process has, and a batch's light to each share.
 """
 
 from collections.abc import Iterator, Sequence
@@ -73,25 +74,6 @@ class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
     def __getitem__(self, index: tuple[int, int, ProcessShare]) -> tuple[tuple, ProcessShare]:
         number, seed, share = index
         return self.crops[number, seed], share
-
-
-class Strided(Sampler[int]):
-    """Every so many-th index, from the process's own on: nothing twice, nothing left out, however uneven.
-
-    Args:
-        count: of all.
-        rank: the process.
-        ranks: how many there are.
-    """
-
-    def __init__(self, count: int, rank: int, ranks: int) -> None:
-        self.places = range(rank, count, ranks)
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self.places)
 
 
 def gathered(own: Sequence[T]) -> list[T]:

@@ -1,77 +1,91 @@
-"""What training jobs share: a Lightning trainer that keeps one resumable checkpoint, without chatter."""
+"""What training jobs share: a Lightning trainer from the configuration, in a run's folder."""
 
 import copy
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, open_dict
+import torch
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, effective
-from gaussian_enhancer.train.processes import Place
+from gaussian_enhancer.train.processes import is_first, started_elsewhere
 
-LOGGER = {"_target_": "lightning.pytorch.loggers.CSVLogger", "name": None, "version": "log"}
-"""What a run's configuration says of its logger, whichever one is live: the rows that every run keeps."""
+SPAWNED = ("auto", "ddp", "ddp_spawn")
+"""Strategies for which a job starts its processes by itself; any other is Lightning's own affair."""
 
 
-def make_trainer(
-    cfg: DictConfig,
-    job: Run,
-    checkpoint: str,
-    callbacks: Sequence[Any] = (),
-    part: str = "",
-    place: Place | None = None,
-    **overrides: Any,
-) -> Any:
+def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **overrides: Any) -> Any:
     """A trainer that logs and keeps its checkpoint in a run's folder.
 
+    Callbacks are those of the group ``callbacks`` and, after them, the user's own in ``trainer.callbacks``.
+
     Args:
-        cfg: the job's configuration with ``trainer``, ``logger``, ``save_every`` and ``runtime``.
+        cfg: the job's configuration with ``trainer``, ``callbacks``, ``logger``, ``profiler`` and ``runtime``.
         job: the run.
-        checkpoint: name of the one file, without ending, that a killed training goes on from.
-        callbacks: further ones.
+        checkpoint: name of the file, without ending, that a killed training goes on from.
         part: of the run, where it has several trainings; each logs in a folder of its own.
-        place: of this process among those that train together.
         **overrides: options of the trainer that win over the configuration's.
 
     Raises:
         InputError: the logger needs a package that is not installed.
     """
-    from lightning.pytorch.callbacks import ModelCheckpoint
+    from lightning.pytorch.strategies import DDPStrategy
 
-    from gaussian_enhancer.train.loggers import Watched
+    from gaussian_enhancer.train.loggers import RunSetup, make_loggers
 
-    # One file, replaced as a whole: a kill leaves the last or the one before it.
-    keep = ModelCheckpoint(
-        dirpath=job.folder, filename=checkpoint, every_n_train_steps=cfg.save_every, enable_version_counter=False
-    )
-    dash = f"-{part}" if part else ""
-    watched = Watched(
-        job.folder / part,
-        f"{job.digest}{dash}",
-        f"{job.folder.name}{dash}",
-        str(cfg.get("study") or cfg.label),
-        job.folder.parent.name,
-        effective(alike(cfg)),
-    )
-    loggers = build(cfg.logger, watched)
+    values = effective(alike(cfg))
+    cfg = _told_of_its_run(cfg, job, part)
+    loggers = make_loggers(cfg.logger)
+    options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module
+    if spawns(cfg) and device_count(cfg) > 1:
+        # Nothing is sent between two steps but gradients: processes may have unequal numbers of views.
+        options["strategy"] = DDPStrategy(find_unused_parameters=True, broadcast_buffers=False)
+    if cfg.get("profiler") is not None:
+        options["profiler"] = build(cfg.profiler, dirpath=str(job.folder))
     return build(
         cfg.trainer,
-        callbacks=[keep, *callbacks, *_shown(loggers)],
+        callbacks=[RunSetup(cfg.runtime, values), *_callbacks(cfg, job, checkpoint), *_shown(loggers)],
         logger=loggers,
         enable_progress_bar=cfg.runtime.progress,
         default_root_dir=str(job.folder),
-        **(Place() if place is None else place).options(),
+        **options,
         **overrides,
     )
 
 
-def _shown(loggers: Sequence[Any]) -> list[Any]:
+def _told_of_its_run(cfg: DictConfig, job: Run, part: str) -> DictConfig:
+    """The configuration with ``this_run``, to which loggers refer, filled in."""
+    dash = f"-{part}" if part else ""
+    told = copy.deepcopy(cfg)
+    with open_dict(told):
+        told.this_run = {
+            "folder": str(job.folder / part),
+            "id": f"{job.digest}{dash}",
+            "name": f"{job.folder.name}{dash}",
+            "job": job.folder.parent.name,
+        }
+    return told
+
+
+def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
+    """The callbacks of the group, and after them the user's own."""
+    from lightning.pytorch.callbacks import ProgressBar
+
+    group = [node for node in cfg.get("callbacks", {}).values() if node is not None]
+    built = []
+    for node in (*group, *(cfg.trainer.get("callbacks") or ())):
+        kept = node._target_.endswith("ModelCheckpoint") and node.get("dirpath") is None
+        built.append(build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if kept else {})))
+    return [one for one in built if cfg.runtime.progress or not isinstance(one, ProgressBar)]
+
+
+def _shown(loggers: list[Any]) -> list[Any]:
     """The callback that logs tables and images, where a logger takes them."""
     from gaussian_enhancer.train.validation_images import ABLE, ValidationImages
 
@@ -88,43 +102,60 @@ def alike(cfg: DictConfig) -> DictConfig:
     """
     same = copy.deepcopy(cfg)
     with open_dict(same):
-        same.logger = LOGGER
-        same.pop("study", None)
-        same.pop("bad_share", None)
-        same.trainer.devices = 1
-        same.trainer.pop("strategy", None)
+        for name in ("logger", "this_run", "profiler", "study", "bad_share"):
+            same.pop(name, None)
+        for name in ("devices", "strategy"):
+            same.trainer.pop(name, None)
     return same
 
 
+def spawns(cfg: DictConfig) -> bool:
+    """Whether the job starts the processes of a shared training, and not Lightning's strategy or a cluster."""
+    return cfg.trainer.get("strategy", "auto") in SPAWNED
+
+
 def processes(cfg: DictConfig) -> int:
-    """How many processes train together.
+    """How many processes the job has to start.
 
     Args:
         cfg: the job's whole configuration.
 
     Raises:
-        InputError: number of devices or strategy cannot be used.
+        InputError: the number of devices cannot be used.
     """
-    count, strategy = cfg.trainer.devices, cfg.trainer.get("strategy", "auto")
-    if not isinstance(count, int) or count < 1:
-        raise InputError("trainer.devices", f"is {count!r}", "give the number of processes, 1 or more")
-    if strategy not in ("auto", "ddp"):
-        raise InputError("trainer.strategy", f"is {strategy!r}", "choose auto or ddp")
-    return count
+    return 1 if not spawns(cfg) or started_elsewhere() else device_count(cfg)
+
+
+def device_count(cfg: DictConfig) -> int:
+    """How many devices train together: ``trainer.devices`` as Lightning takes it, a number, a list, or auto.
+
+    Raises:
+        InputError: it is none of these, or a number below 1.
+    """
+    devices, accelerator = cfg.trainer.get("devices", "auto"), cfg.trainer.get("accelerator", "auto")
+    if OmegaConf.is_list(devices) and len(devices):
+        return len(devices)
+    if devices in ("auto", -1, "-1"):
+        cards = torch.cuda.device_count() if accelerator in ("auto", "gpu", "cuda") else 0
+        return max(1, cards)
+    if isinstance(devices, bool) or not isinstance(devices, int) or devices < 1:
+        raise InputError("trainer.devices", f"is {devices!r}", "give auto, or the number of processes, 1 or more")
+    return devices
 
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Wait until no other process works on a run: equal jobs of a sweep do it once, one after another.
 
-    The lock is the system's own, and goes with the process that holds it, however that ends.
+    The lock is the system's own, and goes with the process that holds it, however that ends. Processes that train
+    together are no others: the first of them holds it.
 
     Args:
         folder: the run's.
     """
     from filelock import FileLock
 
-    with FileLock(folder / "lock"):
+    with FileLock(folder / "lock") if is_first() else nullcontext():
         yield
 
 

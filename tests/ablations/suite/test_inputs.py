@@ -6,11 +6,12 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.suite.inputs import missing_inputs, published_fit_minutes, registered
+from ablations.suite.inputs import missing_inputs, published_fit_minutes
 from ablations.suite.time_estimates import Estimates
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.high_resolution import high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.scene.datasets import published_dataset
 from support import paths
 
 CONF = paths.ROOT / "conf"
@@ -86,7 +87,7 @@ def test_a_dry_run_reckons_with_what_was_published_where_no_finished_fit_tells(r
 
 
 def test_scenes_of_table_1_have_photos_four_times_as_fine(root):
-    for name in registered("mip_nerf_360").scenes:
+    for name in published_dataset("mip_nerf_360").scenes:
         finer = high_resolution_config(scene(f"scene=datasets/{name}", "scene.downscale=4"))
         assert finer.downscale == 1
         assert missing_inputs(finer)[0][0] == root / "mip_nerf_360" / name / "images"
@@ -95,5 +96,5 @@ def test_scenes_of_table_1_have_photos_four_times_as_fine(root):
 
 
 def test_unknown_datasets_are_named():
-    with pytest.raises(InputError, match="has no 'mip_nerf'; choose from deep_blending, mip_nerf_360"):
-        registered("mip_nerf")
+    with pytest.raises(InputError, match="is 'mip_nerf'; choose from deep_blending, mip_nerf_360"):
+        published_dataset("mip_nerf")

@@ -5,6 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import (
     AdaptiveGate,
@@ -24,7 +25,7 @@ from gaussian_enhancer.degrade.gates.calibration import (
     weighted,
 )
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint
-from gaussian_enhancer.degrade.gates.gate import TYPES, RandomGate
+from gaussian_enhancer.degrade.gates.gate import RandomGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView

@@ -7,8 +7,11 @@ import torch
 from hydra import compose, initialize_config_dir
 
 from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.degrade.artefact_types import TYPES
+from gaussian_enhancer.degrade.gates import adaptive
+from gaussian_enhancer.degrade.gates import gate as gates
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate
-from gaussian_enhancer.degrade.gates.gate import TYPES, AllGate, NoGate, RandomGate, Step, switched_on
+from gaussian_enhancer.degrade.gates.gate import AllGate, NoGate, RandomGate, Step, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 
@@ -67,6 +70,17 @@ def test_a_switch_removes_its_type_and_changes_nothing_about_the_others(gate, na
     assert without == [tuple(step for step in steps if step.type != name) for steps in with_all]
 
 
+@pytest.mark.parametrize("gate", GATES)
+def test_a_new_type_changes_nothing_about_the_others(gate, monkeypatch):
+    before = draws(GATES[gate]({}), 60)
+    for module in (gates, adaptive):
+        monkeypatch.setattr(module, "TYPES", ("ageing", *TYPES, "zebra"))
+    monkeypatch.setitem(EVERY, "ageing", 0.9)
+    after = draws(GATES[gate]({}), 60)
+    assert any(step.type == "ageing" for steps in after for step in steps)
+    assert before == [tuple(step for step in steps if step.type in TYPES) for steps in after]
+
+
 def test_no_gate_and_a_gate_with_every_switch_off_let_nothing_pass():
     off = dict.fromkeys(TYPES, False)
     for gate in (NoGate(), *(make(off) for make in GATES.values())):
@@ -96,9 +110,10 @@ def test_refuses_what_is_no_type_or_out_of_range_by_name(make, named):
     assert refusal.value.subject == named
 
 
-def composed(*overrides):
-    with initialize_config_dir(str(configurations() / "gate"), version_base="1.3"):
-        return build(compose(overrides[0], list(overrides[1:])))
+def composed(name, *overrides):
+    given = [f"+gate={name}", *(f"gate.{word}" for word in overrides)]
+    with initialize_config_dir(str(configurations()), version_base="1.3"):
+        return build(compose("base", given).gate)
 
 
 @pytest.mark.parametrize("name", ["all", "random", "naive"])
@@ -107,6 +122,12 @@ def test_configurations_switch_single_types_off(name):
     less = {step.type for steps in draws(composed(name, "types.blur=false"), 60) for step in steps}
     assert on == ({"blur", "noise", "jpeg"} if name == "naive" else set(TYPES))
     assert less == on - {"blur"}
+
+
+def test_every_type_has_its_line_of_configuration():
+    with initialize_config_dir(str(configurations()), version_base="1.3"):
+        switches = compose("base", ["+artefacts=all"]).artefacts
+    assert dict(switches) == dict.fromkeys(TYPES, True)
 
 
 def test_configurations_of_no_gate_and_of_the_adaptive_one(tmp_path):

@@ -4,6 +4,7 @@ Numbers are drawn in single precision on the CPU and moved, so that a seed means
 type. Axes: b batch, then whatever shape was asked for.
 """
 
+import hashlib
 from collections.abc import Sequence
 
 import torch
@@ -20,6 +21,17 @@ def spawn(count: int, generator: torch.Generator) -> tuple[torch.Generator, ...]
     """
     seeds = torch.randint(2**62, (count,), generator=generator).tolist()
     return tuple(torch.Generator().manual_seed(seed) for seed in seeds)
+
+
+def named(name: str, seed: int) -> torch.Generator:
+    """A generator that follows from a name and a seed: other names have nothing to do with it.
+
+    Args:
+        name: of what is drawn, for instance a type of artefact.
+        seed: of the sample.
+    """
+    digest = hashlib.sha256(f"{name} {seed}".encode()).digest()
+    return torch.Generator().manual_seed(int.from_bytes(digest[:8], "big"))
 
 
 def uniform(

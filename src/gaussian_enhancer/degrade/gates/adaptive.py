@@ -11,9 +11,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates.calibration import responses, solved
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
-from gaussian_enhancer.degrade.gates.gate import TYPES, Gate, Step, drawn, known_types, probability, switched_on
+from gaussian_enhancer.degrade.gates.gate import Gate, Step, drawn, known_types, probability, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, number, read_json

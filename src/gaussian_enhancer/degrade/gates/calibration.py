@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.rng import spawn
+from gaussian_enhancer.degrade.artefacts.rng import named, spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.fingerprint import energies
 from gaussian_enhancer.degrade.gates.gate import Step
@@ -81,12 +81,14 @@ def responses(
         raise InputError("calibration", f"got {len(photos)} photos and {draws} draws", "give at least one of each")
     total = len(photos) * draws
     curves = []
+    common = int(torch.randint(2**62, (), generator=generator))
     for name in types:
-        offset = torch.rand((), generator=generator).item()
+        own = named(name, common)
+        offset = torch.rand((), generator=own).item()
         measured = []
         for place in range(total):
             within_region = (place + offset) / total < regional
-            seed = int(torch.randint(2**62, (), generator=generator))
+            seed = int(torch.randint(2**62, (), generator=own))
             measured.append(_response(photos[place % len(photos)], name, within_region, seed))
         mean = torch.stack(measured).mean(0)
         curves.append(torch.cat([torch.zeros_like(mean[:1]), mean]))

@@ -6,22 +6,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 
+from gaussian_enhancer.degrade.artefact_types import TYPES
+from gaussian_enhancer.degrade.artefacts.rng import named
 from gaussian_enhancer.errors import InputError
-
-TYPES = (
-    "blur",
-    "noise",
-    "sensor",
-    "jpeg",
-    "downsampling",
-    "displacement",
-    "needle",
-    "banding",
-    "cloudy",
-    "floater",
-    "colour",
-)
-"""Every type of stage 1; `gaussian_enhancer.degrade.manual.ARTEFACTS` has the function of each."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +170,14 @@ class Drawn(NamedTuple):
 
 
 def drawn(generator: torch.Generator) -> tuple[Drawn, ...]:
-    """Lots for every type, in random order; gates that share a generator's state differ by their settings alone."""
-    lots, strengths, places = torch.rand(3, len(TYPES), generator=generator, dtype=torch.float64).tolist()
-    order = torch.randperm(len(TYPES), generator=generator).tolist()
-    return tuple(Drawn(TYPES[i], lots[i], 1 - strengths[i], places[i]) for i in order)
+    """Lots for every type, in random order; gates that share a generator's state differ by their settings alone.
+
+    Each type has a generator of its own, so that a new type leaves the lots of the others, and their order, as they
+    were.
+    """
+    seed = int(torch.randint(2**62, (), generator=generator))
+    lots = {}
+    for name in TYPES:
+        lot, strength, place, order = torch.rand(4, generator=named(name, seed), dtype=torch.float64).tolist()
+        lots[name] = order, Drawn(name, lot, 1 - strength, place)
+    return tuple(entry for _, entry in sorted(lots.values()))

@@ -2,7 +2,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from gaussian_enhancer.degrade.artefacts.resampling import KINDS, downsampling, resampling_matrix, taps
+from gaussian_enhancer.degrade.artefacts.downsampling import KINDS, downsampling, resampling_matrix, taps
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 
