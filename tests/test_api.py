@@ -222,9 +222,9 @@ def test_depth_that_does_not_fit_is_left_out_with_a_warning(views):
     (view, _), references = views
     enhancer = Enhancer.from_pretrained("lr_tiny", device="cpu", depth_kind="surface")
     wrong = {**given(view), "depth": view.read_depth() * 3}
-    with pytest.warns(UserWarning, match="the depth is none of what the renders show.*renders alone"):
+    with pytest.warns(UserWarning, match="the depth is none of what the renders show.*no photo is used"):
         image = enhancer(view.read(), references=references, **wrong)
-    assert torch.equal(image, enhancer(view.read(), references=[], alpha=view.read_alpha()))
+    torch.testing.assert_close(image, view.read(), rtol=0, atol=1e-6)  # nothing to go by: the render
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right = enhancer(view.read(), references=references, **given(view))

@@ -161,3 +161,32 @@ def test_colour_transform_is_recovered_despite_outliers():
     assert (apply_colour(source, transform) - target)[:, 12:].abs().max() < 0.02
     unseen = fit_colour(source, target, torch.zeros(1, 52, 52))
     torch.testing.assert_close(unseen, torch.tensor([[1.0, 0.0]], dtype=torch.float64).expand(3, 2))
+
+
+def test_cubic_reading_keeps_more_of_fine_detail_than_linear():
+    ramp = torch.arange(64, dtype=torch.float64)
+    errors = []
+    camera = identity_camera(64, 64, 60.0, torch.float64)
+    moved = turned(camera, 0.0, (0.025, 0.0, 0.0))  # half a pixel at depth 3
+    depth = torch.full((1, 64, 64), 3.0, dtype=torch.float64)
+
+    def wave(shift: float) -> torch.Tensor:
+        return (0.5 + 0.4 * torch.sin((ramp + shift) * 2 * math.pi / 5)).expand(3, 64, 64).contiguous()
+
+    for interpolation in ("bilinear", "bicubic"):
+        warped = reproject(camera, depth, moved, wave(0.5), interpolation=interpolation)
+        errors.append(float((warped.colour - wave(0.0))[..., 4:-4].square().mean()))
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_compiled_cubic_reading_equals_its_readable_twin():
+    generator = torch.Generator().manual_seed(0)
+    photo, depth = torch.rand(3, 30, 41, generator=generator), torch.full((1, 24, 37), 2.0)
+    cameras = identity_camera(24, 37, 30.0), turned(identity_camera(30, 41, 33.0), 0.05, (0.1, 0.02, 0.0))
+    target, reference = (replace(c, K=c.K.float(), world_to_camera=c.world_to_camera.float()) for c in cameras)
+    found = reproject(target, depth, reference, photo, interpolation="bicubic")
+    truth = reproject(target, depth.double(), reference, photo.double(), interpolation="bicubic")
+    inside = (found.visibility > 0)[0] & (truth.visibility > 0)[0]
+    assert inside.float().mean() > 0.7
+    torch.testing.assert_close(found.colour[:, inside].double(), truth.colour[:, inside], rtol=0, atol=2e-4)
+    assert 0 <= float(found.colour.min()) <= float(found.colour.max()) <= 1

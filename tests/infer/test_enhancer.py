@@ -9,7 +9,9 @@ from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer, choose_precision
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.encode import Encoder
@@ -184,3 +186,28 @@ def test_views_that_would_overflow_are_refused(field, value):
     getattr(seen, field).flatten()[7] = value
     with pytest.raises(InputError, match=f"has 1 values that are not finite or beyond 1000 in its {field}"):
         SetEnhancer(trained(), ReferenceConfig(), precision="float32").enhance(seen)
+
+
+@pytest.mark.parametrize("references", [0, 2])
+def test_a_view_in_which_no_photo_is_visible_passes_through(plane_run, references):
+    view = read_run(plane_run).targets[0]
+    pool, target = Pool(read_run(plane_run).references), read_target(view)
+    seen = join(target, ReferenceConfig(references=references, candidates=2).align(target, view, pool))
+    blind = dataclasses.replace(seen, visibility=0 * seen.visibility)
+    guess, kept = (
+        SetEnhancer(trained(), ReferenceConfig(), precision="float32", pass_through=passing)
+        for passing in (False, True)
+    )
+    assert torch.equal(kept.enhance(blind), blind.render)
+    assert not torch.equal(guess.enhance(blind), blind.render)
+    if references:
+        assert torch.equal(kept.enhance(seen), guess.enhance(seen))
+
+
+def test_a_users_wish_for_no_reference_is_not_taken_for_a_lack_of_them():
+    pretrained = Pretrained(trained(), ReferenceConfig(), {})
+    for wish, passing in ((None, True), (2, True), (0, False)):
+        options = EnhancementOptions(max_references=wish)
+        assert options.enhancer(pretrained, options.reference_config(pretrained, "surface")).pass_through is passing
+    alone = Pretrained(trained(), ReferenceConfig(references=0, candidates=0), {})
+    assert not EnhancementOptions().enhancer(alone, alone.reference_config).pass_through

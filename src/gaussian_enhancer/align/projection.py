@@ -8,6 +8,7 @@ Coordinates are in pixels with the first pixel's centre at (0.5, 0.5).
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -19,6 +20,10 @@ from gaussian_enhancer.types import Camera
 
 IN_FRONT = 1e-6
 """Least z before a reference, as a share of the depth in the target: scenes have no common unit."""
+
+
+Interpolation = Literal["bilinear", "bicubic"]
+"""How an image is read between its pixels."""
 
 
 @dataclass(frozen=True)
@@ -130,26 +135,33 @@ def depth_consistency(
 
 
 def read_at(
-    image: Float[Tensor, "c p q"], landing: Landing, size: tuple[int, int], where: Float[Tensor, "1 h w"]
+    image: Float[Tensor, "c p q"],
+    landing: Landing,
+    size: tuple[int, int],
+    where: Float[Tensor, "1 h w"],
+    interpolation: Interpolation = "bilinear",
 ) -> Float[Tensor, "c h w"]:
-    """Read an image bilinearly where pixels land; beyond it the border's colours, and 0 where they do not count.
+    """Read an image where pixels land; beyond it the border's colours, and 0 where they do not count.
 
     Args:
         image: what is read.
         landing: positions, in pixels of the reference.
         size: height and width of the reference, in those pixels; the image may be of another size.
         where: > 0 where pixels count.
+        interpolation: "bilinear", or "bicubic" (cubic convolution, kept within [0, 1]), which blurs less.
     """
     down, across = image.shape[-2] / size[0], image.shape[-1] / size[1]
     if not compiled(image, landing.x, where):
-        return look_up(image, landing.x * across, landing.y * down)[0] * (where > 0)
-    from gaussian_enhancer.align.reproject_kernels import read
+        found = look_up(image, landing.x * across, landing.y * down, interpolation)[0]
+        return (found if interpolation == "bilinear" else found.clamp(0, 1)) * (where > 0)
+    from gaussian_enhancer.align.reproject_kernels import read, read_cubic
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = image.new_empty(len(image), *where.shape[-2:])
     positions = array(landing.x[0]), array(landing.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
-        read(array(image), *positions, array(where[0]), result.numpy())
+        kernel = read if interpolation == "bilinear" else read_cubic
+        kernel(array(image), *positions, array(where[0]), result.numpy())
     return result
 
 
@@ -162,7 +174,7 @@ def look_up(
         image: what is read.
         x: columns in pixels of the image.
         y: rows in pixels of the image.
-        mode: "bilinear" or "nearest".
+        mode: "bilinear", "bicubic" or "nearest".
     """
     count, height, width = x.shape
     rows, columns = image.shape[-2:]

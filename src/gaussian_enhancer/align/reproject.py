@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import Landing, Projection, depth_consistency, land, read_at
+from gaussian_enhancer.align.projection import Interpolation, Landing, Projection, depth_consistency, land, read_at
 from gaussian_enhancer.types import Camera
 
 FAINTEST = 1 / 255
@@ -72,6 +72,7 @@ def reproject(
     tolerance: float = 0.05,
     rendered_depth: Float[Tensor, "1 h w"] | None = None,
     render: Float[Tensor, "3 _ _"] | None = None,
+    interpolation: Interpolation = "bilinear",
 ) -> Warped:
     """Warp a photo backwards into the target view through the target's depth.
 
@@ -90,6 +91,7 @@ def reproject(
         rendered_depth: the target's depth before it was refined, which alone compares with what the reference
             renders; None means ``depth``.
         render: the splat's own render of the reference's view, at any resolution, to be warped alike.
+        interpolation: how photo and render are read between their pixels.
     """
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
@@ -110,7 +112,7 @@ def reproject(
     images = []
     for image in (photo,) if render is None else (photo, render):
         small = _shrunk(image.to(dtype), footprint * image.shape[-1] / size[1])
-        images.append(read_at(small, landing, size, visibility))
+        images.append(read_at(small, landing, size, visibility, interpolation))
     return Warped(images[0], visibility, images[1] if render is not None else None)
 
 

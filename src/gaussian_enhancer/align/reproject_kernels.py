@@ -82,6 +82,47 @@ def read(image, columns, rows, across, down, where, result):
                     result[c, y, x] = _ZERO
 
 
+@inner
+@no_type_check
+def _cubic(f):
+    """Weights of Keys' cubic convolution (1981) with a = -3/4 for the four samples around a fraction ``f``."""
+    g = _ONE - f
+    a = _F(-0.75)
+    far = a * f * g * g
+    near = _ONE - f * f * ((a + _F(3)) - (a + _F(2)) * f)
+    next_ = _ONE - g * g * ((a + _F(3)) - (a + _F(2)) * g)
+    return far, near, next_, a * g * f * f
+
+
+@kernel
+@no_type_check
+def read_cubic(image, columns, rows, across, down, where, result):
+    """The same by cubic convolution, kept within [0, 1]; samples beyond the border are the border's."""
+    channels, high, wide = image.shape
+    for y in prange(where.shape[0]):
+        for x in range(where.shape[1]):
+            if where[y, x] > _ZERO:
+                u = min(max(columns[y, x] * across - _HALF, -_ONE), _F(wide))
+                v = min(max(rows[y, x] * down - _HALF, -_ONE), _F(high))
+                left, above = int(np.floor(u)), int(np.floor(v))
+                a0, a1, a2, a3 = _cubic(u - _F(left))
+                b0, b1, b2, b3 = _cubic(v - _F(above))
+                i0, i1 = min(max(left - 1, 0), wide - 1), min(max(left, 0), wide - 1)
+                i2, i3 = min(left + 1, wide - 1), min(left + 2, wide - 1)
+                j0, j1 = min(max(above - 1, 0), high - 1), min(max(above, 0), high - 1)
+                j2, j3 = min(above + 1, high - 1), min(above + 2, high - 1)
+                for c in range(channels):
+                    p = image[c]
+                    r0 = a0 * p[j0, i0] + a1 * p[j0, i1] + a2 * p[j0, i2] + a3 * p[j0, i3]
+                    r1 = a0 * p[j1, i0] + a1 * p[j1, i1] + a2 * p[j1, i2] + a3 * p[j1, i3]
+                    r2 = a0 * p[j2, i0] + a1 * p[j2, i1] + a2 * p[j2, i2] + a3 * p[j2, i3]
+                    r3 = a0 * p[j3, i0] + a1 * p[j3, i1] + a2 * p[j3, i2] + a3 * p[j3, i3]
+                    result[c, y, x] = min(max(b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3, _ZERO), _ONE)
+            else:
+                for c in range(channels):
+                    result[c, y, x] = _ZERO
+
+
 @kernel
 @no_type_check
 def window_difference(colour, image, visibility, radius, result):

@@ -52,6 +52,10 @@ def run(cfg: DictConfig) -> float | None:
     plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
     notes = found.lacks if rules.full and not cfg.dry_run else (plan.table(),)
     _print([task.note, *notes], Console() if cfg.dry_run else console)
+    unaided = enhancer.reference_config.references == 0 and enhancer.network.scale == 1
+    if found.lacks and unaided and enhancer.pass_through:
+        said = f"WARNING: no photo can be used ({found.lacks[0]}). Every render is written unchanged."
+        console.print(said, style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None
 

@@ -72,6 +72,8 @@ class SetEnhancer:
         colour_clamping: side in pixels of the window to whose colours, the render's and the warped references', an
             enhanced pixel is clamped (`clamp_to_references`); 0 sets no limit. Super-resolution, and references that
             are not warped, set none.
+        pass_through: return the render of a view in which no reference is visible, at the render's own resolution. A
+            network that was trained with references and sees none can only guess.
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
@@ -88,6 +90,7 @@ class SetEnhancer:
         strength: float = 1.0,
         temporal_smoothing: float = 0.0,
         colour_clamping: int = 3,
+        pass_through: bool = False,
     ) -> None:
         for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
             check_value(share, float, name)
@@ -112,7 +115,7 @@ class SetEnhancer:
         self.reference_config = reference_config
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength, self.temporal_smoothing = tile, halo, strength, temporal_smoothing
-        self.colour_clamping = colour_clamping
+        self.colour_clamping, self.pass_through = colour_clamping, pass_through
 
     def __call__(
         self,
@@ -211,6 +214,8 @@ class SetEnhancer:
         """
         views = views.to(self.device)
         refuse_not_finite(views)
+        if self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any()):
+            return views.render.float().clamp(0, 1).cpu()
         if views.depth is not None and not bool(usable(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):

@@ -19,7 +19,8 @@ class EnhancementOptions:
     """How renders are enhanced. The defaults are those of the job ``enhance``.
 
     Args:
-        max_references: photos that the network sees at most, 0 to 8; None takes as many as in training.
+        max_references: photos that the network sees at most, 0 to 8; None takes as many as in training. With 0 the
+            network works on the render alone; otherwise a view in which no photo is visible is returned as it is.
         depth_kind: what the renders' depth is: "surface" (median z), "expected" (mean z, as gsplat and nerfstudio
             render it), "exact", or "auto": what the input's source is known to give, "expected" for depth in memory.
         strength: share of the network's change that is applied, 0 (the render) to 1; None takes the weights' own.
@@ -99,6 +100,7 @@ class EnhancementOptions:
             strength=pretrained.strength if self.strength is None else float(self.strength),
             temporal_smoothing=float(self.temporal_smoothing),
             colour_clamping=int(self.colour_clamping),
+            pass_through=pretrained.reference_config.references > 0 and self.max_references != 0,
         )
         check_tiles(enhancer.tile, enhancer.halo)
         return enhancer

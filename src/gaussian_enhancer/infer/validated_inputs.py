@@ -192,6 +192,4 @@ def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) ->
     if not bare:
         return reference_config, Part("references", True, found)
     lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(reference_config, references=0), Part(
-        "references", False, f"{lack}: enhancing from the renders alone"
-    )
+    return replace(reference_config, references=0), Part("references", False, f"{lack}: no photo is used")

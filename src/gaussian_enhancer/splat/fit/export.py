@@ -28,7 +28,7 @@ WHITE = (1.0, 1.0, 1.0)
 
 @torch.no_grad()
 def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Method, step: int) -> None:
-    """Render every train and test view of a splat and write it beside its photo.
+    """Write ``cameras.json``, render every train and test view of a splat and write it beside its photo.
 
     Args:
         folder: the run's folder.
@@ -41,6 +41,7 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
         InputError: two photos of one side share a name without ending, one has no camera, or the disk refuses.
     """
     on_cpu = cache(lambda: gaussians.to("cpu"))
+    write_scene_cameras(folder / "cameras.json", scene)
     near = near_plane([photo.camera for photo in scene.train_photos if photo.camera is not None])
     for side, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
         stems = [Path(photo.name).stem for photo in photos]
@@ -57,7 +58,7 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
 
 
 def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
-    """Write ``splat.ply``, ``cameras.json`` and 3DGS's ``cfg_args``, by which viewers know degree and background.
+    """Write ``splat.ply`` and 3DGS's ``cfg_args``, by which viewers know degree and background.
 
     Args:
         folder: the run's folder.
@@ -65,7 +66,6 @@ def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
         gaussians: the splat.
     """
     write_ply(folder / "splat.ply", gaussians)
-    write_scene_cameras(folder / "cameras.json", scene)
     degree = int(gaussians.sh.shape[1] ** 0.5) - 1
     with whole_file(folder / "cfg_args") as temporary:
         temporary.write_text(f"Namespace(sh_degree={degree}, white_background={scene.background == WHITE})\n")
