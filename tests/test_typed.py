@@ -5,7 +5,6 @@ import pytest
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import Enhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.scene.photos import downscaled_size
 from gaussian_enhancer.scene.splits import Split

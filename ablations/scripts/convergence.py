@@ -177,13 +177,13 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
     figure.savefig(path, format="svg", metadata={"Date": None})
 
 
-ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical harmonics
-of degree 3, at several steps of each fit. PSNR is colour-aligned unless it says plain; a gain that LPIPS alone shows does
-not count as one. Of the training captures, panel17 has taught the shipped weights and the others have not.
+ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical
+harmonics of degree 3, at several steps of each fit. PSNR is colour-aligned unless it says plain; a gain in LPIPS alone
+does not count. Of the training captures, panel17 has taught the shipped weights, the others have not.
 
-The fits are of `gaussian-enhancer fit '+sweep=[converged_training,two_jobs]'` and `converged_validation`, where the table
-shows fewer steps with `settings.steps` lowered. This page is made by `python -m ablations.scripts.convergence lr_tiny
-lr_tiny@0.5 --runs FITS --records docs/results/convergence.jsonl --page docs/results/convergence.md`."""
+The fits are of `gaussian-enhancer fit '+sweep=[converged_training,two_jobs]'` and `converged_validation`, with
+`settings.steps` lowered where the table shows fewer. This page is made by `python -m ablations.scripts.convergence
+lr_tiny lr_tiny@0.5 --runs FITS --records docs/results/convergence.jsonl --page docs/results/convergence.md`."""
 
 
 def main() -> None:

@@ -204,7 +204,7 @@ def _values(found: Sequence[Record], variant: str, metric: str = "warped_error")
     return {r.view: value for r in mine if r.metrics["visible"] and (value := r.metrics.get(metric)) is not None}
 
 
-def _mean(values: Mapping[str, float], form: str, unit: float = 1.0) -> str:
+def _mean(values: Mapping[str, float], form: str, unit: int | float = 1.0) -> str:
     return format(unit * statistics.fmean(values.values()), form) if values else "-"
 
 

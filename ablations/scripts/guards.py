@@ -26,7 +26,7 @@ LIMITS: dict[str, tuple[float | None, ...]] = {
 """What is compared of each guard; None and 0 switch photo-consistency and colour clamping off."""
 
 
-def guarded(pretrained: Pretrained, guard: str, limit: float | None) -> SetEnhancer:
+def guarded(pretrained: Pretrained, guard: str, limit: int | float | None) -> SetEnhancer:
     """A network held to a limit; all else is as the job enhance has it.
 
     Raises:

@@ -126,13 +126,13 @@ def methods() -> list[tuple[str, str]]:
     found: dict[tuple[str, ...], tuple[str, str]] = {}
     for path in sorted((ROOT / "ablations").glob("*/*.yaml")):
         study = loaded(path)
-        for method, values in study["rows"].items() if "rows" in study else ():
+        for method, values in study["methods"].items() if "methods" in study else ():
             if values.get("train"):
                 found[(*study.get("train", ()), *values["train"])] = (path.stem, method)
     return sorted(found.values())
 
 
-@pytest.mark.parametrize(("name", "row"), methods())
+@pytest.mark.parametrize(("name", "method"), methods())
 def test_every_row_composes_and_builds_what_it_names(name, method) -> None:
     scale = configured("smoke").scale
     overrides = experiment(name, scale).table.methods[method].train

@@ -56,7 +56,9 @@ def test_candidates_are_compared_on_the_same_views(weights, plane_run, tmp_path,
 
 
 def test_the_worst_view_is_shown():
-    rows = [{"row": "a", "scene": "s", "psnr": g, "psnr_aligned": g} for g in (1.0, 0.5, -0.25)]
+    gains = {"v0": 1.0, "v1": 0.5, "v2": -0.25}
+    where = {"row": "a", "scene": "s", "run": "s-3dgs"}
+    rows = [{**where, "view": view, "psnr": g, "psnr_aligned": g} for view, g in gains.items()]
     line = renders.table(rows).splitlines()[-1]
     assert "| -0.250 | 1 of 3 |" in line
 

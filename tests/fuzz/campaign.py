@@ -27,7 +27,7 @@ SECONDS = 20
 GROWTH_MB = 400
 """Memory that a case may take: many times what any of the small files needs."""
 TESTS = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "scene", "splat/io", "enhance")
+FOLDERS = (".", "scene", "splat/io", "network")
 
 
 def cases(count: int, names: list[str]) -> Iterator[tuple[str, int]]:

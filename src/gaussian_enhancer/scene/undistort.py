@@ -52,20 +52,29 @@ class Lens:
             raise InputError(self.source, f"has intrinsics {self.params}", "calibrate again: all must be finite")
         if not (1 <= self.width <= LARGEST_SIDE and 1 <= self.height <= LARGEST_SIDE):
             raise InputError(self.source, f"has a camera of {self.width}x{self.height} pixels", "correct the size")
-        camera = self.colmap
-        if not camera.verify_params():
-            received = f"has {len(self.params)} parameters for {self.model} ({camera.params_info})"
-            raise InputError(self.source, received, "give one value for each")
-        focal = camera.focal_length_x, camera.focal_length_y
+        focal, centre = self._focal_and_centre()
         side = max(self.width, self.height)
         if not side * LEAST_FOCAL <= min(focal) <= max(focal) <= side * LARGEST_FOCAL:
             wrong = min(focal) if min(focal) < side * LEAST_FOCAL else max(focal)
             received = f"has focal length {wrong:g} for a camera of {self.width}x{self.height} pixels"
             raise InputError(self.source, received, "give one above 0 pixels, 0.001 to 100,000 times the size")
-        centre = camera.principal_point_x, camera.principal_point_y
         if max(abs(centre[0]), abs(centre[1])) > side * FARTHEST_CENTRE:
             received = f"has its principal point at {centre[0]:g}, {centre[1]:g}"
             raise InputError(self.source, received, "give it in pixels, in the picture or near it")
+
+    def _focal_and_centre(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Focal lengths and principal point; pycolmap, which is heavy, is asked about distorted lenses only."""
+        if self.model == "PINHOLE" and len(self.params) == 4:
+            return (self.params[0], self.params[1]), (self.params[2], self.params[3])
+        camera = self.colmap
+        if not camera.verify_params():
+            received = f"has {len(self.params)} parameters for {self.model} ({camera.params_info})"
+            raise InputError(self.source, received, "give one value for each")
+        focal, centre = (
+            (camera.focal_length_x, camera.focal_length_y),
+            (camera.principal_point_x, camera.principal_point_y),
+        )
+        return focal, centre
 
     @property
     def colmap(self) -> "pycolmap.Camera":

@@ -60,7 +60,7 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
         with initialize_config_dir(CONF, version_base="1.3"):
             cfg = compose("quality", [*paths, *few, "runtime.threads=1", "runtime.progress=false", *overrides])
             with open_dict(cfg):
-                cfg.tables = {"lr": {**cfg.tables.lr, "rows": {"raw": {"about": "the render"}, **methods}}}
+                cfg.tables = {"lr": {**cfg.tables.lr, "methods": {"raw": {"about": "the render"}, **methods}}}
         return cfg
 
     return of
@@ -162,7 +162,7 @@ def test_an_aim_that_fails_is_said_to_fail_and_frames_made_worse_are_named(fits,
     }
     assert started(configured("+tables.lr.allowed.psnr=0.02", **methods)) is not None
     page = page_of(tmp_path)
-    assert "| ours | unbounded | psnr +1 or better | +0.0000 [+0.0000, +0.0000] | **missed** |" in page
+    assert "| ours | unbounded | psnr +1 or better | +0.0000 | **missed** |" in page
     assert "| ours | all | no frame loses more than 0.02 in psnr_aligned | 0 of 3 frames do | met |" in page
     assert re.search(r"\| worse \| all \| no frame .* psnr \| 3 of 3 frames do \| \*\*missed\*\* \|", page)
     named = next(line for line in page.splitlines() if line.startswith("- `worse`, more than 0.02 in `psnr`"))
@@ -180,7 +180,7 @@ def test_missing_weights_are_named_and_leave_aims_open(fits, configured, tmp_pat
     started(configured(**methods))
     page = page_of(tmp_path)
     assert "weights gone.safetensors: is neither a file nor a shipped name" in page
-    assert "gaussian-enhancer train +recipe=lr seed=77: `untrained` in all 2 cells" in page
+    assert "gaussian-enhancer train +recipe=lr seed=77: `untrained` in all 2 scene-splat pairs" in page
     assert "Could not find 'fusion/unheard_of'" in page
     assert "| unbounded | gone | 0 of 2 | missing |" in page
     assert re.search(r"\| ours \| unbounded \| ahead .* .*compared in full with gone, untrained, unknown \| open", page)

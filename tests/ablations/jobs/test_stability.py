@@ -29,8 +29,7 @@ def test_cases_become_records_a_page_and_diagrams(tmp_path):
     first = page.read_text()
     assert "| `plus_1e4` | offsets of 10000 pixels | ✓ ✓ |" in first
     assert "(../r/s.jsonl)" in first
-    assert matrix.read_text().count("<title>") == 20
-    assert order.read_text().count("<circle") == 18
+    assert all(drawing.read_text().count("<path") > 10 for drawing in (matrix, order))
     page.unlink()
     assert stability.run(configured(tmp_path, "records_only=true")) == 0
     assert page.read_text() == first

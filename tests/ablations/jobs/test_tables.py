@@ -121,7 +121,7 @@ def test_a_dry_run_tells_what_is_missing(tmp_path, monkeypatch) -> None:
 
 
 def test_a_damaged_record_is_refused_by_name(copied) -> None:
-    file = next(copied.glob("runs/method/object-2dgs-gepp-*/records.jsonl"))
+    file = next(copied.glob("runs/row/object-2dgs-gepp-*/records.jsonl"))
     file.write_text(file.read_text().replace('"psnr": ', '"psnr": 1', 1))
     with pytest.raises(InputError, match=rf"row/{file.parent.name}/records.jsonl line 1: was changed or damaged"):
         started("table=10")
@@ -209,4 +209,4 @@ def test_the_description_beside_the_records_is_that_of_the_scale(made) -> None:
     assert described["scale"] == "tiny"
     assert described["datasets"]["mip_nerf_360"]["stand_in"] == "a tiny object"
     assert described["paper"]["2dgs"]["gepp"] == [28.42, 0.879, 0.202]
-    assert "+ablation/variant=ge" in described["rows"]["ge"]["train"]
+    assert "+ablation/variant=ge" in described["methods"]["ge"]["train"]

@@ -121,7 +121,7 @@ def test_references_that_stay_where_they_are_give_another_image(measured) -> Non
 def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
     page = (measured / "docs/results/tradeoff.md").read_text()
     assert "### At the render's own resolution: validation scenes" in page
-    assert "![Enhancement: lr_validation](results/tradeoff/lr_validation.svg)" in page
+    assert "![Enhancement: lr_validation](tradeoff/lr_validation.svg)" in page
     assert "| all | cheapest within 0.1 dB of the best |" in page
     assert "| easy | best within 33 ms an image of 0.002 MP |" in page
     assert "`half/float16`: half/float16: is measured on cuda alone" in page
