@@ -5,6 +5,7 @@ import pytest
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.scene.photos import downscaled_size
 from gaussian_enhancer.scene.splits import Split
@@ -60,6 +61,6 @@ def test_downscale_is_a_number(value) -> None:
     [("tile", "abc"), ("strength", "abc"), ("temporal_smoothing", None), ("colour_clamping", math.nan)],
 )
 def test_an_enhancers_numbers_are_checked(name: str, value) -> None:
-    unchecked = partial(getattr(Enhancer.__init__, "__wrapped__", Enhancer.__init__), object.__new__(Enhancer))
+    unchecked = partial(getattr(SetEnhancer.__init__, "__wrapped__", SetEnhancer.__init__), object.__new__(SetEnhancer))
     with pytest.raises(InputError, match=f"{name}: is"):
         unchecked(None, ReferenceConfig(), **{name: value})

@@ -89,10 +89,12 @@ class Lens:
     @property
     def distorted(self) -> bool:
         """Whether photos of this lens differ from a pinhole camera's."""
+        if self.model in IDEAL_MODELS:
+            return False
         camera = self.colmap
         radial = camera.params[list(camera.extra_params_idxs())]
         fisheye = "FISHEYE" in self.model
-        return self.model not in IDEAL_MODELS and (fisheye or bool(np.any(radial != 0)))
+        return fisheye or bool(np.any(radial != 0))
 
     def resized(self, height: int, width: int) -> "Lens":
         """The same lens on another pixel grid."""
@@ -109,10 +111,13 @@ def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
     Raises:
         InputError: the lens model folds over inside the picture, so that no such camera exists.
     """
-    camera = lens.colmap
     if not lens.distorted:
-        return torch.from_numpy(camera.calibration_matrix()), lens.height, lens.width
+        (fx, fy), (cx, cy) = lens._focal_and_centre()
+        K = torch.tensor([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=torch.float64)
+        return K, lens.height, lens.width
     import pycolmap
+
+    camera = lens.colmap
 
     ideal = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
     K = torch.from_numpy(ideal.calibration_matrix())
