@@ -172,6 +172,6 @@ def test_export_moves_a_splat_once_where_the_device_gives_no_median_depth(scene,
     export.export_views(tmp_path / "lacking", scene, gaussians, ThreeDGS(), 3)
     assert moved == [("cpu",)]
     written = sorted((tmp_path / "whole").rglob("*.*"))
-    assert len(written) == 4 * len(scene.photos)
+    assert len(written) == 4 * len(scene.photos) + 1  # cameras.json
     for path in written:
         assert (tmp_path / "lacking" / path.relative_to(tmp_path / "whole")).read_bytes() == path.read_bytes()
