@@ -113,7 +113,7 @@ def test_tabs_open_by_pointer_keyboard_and_address(page) -> None:
 def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    click(page, "#table-table_2 tr[data-block='3dgs'][data-method=gepp] [data-of=gain][data-metric=psnr] button")
+    click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=gain][data-metric=psnr] button")
     text = page.find_element("css selector", "dialog[open]").text
     for fact in (
         "0123abc",
@@ -133,7 +133,7 @@ def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -
     assert sorted(all_of(page, "dialog code")) == sorted(own)
     page.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert all_of(page, "dialog[open]") == []
-    click(page, "#table-table_2 tr[data-block='3dgs'][data-method=gepp] [data-of=value][data-metric=psnr] button")
+    click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=value][data-metric=psnr] button")
     page.find_element("link text", "All 12 records of this cell").click()
     until(page, "document.documentElement.dataset.drawn.startsWith('#measurements')")
     assert sorted(all_of(page, "#part-measurements tbody tr", "e.dataset.record")) == sorted(own)
@@ -206,7 +206,7 @@ def test_every_link_leads_somewhere(page) -> None:
         go(page, f"#{part}")
         found |= set(all_of(page, "main a", "e.getAttribute('href')"))
     click(page, "#tab-tables")
-    click(page, "#table-table_2 tr[data-method=gepp] [data-of=gain] button")
+    click(page, "#table-table_2 tr[data-row=gepp] [data-of=gain] button")
     found |= set(all_of(page, "dialog a", "e.getAttribute('href')"))
     assert {address.partition("?")[0] for address in found} == {"#tables", "#measurements", "#settings"}
     for address in sorted(found):
