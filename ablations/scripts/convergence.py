@@ -17,6 +17,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from ablations.study.markdown import markdown
+from ablations.study.plots import STYLE
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
@@ -146,12 +148,13 @@ def written(frame: pd.DataFrame, picture: str, about: str) -> str:
         mine = table[table["role"] == role].drop(columns="role").rename(columns=heads)
         if len(mine):
             title = {"training": "Captures that weights may learn from", "validation": "Validation captures"}.get(role)
-            parts += [f"## {title or 'Test captures'}", mine.to_markdown(index=False)]
+            parts += [f"## {title or 'Test captures'}", markdown(mine.astype(str))]
     return "\n\n".join(parts) + "\n"
 
 
 def drawn(frame: pd.DataFrame, path: Path) -> None:
     """The diagram: mean aligned gain over the raw renders' aligned PSNR, one line a capture, for the first method."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     table = summary(frame)
@@ -174,7 +177,8 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
     )
     axes.legend(fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="svg", metadata={"Date": None})
+    with rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):  # equal records give an equal file
+        figure.savefig(path, format="svg", metadata={"Date": None})
 
 
 ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
+from ablations.report import tradeoff_training
 from ablations.report.tradeoff_training import training_parts
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
@@ -71,11 +72,13 @@ def test_seeds_are_one_variant_and_equal_labels_of_other_settings_are_two(tmp_pa
     assert all(variant.startswith("ge, ") for variant in variants)
 
 
-def test_the_diagrams_show_error_over_seconds_and_over_samples(tmp_path) -> None:
+def test_the_diagrams_error_is_the_ratio_of_mean_squared_errors(tmp_path, monkeypatch) -> None:
     training(tmp_path, "ge", 0, f"{HEAD}1,10.0,0.03,200,,\n")
-    drawing = next(drawing for _, name, drawing in training_parts(found(tmp_path)) if name)
-    assert drawing.count('id="axes_') == 2
-    assert drawing.count('id="line2d_') > 4
+    drawn = []
+    monkeypatch.setattr(tradeoff_training, "work_precision", lambda title, panels, columns: drawn.extend(panels) or "")
+    list(training_parts(found(tmp_path)))
+    marks = [(mark.label, mark.x, mark.y) for panel in drawn for mark in panel.curves["ge"]]
+    assert marks == [("200 steps", 120, pytest.approx(0.1)), ("200 steps", 800, pytest.approx(0.1))]
 
 
 def test_a_damaged_card_is_refused_by_name(tmp_path) -> None:
