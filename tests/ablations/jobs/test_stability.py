@@ -7,6 +7,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from ablations.jobs import stability
+from ablations.report import stability as pages
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records, write_records
 from support import paths
@@ -20,7 +21,7 @@ def configured(folder: Path, *overrides: str) -> DictConfig:
         return compose("stability", [*paths, "runtime.threads=1", *overrides])
 
 
-def test_cases_become_records_a_page_and_diagrams(tmp_path):
+def test_cases_become_records_a_page_and_diagrams(tmp_path, monkeypatch):
     few = ["cases=[plus_1e4,black_objective]", "order.steps=[1,2,4]", "order.finest=8"]
     assert stability.run(configured(tmp_path, *few)) == 0
     records = read_records(tmp_path / "r/s.jsonl")
@@ -29,7 +30,14 @@ def test_cases_become_records_a_page_and_diagrams(tmp_path):
     first = page.read_text()
     assert "| `plus_1e4` | offsets of 10000 pixels | ✓ ✓ |" in first
     assert "(../r/s.jsonl)" in first
-    assert all(drawing.read_text().count("<path") > 10 for drawing in (matrix, order))
+    assert all("<svg" in drawing.read_text() for drawing in (matrix, order))
+    drawn: dict[str, object] = {}
+    monkeypatch.setattr(pages, "category_matrix", lambda title, cells, *rest: drawn.update(cells=cells) or "")
+    monkeypatch.setattr(pages, "convergence", lambda title, curves, *rest: drawn.update(curves=curves) or "")
+    pages.matrix_plot([record for record in records if record.kind == "stability"])
+    pages.order_plot([record for record in records if record.kind == "sampler order"])
+    assert len(drawn["cells"]) == 20
+    assert sum(map(len, drawn["curves"].values())) == 18
     page.unlink()
     assert stability.run(configured(tmp_path, "records_only=true")) == 0
     assert page.read_text() == first
