@@ -9,6 +9,7 @@ import torch
 from hydra import compose, initialize_config_dir
 
 from ablations.jobs import tradeoff
+from ablations.report import tradeoff_quality
 from ablations.tradeoff.settings import Setting, read_studies
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
@@ -130,6 +131,19 @@ def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
     assert "lr_tiny, 2 references" in drawing
     assert drawing.count('<g id="axes_') == 6  # three groups, two errors
     assert "<script" not in drawing
+
+
+def test_every_panel_shows_every_setting(copied, monkeypatch) -> None:
+    drawn = []
+    monkeypatch.setattr(
+        tradeoff_quality,
+        "work_precision",
+        lambda title, panels, columns: drawn.append((title, panels)) or "<svg></svg>",
+    )
+    started("kind=quality", "records_only=true")
+    panels = next(panels for title, panels in drawn if title.endswith("resolution, validation scenes"))
+    labels = [f"{curve}, {m.label}" for panel in panels for curve, marks in panel.curves.items() for m in marks]
+    assert labels.count("lr_tiny, 2 references") >= 6  # three groups, two errors
 
 
 def test_the_page_is_made_again_from_records_alone_and_choices_follow_their_limits(copied) -> None:
