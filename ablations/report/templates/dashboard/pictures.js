@@ -17,9 +17,9 @@ function drawPictures(panel, query) {
 }
 
 function pictureCard(view) {
-  const titles = new Map([["render", "render"], ...Object.entries(view.rows), ...(view.files.photo ? [["photo", "photo"]] : [])]);
+  const titles = new Map([["render", "render"], ...Object.entries(view.methods), ...(view.files.photo ? [["photo", "photo"]] : [])]);
   const title = `${view.scene} · ${view.splat} · ${view.view}`;
-  const rows = Object.keys(view.rows);
+  const rows = Object.keys(view.methods);
   const sides = { raw: ["render", "left"], enhanced: [rows.at(-1), "right"] };
   const input = element("input", { type: "range", min: 0, max: 100, value: 50, step: 1 });
   const images = {}, labels = {};
