@@ -489,8 +489,11 @@ def test_enhance_weights_cut(workplace: None, refused: Refused) -> None:
 def test_enhance_renders_without_references(workplace: None, refused: Refused) -> None:
     line = refused(*enhance("renders=fitted/test/ours_2/renders"))
     assert "comes without photos" in line
-    line = refused(*enhance("renders=fitted/test/ours_2/renders", "photos=fitted/test/ours_2/gt"))
+    shutil.copytree("fitted/test", "alone/test")
+    line = refused(*enhance("renders=alone/test/ours_2/renders", "photos=alone/test/ours_2/gt"))
     assert "leaves no photo to refer to" in line
+    assert "references=" in line
+    assert "alone's training views" in line
 
 
 def test_enhance_renders_in_empty_or_missing_folders(workplace: None, refused: Refused) -> None:

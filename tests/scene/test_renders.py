@@ -241,6 +241,17 @@ def test_unusable_bare_folders_are_named(tmp_path, change, message):
         read_folder(tmp_path / "renders", tmp_path / "photos")
 
 
+def test_the_pair_of_folders_that_3dgs_writes_refers_to_its_runs_training_views(tmp_path, scene):
+    write_3dgs(tmp_path / "run", scene)
+    pair = tmp_path / "run/test/ours_7000"
+    found, run = read_folder(pair / "renders", pair / "gt"), read_run(tmp_path / "run", 7000)
+    assert [v.name for v in found.targets] == [v.name for v in run.targets]
+    assert len(found.references) == len(scene.train)
+    for pair_view, run_view in zip(found.references, run.references, strict=True):
+        assert torch.equal(pair_view.camera.world_to_camera, run_view.camera.world_to_camera)
+        assert torch.equal(pair_view.read_photo(), run_view.read_photo())
+
+
 def test_renders_alone_have_nothing_to_refer_to(tmp_path):
     write_bare(tmp_path)
     with pytest.raises(InputError, match="comes without photos"):

@@ -108,7 +108,8 @@ def read_folder(
     Args:
         renders: folder of renders to enhance.
         photos: folder of the capture's photos. One with a render's name is that render's truth; the others are
-            references, unless ``references`` is given.
+            references, unless ``references`` is given. Where there are no others and the renders lie in a run's
+            ``test/ours_<step>/renders``, the run's training views are the references (`read_run`).
         references: folder of photos to refer to, or a capture, whose training photos with their cameras are taken.
         depth: folder of z depth for renders (all of them) and references (those that have one):
             ``.npy``, ``.npz``, 16-bit ``.png``.
@@ -140,8 +141,15 @@ def read_folder(
     if finer:
         others = tuple(replace(view, read_fine_photo=view.read_photo) for view in others)
     if not others:
-        received = "leaves no photo to refer to" if photos is not None else "comes without photos"
-        raise InputError(root, received, "name a folder of the capture's photos with photos= or references=")
+        if photos is None:
+            remedy = "name a folder of the capture's photos with photos= or references="
+            raise InputError(root, "comes without photos", remedy)
+        run, step = _run_of(root)
+        if run is not None and run_steps(run, "train"):  # the pair of folders that 3DGS writes: its run has references
+            return read_run(run, step, background=background, name=name)
+        received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
+        remedy = "name a folder of the capture's other photos with references="
+        raise InputError(root, received, remedy if run is None else f"{remedy}, or render {run}'s training views too")
     return RenderedSet(name or root.resolve().name, tuple(targets), others, background)
 
 
@@ -155,6 +163,14 @@ def _step(root: Path, step: int | None) -> int:
     if step is not None and step not in steps:
         raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
     return steps[-1] if step is None else step
+
+
+def _run_of(renders: Path) -> tuple[Path | None, int]:
+    """The run and the step whose held-out renders a folder is, by its place; no run if it is none."""
+    found = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
+    if renders.name != "renders" or found is None or renders.resolve().parents[1].name != "test":
+        return None, 0
+    return renders.resolve().parents[2], int(found[1])
 
 
 def _stems(side: Path) -> list[str]:
