@@ -87,6 +87,13 @@ def test_relative_weighs_good_and_bad_renders_alike():
     torch.testing.assert_close(unchanged.mean(), torch.tensor(1.0), rtol=1e-4, atol=0)
 
 
+def test_relative_harm_is_in_units_of_the_renders_error_and_none_where_nothing_was_harmed():
+    photo, render = torch.zeros(1, 3, 16, 16), torch.full((1, 3, 16, 16), 0.1)
+    cost = Relative(Harm(), 1e-12, unit=Charbonnier(1e-6))
+    torch.testing.assert_close(cost(2 * render, photo, render), torch.ones_like(render), rtol=1e-3, atol=0)
+    assert cost(0.5 * render, photo, render).max() == 0
+
+
 def test_total_is_the_weighted_sum(images):
     enhanced, photo, render = images
     loss = WeightedLoss({"a": Weighted(Charbonnier(), 2.0), "b": Weighted(DSSIM(), 0.5), "c": None})

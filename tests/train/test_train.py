@@ -71,7 +71,7 @@ def test_every_alignment_trains_and_its_weights_enhance(alignment, plane_run, ot
     assert run(configured(*options)) == pytest.approx(gain)
 
 
-@pytest.mark.parametrize("loss", ["balanced", "charbonnier", "frequency", "relative"])
+@pytest.mark.parametrize("loss", ["balanced", "charbonnier", "frequency", "relative", "relative_harm"])
 def test_every_loss_builds(loss):
     cfg = configured(f"loss={loss}", "data.train=[]", "data.validation=[]")
     image = torch.rand(1, 3, 16, 16)

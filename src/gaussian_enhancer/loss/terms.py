@@ -177,13 +177,17 @@ class Relative:
     Args:
         term: what is measured.
         floor: render's cost below which nothing more is asked for, > 0.
+        unit: what the render's cost is measured by; None means by ``term``. `Harm`, of which a render has none, needs
+            one.
     """
 
     term: Term
     floor: float
+    unit: Term | None = None
 
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
         """Cost per pixel; 1 on average where nothing was changed and the floor is far."""
         with torch.no_grad():
-            before = self.term(render, photo, render).mean(dim=(1, 2, 3), keepdim=True)
+            unit = self.term if self.unit is None else self.unit
+            before = unit(render, photo, render).mean(dim=(1, 2, 3), keepdim=True)
         return self.term(enhanced, photo, render) / (before + self.floor)
