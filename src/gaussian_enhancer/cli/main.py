@@ -33,6 +33,7 @@ JOBS = {
     "status": "what became of every run, or of those that tables need",
     "report": "make a page to look at from a measured run",
     "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
+    "export": "write weights as a program for other runtimes: ONNX or torch.export",
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
