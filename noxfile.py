@@ -20,6 +20,13 @@ def install(session: nox.Session, *groups: str) -> None:
     session.install("-c", "constraints.txt", "-e", ".", *packages)
 
 
+def run_tests(session: nox.Session, *chosen: str) -> None:
+    """Run pytest in up to four processes; each file's tests stay together and share its fixtures."""
+    install(session, "test")
+    processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile")
+    session.run("pytest", *processes, *chosen, *session.posargs)
+
+
 @nox.session
 def lint(session: nox.Session) -> None:
     """Check style and types: ruff and mypy."""
@@ -31,9 +38,14 @@ def lint(session: nox.Session) -> None:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests, shapes checked, in up to four processes; words after -- go to pytest."""
-    install(session, "test")
-    session.run("pytest", "--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", *session.posargs)
+    """Run the tests that are not marked slow, shapes checked, in up to four processes; words after -- go to pytest."""
+    run_tests(session, "-m", "not slow")
+
+
+@nox.session(default=False)
+def tests_all(session: nox.Session) -> None:
+    """Run all tests, the slow ones too, as continuous integration does; words after -- go to pytest."""
+    run_tests(session)
 
 
 @nox.session(default=False)

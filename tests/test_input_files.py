@@ -47,7 +47,6 @@ def test_a_byte_order_mark_is_no_content(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == {"a": 1}
 
 
-@pytest.mark.timeout(20)
 @pytest.mark.parametrize("read", [read_bytes, read_splat, read_json])
 def test_pipes_are_refused_before_they_are_waited_for(tmp_path: Path, read) -> None:
     os.mkfifo(tmp_path / "pipe")

@@ -33,7 +33,6 @@ def swept(runs: Path, train: Path, validation: Path, *words: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1500)
 @pytest.mark.parametrize("launcher", list(LAUNCHERS))
 def test_every_job_is_a_finished_run_and_equal_jobs_are_done_once(launcher, plane_run, other_plane_run, tmp_path):
     told = swept(
@@ -71,7 +70,6 @@ def test_a_search_by_optuna_composes_and_names_options_that_there_are():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_a_search_by_optuna_trains_each_trial(plane_run, other_plane_run, tmp_path):
     told = swept(tmp_path, plane_run, other_plane_run, "+sweep=optuna", "hydra.sweeper.n_trials=2", "runtime.threads=1")
     folders = list(tmp_path.glob("train/*"))

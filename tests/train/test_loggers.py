@@ -114,6 +114,7 @@ def test_wandb_keeps_a_table_of_every_view_and_images(by_wandb):
             assert image.size == (3 * 64, 48)  # render, enhanced, photo
 
 
+@pytest.mark.slow
 def test_a_training_that_goes_on_is_the_same_run(by_wandb, plane_run, other_plane_run):
     before = scalars(by_wandb)
     for name in ("done", "card.json", "weights.safetensors"):

@@ -1,9 +1,5 @@
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -27,6 +23,7 @@ from gaussian_enhancer.train.optimizers import configured as made_optimizer
 from gaussian_enhancer.train.optimizers import decayed_groups
 from gaussian_enhancer.train.schedule import WarmupCosine
 from support import paths
+from support.command import run_command
 
 CONF = paths.CONF
 
@@ -191,36 +188,26 @@ def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run,
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
-    options = settings(
-        plane_run, other_plane_run, tmp_path, "trainer.max_steps=40", "save_every=5", "data.steps_per_epoch=20"
-    )
-    command = [sys.executable, "-c", "from gaussian_enhancer.cli.main import main; main()", "train", *options]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 400
-    while not list(tmp_path.glob("train/*/last.ckpt")) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    few = ("trainer.max_steps=10", "save_every=5", "data.steps_per_epoch=4")
+    options = ("train", *settings(plane_run, other_plane_run, tmp_path, *few))
+    killed = run_command(*options, dies_at_step=7)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
     (checkpoint,) = tmp_path.glob("train/*/last.ckpt")
-    steps = torch.load(checkpoint, weights_only=True)["global_step"]
-    assert 5 <= steps < 40
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=400, check=False)
+    assert torch.load(checkpoint, weights_only=True)["global_step"] == 5
+    done = run_command(*options)
     assert done.returncode == 0, done.stderr
     (card,) = tmp_path.glob("train/*/card.json")
-    assert json.loads(card.read_text())["steps"] == 40
+    assert json.loads(card.read_text())["steps"] == 10
     rows = next(iter(tmp_path.glob("train/*/log/metrics.csv"))).read_text().splitlines()
     assert len(rows) > 1
-    whole = [option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options]
-    done = subprocess.run([*command[:4], *whole], env=environment, capture_output=True, timeout=400, check=False)
+    done = run_command(*(option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options))
     assert done.returncode == 0, done.stderr
-    killed, uninterrupted = (
+    resumed, uninterrupted = (
         load_weights(next(iter(folder.glob("train/*/weights.safetensors")))).network.state_dict()
         for folder in (tmp_path, tmp_path / "whole")
     )
-    assert all(torch.equal(killed[name], value) for name, value in uninterrupted.items())
+    assert all(torch.equal(resumed[name], value) for name, value in uninterrupted.items())
 
 
 def test_draws_are_balanced_over_sources():
