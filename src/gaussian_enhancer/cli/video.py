@@ -41,7 +41,7 @@ def run(cfg: DictConfig) -> None:
     for line in filter(None, (filmed.task.note, *filmed.found.lacks)):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     rendered = filmed.task.rendered
-    job = open_run(run_configuration(cfg, filmed.path), "video", f"{rendered.name}-{filmed.path.name}")
+    job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
     planner = filmed.found.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")
     frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)

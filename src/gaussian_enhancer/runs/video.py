@@ -1,12 +1,13 @@
 """From the configuration of the job ``video`` to the frames of a path, what enhances them, and how they are written."""
 
+import copy
 import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import torch
 from omegaconf import DictConfig, open_dict
@@ -68,12 +69,14 @@ class Filmed:
     """What a video is made of.
 
     Args:
+        cfg: configuration of the job ``video``; what was left to the weights is decided.
         path: its cameras.
         enhancer: what enhances its frames.
         task: its frames as targets, and the references.
         found: what of the input is used.
     """
 
+    cfg: DictConfig
     path: CameraPath
     enhancer: SetEnhancer
     task: Task
@@ -138,12 +141,11 @@ def film(cfg: DictConfig, device: torch.device) -> Filmed:
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
-    share = _smoothing(cfg.temporal_smoothing, pretrained)
-    options = replace(options_of(cfg), temporal_smoothing=share)
-    enhancer, task, found = prepared(pretrained, task, options, device)
+    cfg = _with_smoothing(cfg, pretrained)
+    enhancer, task, found = prepared(pretrained, task, options_of(cfg), device)
     references = PathReferences.of(found.reference_config)
     enhancer.reference_config = references
-    return Filmed(path, enhancer, task, replace(found, reference_config=references))
+    return Filmed(cfg, path, enhancer, task, replace(found, reference_config=references))
 
 
 def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
@@ -224,16 +226,15 @@ def splat_file(run: str | Path) -> Path:
     return others[max(others)]
 
 
-def run_configuration(cfg: DictConfig, path: CameraPath) -> DictConfig:
+def run_configuration(filmed: Filmed) -> DictConfig:
     """The configuration from which the run's folder gets its name: what frames depend on, files by their content.
 
     Args:
-        cfg: configuration of the job ``video``.
-        path: its cameras.
+        filmed: what the video is made of.
     """
-    kept = with_effect(cfg)
+    cfg, kept = filmed.cfg, with_effect(filmed.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else Path(cfg.gaussians)
-    made_of = {"path": _path_digest(path.cameras), "splat": _file_digest(splat)}
+    made_of = {"path": _path_digest(filmed.path.cameras), "splat": _file_digest(splat)}
     with open_dict(kept):
         for name in SHOWN:
             kept.pop(name, None)
@@ -268,10 +269,13 @@ def _of_splat(cfg: DictConfig, device: str) -> tuple[CameraPath, SplatRenderer, 
     return path, renderer, RenderedSet(capture.name, (), references, capture.background, own_depth=True)
 
 
-def _smoothing(given: Any, pretrained: Pretrained) -> Any:
-    if given is not None:
-        return given
-    return SMOOTHING if pretrained.network.scale == 1 else 0.0
+def _with_smoothing(cfg: DictConfig, pretrained: Pretrained) -> DictConfig:
+    """The configuration with a number for temporal smoothing, which super-resolution does not support."""
+    if cfg.temporal_smoothing is not None:
+        return cfg
+    decided = copy.deepcopy(cfg)
+    decided.temporal_smoothing = SMOOTHING if pretrained.network.scale == 1 else 0.0
+    return decided
 
 
 def _whole(cfg: DictConfig, key: str) -> int | None:
