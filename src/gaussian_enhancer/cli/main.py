@@ -22,6 +22,7 @@ JOBS = {
     "fit": "fit a splat to a scene; write the splat and its renders",
     "simulate": "make a photo look like splat renders; samples and a page of every artefact",
     "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
+    "video": "render a splat along a camera path, enhance every frame, and encode them",
     "train": "train an enhancement network on fitted runs",
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
