@@ -148,7 +148,7 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
-    "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
+    "+recipe=lr_shipped fusion=ssif_lr +ablation/mode=all label=row_paper",
 )
 """Overrides of the job train: shipped weights, then the other rows of docs/results/quality.md at equal budget.
 

@@ -88,6 +88,8 @@ def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_
     assert (turned[3:6] == turned[:3]).all()
     counts = {(len(augmentation.drop(one, torch.Generator().manual_seed(s))) - FIXED) // EACH for s in range(60)}
     assert counts == {0, 1, 2, 3}
+    every = Augmentation(crop=64, every_reference=True)
+    assert all((every.drop(one, torch.Generator().manual_seed(s)) == one).all() for s in range(20))
 
 
 def test_light_is_shared_and_references_differ(plane_run, tmp_path):

@@ -114,6 +114,9 @@ def _network(cfg: DictConfig) -> "Network":
         InputError: those weights cannot be read, or are of another design than the configuration's network.
     """
     network: Network = build(cfg.fusion)
+    if cfg.get("faithful") and not type(network).__module__.startswith("gaussian_enhancer.network.paper."):
+        remedy = "choose fusion=sif, ssif_lr or ssif_sr, or mode=ours"
+        raise InputError("mode=paper", f"has no {type(network).__name__}", remedy)
     for name, weights in _begun_with(cfg).items():
         part = getattr(network, name, None) if name else network
         if part is None:
