@@ -51,6 +51,11 @@ class Done:
     images: tuple[Enhanced, ...]
 
 
+def written(cfg: DictConfig) -> Path:
+    """The file of records."""
+    return Path(cfg.results) / f"leaving_out_{cfg.worlds.name}.jsonl"
+
+
 def run(cfg: DictConfig) -> float | None:
     """Measure every plan on every scene and write records, diagram and page; or write the page again.
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.runs.instantiate import build
@@ -88,8 +89,9 @@ def _kept(cfg: DictConfig, job: str, label: str, values: Mapping[str, Any], imag
     own = OmegaConf.create({"runs": cfg.runs, **values})
     found = find_run(own, job)
     if found is None or not found.done:
-        found = open_run(own, job, label)
-        for name, image in images():
-            write_image(found.folder / "images" / name, image)
-        found.finish()
+        with status.attempt():
+            found = open_run(own, job, label)
+            for name, image in images():
+                write_image(found.folder / "images" / name, image)
+            found.finish()
     return found.folder / "images"

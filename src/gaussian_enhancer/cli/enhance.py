@@ -22,6 +22,11 @@ from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 
 
+def written(cfg: DictConfig) -> Path | None:
+    """The folder of images without a run; None where a run's folder is made, or nothing is written."""
+    return Path(cfg.output) if cfg.output and not cfg.dry_run else None
+
+
 def run(cfg: DictConfig) -> float | None:
     """Enhance and write images of the same names.
 

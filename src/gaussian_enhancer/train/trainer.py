@@ -3,9 +3,6 @@
 import copy
 import logging
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, effective
-from gaussian_enhancer.train.processes import is_first, started_elsewhere
+from gaussian_enhancer.train.processes import started_elsewhere
 
 SPAWNED = ("auto", "ddp", "ddp_spawn")
 """Strategies for which a job starts its processes by itself; any other is Lightning's own affair."""
@@ -141,22 +138,6 @@ def device_count(cfg: DictConfig) -> int:
     if isinstance(devices, bool) or not isinstance(devices, int) or devices < 1:
         raise InputError("trainer.devices", f"is {devices!r}", "give auto, or the number of processes, 1 or more")
     return devices
-
-
-@contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Wait until no other process works on a run: equal jobs of a sweep do it once, one after another.
-
-    The lock is the system's own, and goes with the process that holds it, however that ends. Processes that train
-    together are no others: the first of them holds it.
-
-    Args:
-        folder: the run's.
-    """
-    from filelock import FileLock
-
-    with FileLock(folder / "lock") if is_first() else nullcontext():
-        yield
 
 
 def quieten() -> None:
