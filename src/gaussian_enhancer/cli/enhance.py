@@ -71,7 +71,8 @@ def run(cfg: DictConfig) -> float | None:
 
             return enhanced_together(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, found.pool)
-        return write_enhanced(track(images, "enhancing", total=total, console=console, disable=hidden), folder)
+        tracked = track(images, "enhancing", total=total, console=console, disable=hidden)
+        return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _summarised(written_to(Path(cfg.output)), Path(cfg.output), console)

@@ -57,7 +57,7 @@ usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
 
   completion   print a script for tab completion: eval "$(gaussian-enhancer completion)"
 
-Every job takes Hydra's overrides, --help shows its configuration and -m sweeps over comma-separated values.
+Every job takes Hydra's overrides, --help shows its options and -m sweeps over comma-separated values.
 """
 
 COMPLETION = """\
@@ -98,6 +98,10 @@ def _dispatch(words: Sequence[str]) -> None:
         print("\n".join(complete(" ".join(words[1:]))))
     elif words[0] not in JOBS:
         raise InputError(f"job {words[0]!r}", "is unknown", f"choose one of {', '.join(JOBS)}")
+    elif {"-h", "--help"} & set(words):
+        from gaussian_enhancer.cli.help import help_text
+
+        print(help_text(words[0], words[1:], configurations()), end="")
     else:
         launch(words[0], words[1:])
 

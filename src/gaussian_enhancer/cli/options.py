@@ -66,7 +66,7 @@ class Demo(Options):
     splat: Group
     settings: Group
     weights: Place
-    lpips: list[str]
+    lpips: list[str] | None
     backbones: Place | None
 
 
@@ -182,7 +182,7 @@ class Measure(Options):
     splat_name: Word | None
     unmatched: str
     background: list[Any]
-    lpips: list[str]
+    lpips: list[str] | None
     backbones: Place | None
 
 

@@ -2,7 +2,11 @@
 
 import copy
 import logging
+import signal
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import torch
@@ -138,6 +142,28 @@ def device_count(cfg: DictConfig) -> int:
     if isinstance(devices, bool) or not isinstance(devices, int) or devices < 1:
         raise InputError("trainer.devices", f"is {devices!r}", "give auto, or the number of processes, 1 or more")
     return devices
+
+
+@contextmanager
+def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
+    """Raise KeyboardInterrupt where Ctrl-C stops a trainer.
+
+    Lightning ends the process with exit code 1 instead, and leaves Ctrl-C without effect from then on.
+
+    Args:
+        trainer: works inside the context.
+    """
+    in_main = threading.current_thread() is threading.main_thread()  # no other can be interrupted
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    except SystemExit:
+        if not trainer.interrupted:
+            raise
+        raise KeyboardInterrupt from None
+    finally:
+        if in_main:
+            signal.signal(signal.SIGINT, before)
 
 
 def quieten() -> None:
