@@ -19,6 +19,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import require
 
 
+def written(cfg: DictConfig) -> Path:
+    """The folder of page and pictures."""
+    return Path(cfg.output or Path(cfg.runs) / "dashboard")
+
+
 def run(cfg: DictConfig) -> float | None:
     """Write ``dashboard.html`` and its pictures.
 

@@ -24,6 +24,11 @@ from gaussian_enhancer.runs.instantiate import require
 ROLES = ("other", "ours")
 
 
+def written(cfg: DictConfig) -> Path:
+    """The file of records."""
+    return Path(cfg.records)
+
+
 def run(cfg: DictConfig) -> float | None:
     """Run the study, or write its page again.
 

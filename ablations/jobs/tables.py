@@ -27,6 +27,11 @@ from gaussian_enhancer.metrics.records import MISSING, Record, read_records, wri
 from gaussian_enhancer.runs.instantiate import require
 
 
+def written(cfg: DictConfig) -> Path | None:
+    """The folder of the scale's tables; None where they are only told of."""
+    return None if cfg.dry_run else Path(cfg.results) / cfg.scale.name
+
+
 def run(cfg: DictConfig) -> None:
     """Make tables, or tell what making them takes.
 

@@ -33,6 +33,11 @@ OFFERING, CHOOSING = "lr", "validation/"
 """The study that `enhance budget_ms=` chooses from, and the scenes that choices may be made on."""
 
 
+def written(cfg: DictConfig) -> Path:
+    """The folder of records and diagrams."""
+    return Path(cfg.results)
+
+
 def run(cfg: DictConfig) -> None:
     """Measure, and write records, diagrams and the page.
 

@@ -21,6 +21,7 @@ from ablations.suite.plan import Step, Work, planned
 from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.lock import waiting
 from gaussian_enhancer.runs.runtime import choose_device
 
 MOST = 4
@@ -145,7 +146,8 @@ def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[No
     locks.mkdir(parents=True, exist_ok=True)
     runs, one = Runs(cfg), experiment(work.table, cfg.scale)
     GlobalHydra.instance().clear()
-    with FileLock(locks / f"{work.job}-{digest}"), initialize_config_dir(str(configurations()), version_base="1.3"):
+    composing = initialize_config_dir(str(configurations()), version_base="1.3")
+    with FileLock(locks / f"{work.job}-{digest}"), composing, waiting():
         try:
             if work.job == "fit":
                 runs.fitted(work.fit)

@@ -92,6 +92,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
     raw = fit / f"test/ours_{run_steps(fit)[-1]}"
     sources = {"fit": fit.name}
     folder = raw / "renders"
+    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     if choice.get("render") and learnt:
         given = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
         folder = _enhanced(cfg, choice, sources, **given)
@@ -101,9 +102,8 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
     elif learnt:
         folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
     if choice.get("upscale"):
-        folder = bicubic(cfg, folder, f"{fit.name}-{method}")
+        folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
-    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     every = 1 if learnt and not choice.get("render") else cell.every
     return Images(folder, photos, every, fit.name, sources)
 

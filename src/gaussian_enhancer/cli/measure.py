@@ -21,7 +21,7 @@ from gaussian_enhancer.metrics.comparison import (
     view_table,
 )
 from gaussian_enhancer.metrics.image_folders import ImageFiles, Label, measure_files, pair_folders, pair_run
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -62,7 +62,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     """
     files = _files(cfg)
     device = start(cfg.runtime)
-    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
     records = _measured(files, distances, cfg)
     tables = _tables(records, _pairs(records))
     folder = open_run(cfg, "measure", files[0].label.run)

@@ -23,8 +23,8 @@ from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.processes import launch
-from gaussian_enhancer.train.trainer import alike, alone, make_trainer, processes, quieten
+from gaussian_enhancer.train.processes import is_first, launch
+from gaussian_enhancer.train.trainer import alike, make_trainer, processes, quieten, stopped_by_ctrl_c
 
 if TYPE_CHECKING:
     from gaussian_enhancer.network.network import Network
@@ -43,17 +43,16 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = processes(cfg)
-    job = open_run(_named(cfg), "train", cfg.label)
-    with alone(job.folder):
-        if job.done:
-            print(f"trained already: {job.folder / 'weights.safetensors'}")
-            return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
-        quieten()
-        require_saveable(_network(cfg))
-        if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
-            _data(cfg).prepare_data()
-        gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
-        return gain
+    job = open_run(_named(cfg), "train", cfg.label, locked=is_first())
+    if job.done:
+        print(f"trained already: {job.folder / 'weights.safetensors'}")
+        return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+    quieten()
+    require_saveable(_network(cfg))
+    if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
+        _data(cfg).prepare_data()
+    gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
+    return gain
 
 
 def _train(cfg: DictConfig, job: Run) -> float | None:
@@ -74,7 +73,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     trainer = make_trainer(cfg, job, "last")
     last = job.folder / "last.ckpt"
     started = time.time()
-    with watching(trainer.loggers):
+    with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
