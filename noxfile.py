@@ -200,10 +200,22 @@ def tradeoff(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def fuzz(session: nox.Session) -> None:
-    """Hand 1,500 damaged files to every reader in turn and record the verdicts; words after -- are options."""
+    """Hand 1,500 damaged files to every reader in turn, or `-- --coverage` to a fuzzer for a minute each; record it."""
+    words = [word for word in session.posargs if word != "--coverage"]
+    if len(words) < len(session.posargs):
+        install(session, "test", "fuzz")
+        session.run("python", "tests/fuzz/coverage.py", "--record", "docs/results/fuzz_coverage.jsonl", *words)
+        return
     install(session, "test")
     record = ("--cases", "1500", "--record", "docs/results/fuzz.jsonl")
-    session.run("python", "tests/fuzz/campaign.py", *record, *session.posargs)
+    session.run("python", "tests/fuzz/campaign.py", *record, *words)
+
+
+@nox.session(default=False)
+def kill(session: nox.Session) -> None:
+    """Kill fit, train, enhance, tables at 100 moments, double them, fill their disk; goes on where it was stopped."""
+    install(session, "test")
+    session.run("python", "tests/kill/campaign.py", "--record", "docs/results/kill.jsonl", *session.posargs)
 
 
 @nox.session(default=False)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.console import Console
 from yaml import YAMLError  # type: ignore[import-untyped]
 
@@ -16,6 +16,7 @@ from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import composed
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.runs.instantiate import require
 
 
@@ -61,7 +62,7 @@ def configuration(path: Path) -> Mapping[str, Any]:
         InputError: the file is no configuration.
     """
     try:
-        values = OmegaConf.to_container(OmegaConf.load(path))
+        values = read_yaml(path)
     except (OSError, ValueError, YAMLError) as error:
         raise InputError(path, f"cannot be read ({str(error).splitlines()[0]})", "run the job again") from error
     if not isinstance(values, dict):

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
+from gaussian_enhancer.input_files import read_yaml
 
 VIEWS = 9
 """Views of a cell, where its fit is not there to be counted."""
@@ -92,7 +93,7 @@ def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
 
 def _config(folder: Path) -> dict[str, Any] | None:
     file = folder / "config.yaml"
-    loaded = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else None
+    loaded = read_yaml(file) if file.is_file() else None
     return {str(key): value for key, value in loaded.items()} if isinstance(loaded, dict) else None
 
 

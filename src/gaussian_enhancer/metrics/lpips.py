@@ -21,6 +21,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import refuse_larger_archive
 from gaussian_enhancer.metrics.backbones import data_backbones
 
 
@@ -184,6 +185,7 @@ def _network(net: str, file: Path, device: str) -> nn.Module:
 
 def _weights(file: Path) -> dict[str, Any]:
     """The ``features`` part of a state dict, by the keys within it."""
+    refuse_larger_archive(file)
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)
     except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable, write_text
+from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 
 HIGHER_IS_BETTER = {
@@ -134,11 +135,11 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
         InputError: as `read_records`.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8").split("\n")  # splitlines would cut names at exotic separators
-    except FileNotFoundError:
-        raise InputError(path, "does not exist", "measure first") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "measure again") from None
+        content = read_text(path, JSON_GROWTH)
+    except InputError as error:
+        remedy = "measure first" if error.received == "does not exist" else error.remedy
+        raise InputError(path, error.received, remedy) from None
+    lines = content.split("\n")  # splitlines would cut names at exotic separators
     return tuple(_parsed(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
@@ -153,9 +154,9 @@ def _parsed(place: str, line: str) -> tuple[str, Record]:
     """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:
-        values = json.loads(line)
-    except json.JSONDecodeError as error:
-        raise InputError(place, f"is no record ({error.msg})", remedy) from None
+        values = parse_json(line, place)
+    except InputError as error:
+        raise InputError(place, f"is no record ({error.received})", remedy) from None
     names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
     if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)
