@@ -59,7 +59,7 @@ def degradation(method: str, overrides: Sequence[str]) -> Degradation:
     try:
         with initialize_config_dir(str(Path(__file__).resolve().parents[2] / "conf"), version_base="1.3"):
             given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
-            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulator)
+            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulation.simulator)
     except HydraException as error:
         cause = str(error).splitlines()[0]
         raise InputError(method, f"cannot be built ({cause})", "leave it out, or supply what is missing") from error

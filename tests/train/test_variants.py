@@ -25,7 +25,7 @@ def test_a_variant_is_what_the_paper_calls_so(variant, recipe, network, second, 
         cfg = compose("train", [f"+recipe={recipe}", f"+ablation/variant={variant}", f"mode={mode}", "size=tiny"])
         built = build(cfg.fusion)
     assert type(built).__name__ == network
-    assert cfg.data.simulated == 1.0
+    assert cfg.data.simulation.share == 1.0
     assert cfg.generator._target_.endswith(second)
     assert cfg.gate.types.colour is colour
     assert bool(cfg.reference_config.get("fine", False)) is (built.scale == 4)
