@@ -19,7 +19,7 @@ import torch
 
 from ablations.realism.realism import finished_runs, scene_of
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.sample import Sample
+from ablations.study.sample import ScoreSample
 from ablations.study.statistics import interval
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -103,7 +103,7 @@ def table(rows: list[dict], head: str = "training renders") -> str:
         mine = [r for r in rows if r["row"] == name]
         aligned = [r["psnr_aligned"] for r in mine]
         views = {f"{r['run']} {r['view']}": r["psnr_aligned"] for r in mine}
-        low, high = interval(Sample((("all", "all"),), (None,), {(("all", "all"), None): views}))
+        low, high = interval(ScoreSample((("all", "all"),), (None,), {(("all", "all"), None): views}))
         worse = sum(value < 0 for value in aligned)
         means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
         by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.degrade.gates.gate import NoGate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, NoGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
@@ -47,7 +47,7 @@ class Blurry:
     """A gate that always blurs, strongly."""
 
     def draw(self, generator):
-        return (Step("blur", 1.0), Step("noise", 0.5, regional=True))
+        return (ArtefactStep("blur", 1.0), ArtefactStep("noise", 0.5, regional=True))
 
 
 @pytest.fixture(scope="module")
