@@ -11,7 +11,7 @@ from yaml import YAMLError  # type: ignore[import-untyped]
 from ablations.jobs.plan_study import aims_of
 from ablations.report.dashboard.folder import all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
-from ablations.report.dashboard.pictures import Pictures, copy_pictures
+from ablations.report.dashboard.pictures import ShownImages, copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import composed
@@ -40,7 +40,7 @@ def run(cfg: DictConfig) -> float | None:
     listed = read_folder(folder)
     sources = source_runs(runs, all_records(listed), configuration)
     views = int(cfg.images_per_scene)
-    pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
+    pictures = copy_pictures(listed, runs, output, views) if views > 0 else ShownImages()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
     aims = aims_of(composed("plan_study", cfg, ()))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.study.aims import VERDICTS, better, losses
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
@@ -106,7 +106,7 @@ class PlanScenes:
         """The errors of views: plans are the methods."""
         views = [record for record in self.records if record.kind == "quality"]
         plans = {record.variant: Method(record.variant) for record in self.records}
-        scenes = {"scenes": Dataset("", tuple(dict.fromkeys(record.scene for record in self.records)))}
+        scenes = {"scenes": SceneGroup("", tuple(dict.fromkeys(record.scene for record in self.records)))}
         return Results(
             Study("plan_study", "", "quality", "", plans, self.aims.baseline, METRICS, (), scenes, ()), views
         )

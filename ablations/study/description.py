@@ -48,7 +48,7 @@ class Method:
 
 
 @dataclass(frozen=True)
-class Dataset:
+class SceneGroup:
     """What the scale measures in place of one of the paper's datasets, or the dataset itself.
 
     Args:
@@ -91,7 +91,7 @@ class Study:
     baseline: str
     metrics: tuple[str, ...]
     splats: tuple[str, ...]
-    datasets: Mapping[str, Dataset]
+    datasets: Mapping[str, SceneGroup]
     seeds: tuple[int, ...] = (0,)
     paper: Mapping[str, Mapping[str, tuple[float, ...] | None]] = field(default_factory=dict)
     finer: bool = False
@@ -139,7 +139,7 @@ def table_of(values: Mapping[str, Any]) -> Study:
         ValueError: a value is out of range.
     """
     methods = {str(name): Method(**_tuples(method)) for name, method in values["methods"].items()}
-    datasets = {str(name): Dataset(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
+    datasets = {str(name): SceneGroup(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
     paper = {
         str(block): {
             str(method): None if cells is None else tuple(map(float, cells)) for method, cells in rows_.items()

@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
@@ -178,21 +178,21 @@ def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[s
     return Method(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
 
 
-def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, Dataset]:
+def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, SceneGroup]:
     """The study's datasets as the scale has them; of a dataset that is itself there, the scenes that are asked for."""
     found = {}
     for key in study["datasets"]:
         given = scale.datasets[key]
         stand_in, scenes = str(given.get("stand_in") or ""), tuple(map(str, given.scenes))
         asked = tuple(name for name in study.get("scenes", ()) if name in scenes)
-        found[str(key)] = Dataset(str(given.title), asked if asked and not stand_in else scenes, stand_in)
+        found[str(key)] = SceneGroup(str(given.title), asked if asked and not stand_in else scenes, stand_in)
     return found
 
 
-def _outputs(scale: DictConfig) -> dict[str, Dataset]:
+def _outputs(scale: DictConfig) -> dict[str, SceneGroup]:
     """The sizes of the enhanced image, each in a dataset's place."""
     return {
-        str(key): Dataset(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
+        str(key): SceneGroup(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
         for key, (height, width) in scale.outputs.items()
     }
 

@@ -42,7 +42,7 @@ class StudyCell:
 
 
 @dataclass(frozen=True)
-class Images:
+class MethodImages:
     """Images of one method in one cell, and what they are measured against.
 
     Args:
@@ -75,7 +75,7 @@ def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConf
     return measured_images(cfg, cell, method, images_of(cfg, cell, method, choice))
 
 
-def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> Images:
+def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> MethodImages:
     """The images of a method in a cell, made or found made.
 
     Args:
@@ -105,7 +105,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
         folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
     every = 1 if learnt and not choice.get("render") else cell.every
-    return Images(folder, photos, every, fit.name, sources)
+    return MethodImages(folder, photos, every, fit.name, sources)
 
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
@@ -151,7 +151,7 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     return str(found.folder / "weights.safetensors")
 
 
-def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Images) -> tuple[Record, ...]:
+def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
     """Measure images against their photos, unless these very images were measured before.
 
     Raises:
@@ -171,7 +171,7 @@ def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Image
     return records
 
 
-def measure_now(cfg: DictConfig, label: Label, images: Images) -> tuple[Record, ...]:
+def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Record, ...]:
     """Measure images against their photos.
 
     Args:

@@ -86,7 +86,7 @@ def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
 def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
     for marker in sorted((runs / "train").glob("*/done")):
         cfg, file = _config(marker.parent), marker.parent / "card.json"
-        if cfg and file.is_file():
+        if cfg and file.is_file() and "loading" in cfg["data"]:  # absent from runs of earlier versions
             card = json.loads(file.read_text(encoding="utf-8"))
             yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
 
@@ -108,4 +108,4 @@ def _training_kind(cfg: Mapping[str, Any]) -> str:
     """Trainings of one kind take about as long: same network, width and crops."""
     fusion, data = cfg["fusion"], cfg["data"]
     crop = data["augmentation"]["crop"]
-    return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["batch_size"], crop])
+    return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["loading"]["batch_size"], crop])

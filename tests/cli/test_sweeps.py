@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from support import paths
 
 CONF = paths.CONF
-SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=2")
+SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.loading.batch_size=2")
 LAUNCHERS = {
     "joblib": ["+sweep=two_jobs"],
     "submitit": ["hydra/launcher=submitit_local", "runtime.progress=false", "runtime.threads=1"],

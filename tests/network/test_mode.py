@@ -22,7 +22,7 @@ ROWS = {
     "all": {
         "alignment",
         "coarse",
-        "data.reference_config",
+        "data.samples.reference_config",
         "fusion.fusion",
         "fusion.output",
         "fusion.reference_renders",
@@ -33,27 +33,27 @@ ROWS = {
     "agreement": {
         "alignment.warp.photo_consistency",
         "reference_config.warp.photo_consistency",
-        "data.reference_config.warp.photo_consistency",
+        "data.samples.reference_config.warp.photo_consistency",
     },
-    "alignment": {"alignment", "fusion.refine", "reference_config.warp", "data.reference_config.warp"},
+    "alignment": {"alignment", "fusion.refine", "reference_config.warp", "data.samples.reference_config.warp"},
     "coarse": {"coarse"},
     "colour": {
         "alignment.warp.match_colour",
         "reference_config.warp.match_colour",
-        "data.reference_config.warp.match_colour",
+        "data.samples.reference_config.warp.match_colour",
     },
-    "depth": {"alignment.warp.depth", "reference_config.warp.depth", "data.reference_config.warp.depth"},
-    "fusion": {"fusion.fusion", "reference_config.references", "data.reference_config.references"},
+    "depth": {"alignment.warp.depth", "reference_config.warp.depth", "data.samples.reference_config.warp.depth"},
+    "fusion": {"fusion.fusion", "reference_config.references", "data.samples.reference_config.references"},
     "objective": {"loss.terms"},
     "occlusion": {
         "alignment.warp.tolerance",
         "reference_config.warp.tolerance",
-        "data.reference_config.warp.tolerance",
+        "data.samples.reference_config.warp.tolerance",
     },
     "output": {"fusion.output"},
-    "ranking": {"reference_config.candidates", "data.reference_config.candidates"},
+    "ranking": {"reference_config.candidates", "data.samples.reference_config.candidates"},
     "reference_renders": {"fusion.reference_renders"},
-    "references": {"reference_config.references", "data.reference_config.references"},
+    "references": {"reference_config.references", "data.samples.reference_config.references"},
 }
 """What each row may change beside its label; a name covers what lies below it."""
 

@@ -35,7 +35,7 @@ def configured(job: str, *overrides: str):
 
 def options(train: Path, validation: Path, runs: Path) -> list[str]:
     places = [f"data.train=[{train}]", f"data.validation=[{validation}]", f"runs={runs}", "logger=csv"]
-    small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=4"]
+    small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.loading.batch_size=4"]
     quick = ["optimizer.lr=0.01", *FAST, "data.steps_per_epoch=2"]
     return [*places, *small, *quick, "trainer=smoke", "trainer.max_steps=4", "save_every=3"]
 

@@ -23,7 +23,7 @@ SMALL = (
     "fusion=sif",
     "fusion.widths=[8,8,8]",
     "data.augmentation.crop=32",
-    "data.batch_size=2",
+    "data.loading.batch_size=2",
     "data.steps_per_epoch=2",
 )
 QUICK = ("optimizer.lr=0.01", "lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")

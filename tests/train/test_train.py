@@ -16,11 +16,12 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import effective
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
-from gaussian_enhancer.train.data import RunsData, find_runs
+from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.ema import EMA
 from gaussian_enhancer.train.metrics import psnr
 from gaussian_enhancer.train.optimizers import configured as made_optimizer
 from gaussian_enhancer.train.optimizers import decayed_groups
+from gaussian_enhancer.train.run_samples import RunSamples, find_runs
 from gaussian_enhancer.train.schedule import WarmupCosine
 from support import paths
 from support.command import run_command
@@ -45,7 +46,7 @@ def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[st
         "fusion=sif",
         "fusion.widths=[8,8,8]",
         "data.augmentation.crop=32",
-        "data.batch_size=2",
+        "data.loading.batch_size=2",
         "data.steps_per_epoch=2",
         "runtime.progress=false",
         "runtime.threads=1",
@@ -103,30 +104,35 @@ MISSING = ["data.train=[]", "data.validation=[]"]
 
 @pytest.mark.parametrize(("gate", "kind"), [("none", "NoGate"), ("all", "AllGate"), ("random", "RandomGate")])
 def test_every_gate_becomes_the_simulators(gate, kind):
-    cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulated=1.0")
-    simulator = build(with_effect(cfg).data.simulator)
+    cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulation.share=1.0")
+    simulator = build(with_effect(cfg).data.simulation.simulator)
     assert isinstance(simulator, Simulator)
     assert type(simulator.gate).__name__ == kind
     assert isinstance(simulator.second, NoSecondStage)
 
 
 def test_a_switch_of_a_gate_reaches_it():
-    cfg = configured(*MISSING, "gate=all", "gate.types.blur=false", "data.simulated=0.5")
-    drawn = build(cfg.data.simulator).gate.draw(torch.Generator().manual_seed(0))
+    cfg = configured(*MISSING, "gate=all", "gate.types.blur=false", "data.simulation.share=0.5")
+    drawn = build(cfg.data.simulation.simulator).gate.draw(torch.Generator().manual_seed(0))
     assert {"noise", "colour"} < {step.type for step in drawn}
     assert "blur" not in {step.type for step in drawn}
-    data = build(cfg.data, cache="unused")
+    data = build(cfg.data, samples={"cache": "unused"})
     assert isinstance(data.simulation.simulator, Simulator)
     assert data.simulation.share == 0.5
 
 
 def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeypatch):
-    idle = [with_effect(configured(*MISSING, *other)) for other in ([], ["gate=all"], ["data.training_views=true"])]
+    idle = [
+        with_effect(configured(*MISSING, *other))
+        for other in ([], ["gate=all"], ["data.simulation.training_views=true"])
+    ]
     assert effective(idle[0]) == effective(idle[1]) == effective(idle[2])
     assert "gate" not in idle[0]
     monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
-    assert build(idle[0].data, cache="unused").simulation is None
-    shares = [with_effect(configured(*MISSING, "data.simulated=1.0", f"gate={gate}")) for gate in ("all", "random")]
+    assert build(idle[0].data, samples={"cache": "unused"}).simulation is None
+    shares = [
+        with_effect(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}")) for gate in ("all", "random")
+    ]
     assert len({str(effective(cfg)) for cfg in (*shares, *idle)}) == 3
 
 
@@ -178,7 +184,7 @@ def test_parts_begin_with_weights_of_their_own():
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):
     from gaussian_enhancer.cli.train import run
 
-    others = ["data.simulated=1.0", "data.training_views=true", "gate=random"]
+    others = ["data.simulation.share=1.0", "data.simulation.training_views=true", "gate=random"]
     run(configured(*settings(plane_run, other_plane_run, tmp_path, *others)))
     (folder,) = tmp_path.glob("train/*")
     card = json.loads((folder / "card.json").read_text())
@@ -231,7 +237,7 @@ def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):
     with pytest.raises(InputError, match="no run"):
         find_runs(str(tmp_path / "absent-*"))
     reference_config = build(configured("data.train=[]", "data.validation=[]").reference_config)
-    data = RunsData([str(plane_run)], [str(plane_run)], reference_config, tmp_path, progress=False)
+    data = RunsData([str(plane_run)], [str(plane_run)], RunSamples(reference_config, tmp_path, progress=False))
     with pytest.raises(InputError, match="both trained and validated"):
         data.setup()
 
@@ -242,9 +248,8 @@ def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, o
     )
     counts = []
     for snapshots in (True, False):
-        data = RunsData(
-            [str(plane_run)], [str(other_plane_run)], reference_config, tmp_path, snapshots=snapshots, progress=False
-        )
+        samples = RunSamples(reference_config, tmp_path, snapshots, progress=False)
+        data = RunsData([str(plane_run)], [str(other_plane_run)], samples)
         data.setup()
         counts.append(sum(map(len, data.sources)))
     assert counts == [4, 2]

@@ -35,7 +35,7 @@ def test_a_variant_is_what_the_paper_calls_so(variant, network, two_stages, mode
     built = build(cfg.fusion)
     assert type(built).__name__ == (network if ours else f"Paper{network}")
     assert cfg.label == name
-    assert cfg.data.simulated == 1.0
+    assert cfg.data.simulation.share == 1.0
     second = ("diffused" if ours else "paired_or_diffused") if two_stages else "NoSecondStage"
     assert cfg.generator._target_.rpartition(".")[2] == second
     on = {name for name, switched in cfg.gate.types.items() if switched}
@@ -50,7 +50,7 @@ def test_the_papers_recipe_adds_nothing_of_ours(recipe):
     assert augmentation.every_reference
     assert augmentation.drop_all == augmentation.drop_renders == augmentation.exposure == augmentation.light == 0
     assert cfg.optimizer._target_ == "torch.optim.Adam"
-    assert (cfg.optimizer.lr, cfg.data.batch_size, cfg.trainer.max_steps) == (5e-4, 4, 300_000)
+    assert (cfg.optimizer.lr, cfg.data.loading.batch_size, cfg.trainer.max_steps) == (5e-4, 4, 300_000)
     assert cfg.lr_scheduler.T_max == cfg.trainer.max_steps
     assert list(build(cfg.loss).terms) == ["charbonnier"]
     assert build(cfg.callbacks.ema.multi_avg_fn).decay == 0

@@ -11,7 +11,14 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import Interpolation, Landing, Projection, depth_consistency, land, read_at
+from gaussian_enhancer.align.projection import (
+    Interpolation,
+    Landing,
+    ReferenceProjection,
+    depth_consistency,
+    land,
+    read_at,
+)
 from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable
 
 FAINTEST = 1 / 255
@@ -96,7 +103,7 @@ def reproject(
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
     size = (photo.shape[-2], photo.shape[-1])
-    projection = Projection.between(target, reference.resized(*size), depth)
+    projection = ReferenceProjection.between(target, reference.resized(*size), depth)
     landing = land(projection, fill_depth(depth))
     visibility = landing.inside
     if alpha is None:

@@ -90,7 +90,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "parameters": count_parameters(module.network),
         "steps": trainer.global_step,
         "minutes": round((time.time() - started) / 60, 1),
-        "simulated": float(cfg.data.get("simulated", 0)),
+        "simulated": float(cfg.data.simulation.share) if "simulation" in cfg.data else 0.0,
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "validation": found,
@@ -149,13 +149,13 @@ def _told(cfg: DictConfig) -> dict[str, Any]:
 
 def _data(cfg: DictConfig) -> "RunsData":
     finer = HighResolutionPhotos(Path(cfg.runs) / "photos")
-    data: RunsData = build(
-        cfg.data,
-        cache=str(Path(cfg.runs) / "samples"),
-        progress=cfg.runtime.progress,
-        finer=finer,
-        bad_share=_bad_share(cfg),
-    )
+    samples = {
+        "cache": str(Path(cfg.runs) / "samples"),
+        "finer": finer,
+        "bad_share": _bad_share(cfg),
+        "progress": cfg.runtime.progress,
+    }
+    data: RunsData = build(cfg.data, samples=samples)
     return data
 
 
@@ -196,9 +196,8 @@ def _without_idle(cfg: DictConfig) -> DictConfig:
     with open_dict(without):
         if without.get("initial") is None:
             without.pop("initial", None)
-        if without.data.simulated == 0:
+        if without.data.simulation.share == 0:
             for key in ("gate", "generator"):
                 without.pop(key)
-            for key in ("simulator", "simulated", "training_views"):
-                without.data.pop(key)
+            without.data.pop("simulation")
     return without

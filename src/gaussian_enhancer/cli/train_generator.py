@@ -43,7 +43,8 @@ def run(cfg: DictConfig) -> float | None:
 
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
-    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
+    samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
+    data = build(cfg.data, samples=samples)
     design: FactorDesign = build(cfg.design)
     found: dict[str, float] = {}
     started = time.time()

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from ablations.report.tables import summary_page, write_reports
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.latex import escaped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -35,7 +35,7 @@ TABLE = Study(
     "raw",
     ("psnr", "ssim"),
     ("2dgs", "3dgs"),
-    {"mip_nerf_360": Dataset("Mip-NeRF 360", ("hill", "yard"), "procedural scenes")},
+    {"mip_nerf_360": SceneGroup("Mip-NeRF 360", ("hill", "yard"), "procedural scenes")},
     (0, 1),
     PAPER,
     scale="desk",
@@ -303,7 +303,7 @@ COST = dataclasses.replace(
     baseline="ge",
     metrics=("milliseconds", "peak_memory_mb"),
     splats=(),
-    datasets={size: Dataset(size.upper(), (size,), "an image of 64x48 pixels") for size in ("1k", "4k")},
+    datasets={size: SceneGroup(size.upper(), (size,), "an image of 64x48 pixels") for size in ("1k", "4k")},
     paper={"1k": {"ge": (377.0, 8500.0), "gepp": (459.0, 8600.0)}, "4k": {"ge": None, "gepp": (412.0, 16100.0)}},
 )
 

@@ -25,7 +25,7 @@ from rich.console import Console
 from ablations.suite import cluster
 from ablations.suite.cluster import StoppedRunError, made_ahead, runnable, worker_count
 from ablations.suite.descriptions import experiment
-from ablations.suite.plan import Step, Work
+from ablations.suite.plan import PlannedRun, Work
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import State
@@ -34,8 +34,8 @@ from support.tiny_suite import CONF, TINY, configured, content, plan, started
 LONG = "['settings.steps=1000000','scene.height=32','scene.width=48','scene.views=8','settings.init=random']"
 
 
-def step(name: str, minutes: float = 1.0, inputs: tuple[str, ...] = (), digest: str = "0") -> Step:
-    return Step(Work("fit", "t"), digest, name, State("not started"), inputs, minutes, "", ("t",))
+def step(name: str, minutes: float = 1.0, inputs: tuple[str, ...] = (), digest: str = "0") -> PlannedRun:
+    return PlannedRun(Work("fit", "t"), digest, name, State("not started"), inputs, minutes, "", ("t",))
 
 
 def working(folder: Path) -> set[int]:

@@ -13,7 +13,7 @@ from ablations.report.dashboard.folder import Listed, all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
 from ablations.report.dashboard.pictures import copy_pictures
 from ablations.report.dashboard.runs import source_runs
-from ablations.study.description import Dataset
+from ablations.study.description import SceneGroup
 from ablations.study.lines import table_lines
 from ablations.study.results import Results
 from support.dashboard_samples import NASTY, QUALITY, record, write_results, write_runs
@@ -232,7 +232,7 @@ def test_names_are_text_everywhere(page) -> None:
 def test_of_ten_thousand_records_the_first_of_the_order_asked_for_are_drawn(browser, tmp_path: Path) -> None:
     chance = random.Random(0)
     scenes = tuple(f"scene_{i}" for i in range(10))
-    table = replace(QUALITY, splats=("3dgs",), datasets={"all": Dataset("All", scenes)}, seeds=(0, 1, 2))
+    table = replace(QUALITY, splats=("3dgs",), datasets={"all": SceneGroup("All", scenes)}, seeds=(0, 1, 2))
     views = [f"{i:04d}.png" for i in range(143)]
     made = [
         record(scene, "3dgs", view, method, seed, 20 + chance.random(), chance.random())
