@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.frozen import refuse_frozen
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.train.augment import Augmentation
@@ -164,6 +165,8 @@ class RunsData(LightningDataModule):
 
         runs = {side: [find_runs(pattern) for pattern in patterns] for side, patterns in self.patterns.items()}
         train, held_out = ({run for group in runs[side] for run in group} for side in ("train", "validation"))
+        refuse_frozen(sorted(train), "trained on")
+        refuse_frozen(sorted(held_out), "chosen by")
         if train & held_out:
             both = sorted(train & held_out)[0]
             raise InputError(both, "is both trained and validated on", "name disjoint runs")
