@@ -56,6 +56,14 @@ def pages(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def fresh(session: nox.Session) -> None:
+    """List every committed page whose weights, network, splat or training code changed; check README's figures."""
+    install(session)
+    session.run("python", "-m", "ablations.readme")
+    session.run("python", "-m", "ablations.freshness", *session.posargs)
+
+
+@nox.session(default=False)
 def demo(session: nox.Session) -> None:
     """Fit, enhance, measure and report one procedural scene; words after -- are overrides."""
     install(session)

@@ -196,7 +196,8 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
     if not scenes.records:
         yield f"Not measured yet: `{command}`.\n"
         return
-    yield f"Made by `{command}`, weights as shipped.\n"
+    commits = ", ".join(sorted({record.commit for record in scenes.records}))
+    yield f"Made by `{command}` with the weights of commit {commits}.\n"
     for plan in scenes.plans():
         costs = scenes.costs(plan)
         yield f"### `{plan}` against `{scenes.aims.baseline}`\n"
@@ -211,7 +212,6 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
     if found:
         machines = "; ".join(sorted({record.machine for record in found}))
         how = "; ".join(sorted({record.protocol for record in found}))
-        commits = ", ".join(sorted({record.commit for record in found}))
         yield f"Machine: {machines}. Times: {how}. Commit: {commits}.\n"
 
 

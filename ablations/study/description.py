@@ -20,6 +20,9 @@ from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 Kind = Literal["quality", "repeats", "cost", "images"]
 """Means of a metric; statistics of repeated runs; time and memory; a grid of images."""
+Mode = Literal["", "paper", "ours"]
+FAITHFUL = "paper_"
+"""Beginning of the names of the paper's own rows."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Method:
         upscale: enlarged bicubically at the end.
         render: the splat is rendered at 4 times the resolution first.
         role: "other" or "ours", for aims; empty for the baseline.
+        mode: "paper" where it is the paper's system to the letter, "ours" where the same parts are ours; else empty.
     """
 
     title: str
@@ -45,6 +49,7 @@ class Method:
     upscale: bool = False
     render: bool = False
     role: str = "ours"
+    mode: Mode = ""
 
 
 @dataclass(frozen=True)

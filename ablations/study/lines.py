@@ -192,6 +192,8 @@ def _paper(table: Study, line: Line, metric: str) -> tuple[float | None, float |
     """The paper's value and gain. Its blocks are those of one dataset, and stand beside all where a scale has more."""
     place = table.metrics.index(metric)
     if table.kind == "repeats":
+        if table.methods[line.method].mode == "ours":
+            return None, None
         return None, _at(table.paper.get(line.dataset, {}).get(line.statistic), place)
     if len(table.datasets) > 1 and line.dataset != ALL:
         return None, None

@@ -1,12 +1,13 @@
 """One method in one cell of a study: its images and their records, each made once."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.upsampled import bicubic, fine_photos, rendered_finer
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhanced, finished_fit
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
@@ -51,6 +52,7 @@ class MethodImages:
         every: every n-th of them is measured.
         run: name of the fitted run.
         sources: the runs that they came from, by job.
+        weights: digest of the weights that made them; empty where none did.
     """
 
     folder: Path
@@ -58,6 +60,7 @@ class MethodImages:
     every: int
     run: str
     sources: Mapping[str, str] = field(default_factory=dict)
+    weights: str = ""
 
 
 def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> tuple[Record, ...]:
@@ -105,7 +108,8 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
         folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
     every = 1 if learnt and not choice.get("render") else cell.every
-    return MethodImages(folder, photos, every, fit.name, sources)
+    digest = checkpoint_digest(find_checkpoint(weights_of(cfg, choice))) if learnt else ""
+    return MethodImages(folder, photos, every, fit.name, sources, digest)
 
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
@@ -164,7 +168,7 @@ def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Metho
     before = find_run(job, "measure_row")
     if before is not None and before.done:
         return read_records(before.folder / "records.jsonl")
-    records = measure_now(cfg, label, images)
+    records = tuple(replace(record, weights=images.weights) for record in measure_now(cfg, label, images))
     own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{method}")
     write_records(own.folder / "records.jsonl", records)
     own.finish()

@@ -31,7 +31,7 @@ HIGHER_IS_BETTER = {
 }
 """Which way a metric improves; None where neither way is better."""
 
-LATER: dict[str, Any] = {"seed": None, "sources": {}}
+LATER: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
 """Fields that came later, with what they are where a line lacks them: older lines keep their checksums."""
 
 
@@ -59,6 +59,8 @@ class Record:
         time: when it was measured, ISO 8601, UTC.
         seed: of the training behind it; None where nothing was trained for it.
         sources: the runs that it came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
+        weights: digest of the weights that made the image (`gaussian_enhancer.checkpoint.checkpoint_digest`); empty
+            where none did, and in records from before it was kept.
     """
 
     kind: str
@@ -76,6 +78,7 @@ class Record:
     time: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     seed: int | None = None
     sources: dict[str, str] = field(default_factory=dict)
+    weights: str = ""
 
     def __post_init__(self) -> None:
         unexplained = [name for name, value in self.metrics.items() if value is None and name not in self.reasons]
