@@ -186,17 +186,16 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     Raises:
         InputError: there is no such path, it cannot be laid, or it leaves the capture.
     """
-    shape, subject = str(cfg.path), f"path={cfg.path}"
-    height = _whole(cfg, "height")
-    if shape in SHAPES:
+    asked, subject, height = str(cfg.path), f"path={cfg.path}", _whole(cfg, "height")
+    name, fps = asked, None
+    laid: Sequence[Camera]
+    if asked in SHAPES:
         frames = FRAMES if cfg.frames is None else cfg.frames
-        settings = PathSettings(frames, cfg.cameras, cfg.turns, cfg.radius)
-        laid: Sequence[Camera] = capture_path(shape, cameras, settings)
-        name, fps = shape, None
+        laid = capture_path(asked, cameras, PathSettings(frames, cfg.cameras, cfg.turns, cfg.radius))
     else:
         lens = common_lens(cameras)
-        file = read_path(shape, lens.height, lens.width)
-        laid, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(shape).stem) or "path"
+        file = read_path(asked, lens.height, lens.width)
+        laid, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(asked).stem) or "path"
         if cfg.frames is not None:
             laid = smooth_path(laid, PathSettings(cfg.frames).frames, even_speed=True)
     refuse_outside(laid, cameras, subject)
