@@ -20,6 +20,13 @@ def install(session: nox.Session, *groups: str) -> None:
     session.install("-c", "constraints.txt", "-e", ".", *packages)
 
 
+def run_tests(session: nox.Session, *chosen: str) -> None:
+    """Run pytest in up to four processes; each file's tests stay together and share its fixtures."""
+    install(session, "test")
+    processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile")
+    session.run("pytest", *processes, *chosen, *session.posargs)
+
+
 @nox.session
 def lint(session: nox.Session) -> None:
     """Check style and types: ruff and mypy."""
@@ -31,9 +38,14 @@ def lint(session: nox.Session) -> None:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests, shapes checked, in up to four processes; words after -- go to pytest."""
-    install(session, "test")
-    session.run("pytest", "--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", *session.posargs)
+    """Run the tests that are not marked slow, shapes checked, in up to four processes; words after -- go to pytest."""
+    run_tests(session, "-m", "not slow")
+
+
+@nox.session(default=False)
+def tests_all(session: nox.Session) -> None:
+    """Run all tests, the slow ones too, as continuous integration does; words after -- go to pytest."""
+    run_tests(session)
 
 
 @nox.session(default=False)
@@ -41,6 +53,14 @@ def pages(session: nox.Session) -> None:
     """Make every committed page and table again from its records; fails where one differs, `-- --write` writes them."""
     install(session)
     session.run("python", "-m", "ablations.pages", *session.posargs)
+
+
+@nox.session(default=False)
+def fresh(session: nox.Session) -> None:
+    """List every committed page whose weights, network, splat or training code changed; check README's figures."""
+    install(session)
+    session.run("python", "-m", "ablations.readme")
+    session.run("python", "-m", "ablations.freshness", *session.posargs)
 
 
 @nox.session(default=False)
@@ -136,7 +156,7 @@ WEIGHTS = (
     "+recipe=lr_shipped fusion=sif label=row_sif",
     "+recipe=lr_shipped fusion=nafnet alignment=none label=row_nafnet",
     "+recipe=lr_shipped fusion=edvr alignment=none label=row_edvr",
-    "+recipe=lr_shipped fusion=ssif_lr mode=paper label=row_paper",
+    "+recipe=lr_shipped fusion=ssif_lr +ablation/mode=all label=row_paper",
 )
 """Overrides of the job train: shipped weights, then the other rows of docs/results/quality.md at equal budget.
 
@@ -188,10 +208,22 @@ def tradeoff(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def fuzz(session: nox.Session) -> None:
-    """Hand 1,500 damaged files to every reader in turn and record the verdicts; words after -- are options."""
+    """Hand 1,500 damaged files to every reader in turn, or `-- --coverage` to a fuzzer for a minute each; record it."""
+    words = [word for word in session.posargs if word != "--coverage"]
+    if len(words) < len(session.posargs):
+        install(session, "test", "fuzz")
+        session.run("python", "tests/fuzz/coverage.py", "--record", "docs/results/fuzz_coverage.jsonl", *words)
+        return
     install(session, "test")
     record = ("--cases", "1500", "--record", "docs/results/fuzz.jsonl")
-    session.run("python", "tests/fuzz/campaign.py", *record, *session.posargs)
+    session.run("python", "tests/fuzz/campaign.py", *record, *words)
+
+
+@nox.session(default=False)
+def kill(session: nox.Session) -> None:
+    """Kill fit, train, enhance, tables at 100 moments, double them, fill their disk; goes on where it was stopped."""
+    install(session, "test")
+    session.run("python", "tests/kill/campaign.py", "--record", "docs/results/kill.jsonl", *session.posargs)
 
 
 @nox.session(default=False)

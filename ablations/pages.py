@@ -33,7 +33,9 @@ def remade(source: Path, folder: Path) -> list[Path]:
     Returns:
         Paths relative to both.
     """
+    from ablations.report.reliability import read_page
     from gaussian_enhancer.cli.main import main
+    from gaussian_enhancer.files import write_text
 
     shutil.copytree(source / "docs", folder / "docs")
     before, arguments = Path.cwd(), sys.argv
@@ -46,6 +48,7 @@ def remade(source: Path, folder: Path) -> list[Path]:
             except SystemExit as ended:
                 if ended.code:
                     raise
+        write_text("docs/reliability.md", read_page(Path("docs/results")))
     finally:
         sys.argv = arguments
         os.chdir(before)

@@ -1,4 +1,5 @@
 import os
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -6,7 +7,16 @@ from pathlib import Path
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import VARIABLE, parse_json, read_bytes, reader, reading, refuse_larger
+from gaussian_enhancer.input_files import (
+    VARIABLE,
+    parse_json,
+    read_bytes,
+    read_yaml,
+    reader,
+    reading,
+    refuse_larger,
+    refuse_larger_archive,
+)
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.depth_files import depth_size
 from gaussian_enhancer.scene.json_file import read_json
@@ -47,7 +57,6 @@ def test_a_byte_order_mark_is_no_content(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == {"a": 1}
 
 
-@pytest.mark.timeout(20)
 @pytest.mark.parametrize("read", [read_bytes, read_splat, read_json])
 def test_pipes_are_refused_before_they_are_waited_for(tmp_path: Path, read) -> None:
     os.mkfifo(tmp_path / "pipe")
@@ -110,3 +119,33 @@ def test_only_the_systems_and_codecs_errors_are_the_users() -> None:
         read("nowhere")
     with pytest.raises(InputError, match="File name too long"):
         read("a" * 300)
+
+
+def test_yaml_that_grows_by_naming_its_parts_is_refused(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    (tmp_path / "a.yaml").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"a\.yaml: repeats a part of itself"):
+        read_yaml(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("text", ["[1, 2", "a: !!python/name:os.system", "[" * 5000, "a: \x00"])
+def test_what_is_no_plain_yaml_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(InputError, match=r"a\.yaml: is no YAML"):
+        read_yaml(tmp_path / "a.yaml")
+
+
+def test_plain_yaml_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("a: [1, 2.5, null, x]\n")
+    assert read_yaml(tmp_path / "a.yaml") == {"a": [1, 2.5, None, "x"]}
+
+
+def test_an_archive_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path, monkeypatch) -> None:
+    with zipfile.ZipFile(tmp_path / "a.pt", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a/data/0", bytes(10_000_000))
+    refuse_larger_archive(tmp_path / "a.pt")
+    monkeypatch.setenv(VARIABLE, "0.009")
+    assert (tmp_path / "a.pt").stat().st_size < 100_000
+    with pytest.raises(InputError, match=r"a\.pt: announces 10000000 bytes, which takes up to 0\.0 GB"):
+        refuse_larger_archive(tmp_path / "a.pt")

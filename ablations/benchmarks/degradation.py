@@ -59,7 +59,7 @@ def degradation(method: str, overrides: Sequence[str]) -> Degradation:
     try:
         with initialize_config_dir(str(Path(__file__).resolve().parents[2] / "conf"), version_base="1.3"):
             given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
-            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulator)
+            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulation.simulator)
     except HydraException as error:
         cause = str(error).splitlines()[0]
         raise InputError(method, f"cannot be built ({cause})", "leave it out, or supply what is missing") from error
@@ -78,7 +78,7 @@ def scene(count: int, height: int, width: int) -> View:
 
 
 @dataclass
-class Row:
+class MethodTiming:
     """A method on an input, and the seconds it took in each round by wall and by processor's clock."""
 
     method: str
@@ -99,7 +99,7 @@ class Row:
         self.wall.append(time.perf_counter() - wall)
         self.processor.append(time.process_time() - processor)
 
-    def summary(self, rival: "Row | None") -> dict[str, Any]:
+    def summary(self, rival: "MethodTiming | None") -> dict[str, Any]:
         """Megapixels a second, and how many times the rival's they are."""
         count, height, width = INPUTS[self.input]
         pixels = count * height * width / 1e6
@@ -113,7 +113,7 @@ class Row:
         }  # fmt: skip
 
 
-def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[list[Row], dict[str, str]]:
+def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[list[MethodTiming], dict[str, str]]:
     """The rows to measure, and why others are left out.
 
     Raises:
@@ -128,7 +128,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
                 raise
             left_out[method] = str(error)
             continue
-        rows += [Row(method, name, call) for name in INPUTS]
+        rows += [MethodTiming(method, name, call) for name in INPUTS]
     return rows, left_out
 
 

@@ -1,6 +1,7 @@
 """What every network costs at every size: parameters, multiply-adds and, where asked for, time.
 
     python -m ablations.benchmarks.networks --json docs/results/networks.json [--times] > table.md
+    python -m ablations.benchmarks.networks --mode paper --references 2 --json docs/results/paper_networks.json
 
 Multiply-adds are those of convolutions and matrix products; reading features at moved positions, activations and
 interpolation are not among them. Both figures are for a megapixel of the enhanced image. Times are single calls in
@@ -52,13 +53,34 @@ class Subject:
     network: Network
 
 
-def subjects() -> Iterator[Subject]:
-    """Every network that weights can name, as its own configuration builds it, without variants and repetitions."""
+def subjects(mode: str = "ours") -> Iterator[Subject]:
+    """Every network that weights can name, as its own configuration builds it, without variants and repetitions.
+
+    Args:
+        mode: "paper": the paper's own networks, and SSIF-SR without its buffer as well; "ours": all others.
+    """
+    yield from _papers() if mode == "paper" else _ours()
+
+
+def _papers() -> Iterator[Subject]:
+    conf = configurations()
+    names = sorted(path.stem.removeprefix("paper_") for path in (conf / "network").glob("paper_*.yaml"))
+    with initialize_config_dir(str(conf), version_base="1.3"):
+        for fusion in names:
+            for buffer in (True, False) if fusion == "ssif_sr" else (True,):
+                told = f"{fusion}, paper" + ("" if buffer else ", without its buffer")
+                for size in SIZES:
+                    unbuffered = [] if buffer else ["+fusion.buffer=false"]
+                    cfg = compose("train", ["mode=paper", f"fusion={fusion}", f"size={size}", *unbuffered])
+                    yield Subject(told, size, "deformable", build(cfg.fusion).eval())
+
+
+def _ours() -> Iterator[Subject]:
     conf, built = configurations(), []
     files: dict[str, Any] = {path.stem: OmegaConf.load(path) for path in sorted((conf / "fusion").glob("*.yaml"))}
     kinds = {values.get("_target_", "").rpartition(".")[2]: name for name, values in files.items()}
     with initialize_config_dir(str(conf), version_base="1.3"):
-        for kind in NETWORKS:
+        for kind in (name for name in NETWORKS if name in kinds):
             fusion = kinds[kind]
             said = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
             aligned, sized = ("${" + group in said for group in ("alignment", "size"))
@@ -110,7 +132,7 @@ def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> l
 
 def measured(options: argparse.Namespace) -> dict[str, Any]:
     """The record: where and how it was measured, and a row for each network."""
-    found = list(subjects())
+    found = list(subjects(options.mode))
     height, width = (int(side) for side in options.size.split("x"))
     rows: list[dict[str, Any]] = []
     times = None
@@ -152,6 +174,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Read the command line, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mode", choices=("ours", "paper"), default="ours")
     parser.add_argument("--references", type=int, default=3)
     parser.add_argument("--times", action="store_true", help="measure times too; wants an idle machine")
     parser.add_argument("--size", default="192x256", help="HEIGHTxWIDTH of the render, for times")

@@ -51,7 +51,7 @@ def cloud(count: int, axes: int, seed: int = 0) -> Gaussians:
 
 
 @dataclass
-class Cell:
+class TimedFit:
     """One size, count and method, with the state of its little fit and the times measured so far in ms."""
 
     height: int
@@ -121,7 +121,7 @@ def cold_compile(method: str) -> dict[str, Any]:
     """Seconds of the first iteration in an empty cache, and in a second process that finds the cache filled."""
     code = (
         "import sys, time; sys.path.insert(0, sys.argv[1]); from splat_kernels import *; "
-        "cell = Cell(32, 32, 50, METHODS[sys.argv[2]]); begin = time.perf_counter(), time.process_time(); "
+        "cell = TimedFit(32, 32, 50, METHODS[sys.argv[2]]); begin = time.perf_counter(), time.process_time(); "
         "cell.iterate(); print(time.perf_counter() - begin[0], time.process_time() - begin[1])"
     )
     with tempfile.TemporaryDirectory() as cache:
@@ -154,7 +154,7 @@ def main() -> None:
     else:
         sizes = [tuple(map(int, size.split("x"))) for size in options.sizes]
         cells = [
-            Cell(height, width, count, METHODS[method])
+            TimedFit(height, width, count, METHODS[method])
             for height, width in sizes
             for count in options.counts
             for method in options.methods

@@ -4,19 +4,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.console import Console
 from yaml import YAMLError  # type: ignore[import-untyped]
 
 from ablations.jobs.plan_study import aims_of
 from ablations.report.dashboard.folder import all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
-from ablations.report.dashboard.pictures import Pictures, copy_pictures
+from ablations.report.dashboard.pictures import ShownImages, copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import composed
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.runs.instantiate import require
+
+
+def written(cfg: DictConfig) -> Path:
+    """The folder of page and pictures."""
+    return Path(cfg.output or Path(cfg.runs) / "dashboard")
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -34,7 +40,7 @@ def run(cfg: DictConfig) -> float | None:
     listed = read_folder(folder)
     sources = source_runs(runs, all_records(listed), configuration)
     views = int(cfg.images_per_scene)
-    pictures = copy_pictures(listed, runs, output, views) if views > 0 else Pictures()
+    pictures = copy_pictures(listed, runs, output, views) if views > 0 else ShownImages()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
     aims = aims_of(composed("plan_study", cfg, ()))
@@ -56,7 +62,7 @@ def configuration(path: Path) -> Mapping[str, Any]:
         InputError: the file is no configuration.
     """
     try:
-        values = OmegaConf.to_container(OmegaConf.load(path))
+        values = read_yaml(path)
     except (OSError, ValueError, YAMLError) as error:
         raise InputError(path, f"cannot be read ({str(error).splitlines()[0]})", "run the job again") from error
     if not isinstance(values, dict):

@@ -51,6 +51,11 @@ class Done:
     images: tuple[Enhanced, ...]
 
 
+def written(cfg: DictConfig) -> Path:
+    """The file of records."""
+    return Path(cfg.results) / f"leaving_out_{cfg.worlds.name}.jsonl"
+
+
 def run(cfg: DictConfig) -> float | None:
     """Measure every plan on every scene and write records, diagram and page; or write the page again.
 
@@ -71,7 +76,10 @@ def run(cfg: DictConfig) -> float | None:
             raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")
     results = Path(cfg.results)
     if not cfg.records_only:
+        _refuse_without_fits(cfg)
         records = [record for name in cfg.worlds.cells for record in _cell(cfg, str(name), console)]
+        if all(record.kind == MISSING for record in records):
+            raise InputError("plan_study", "measured no scene", "fit them with fit_missing=true")
         write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
     aims = aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
@@ -87,6 +95,14 @@ def run(cfg: DictConfig) -> float | None:
     console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
     ratios = [cost.ratio for cost in sets[0].costs() if cost.ratio is not None]
     return min(ratios, default=None)
+
+
+def _refuse_without_fits(cfg: DictConfig) -> None:
+    """Refuse a folder of runs without a single fit where none shall be made: every scene would be missing."""
+    if not cfg.fit_missing and not (Path(cfg.runs) / "fit").is_dir():
+        raise InputError(
+            "runs", f"is {cfg.runs}, which holds no fit", "name the folder of runs, or add fit_missing=true"
+        )
 
 
 def aims_of(cfg: DictConfig) -> PlanAims:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, measured_row
 from gaussian_enhancer.errors import InputError
@@ -22,6 +22,11 @@ from gaussian_enhancer.metrics.records import MISSING, Record, read_records, wri
 from gaussian_enhancer.runs.instantiate import require
 
 ROLES = ("other", "ours")
+
+
+def written(cfg: DictConfig) -> Path:
+    """The file of records."""
+    return Path(cfg.records)
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -116,7 +121,9 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
         baseline=str(table.baseline),
         metrics=("psnr", "psnr_aligned", "ssim", *cfg.lpips),
         splats=(),
-        datasets={group: Dataset(group, tuple(s for s in names if s in measured)) for group, names in scenes.items()},
+        datasets={
+            group: SceneGroup(group, tuple(s for s in names if s in measured)) for group, names in scenes.items()
+        },
         seeds=(),
     )
     gains = {scene: _numbers(table.aims[g]) for g, names in scenes.items() for scene in names if g in table.aims}

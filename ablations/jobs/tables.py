@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ablations.report.grids import PHOTO, write_grid
 from ablations.report.tables import summary_page, write_reports
-from ablations.study.description import Dataset, read_description, write_description
+from ablations.study.description import SceneGroup, read_description, write_description
 from ablations.suite.cluster import made_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
@@ -25,6 +25,11 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
+
+
+def written(cfg: DictConfig) -> Path | None:
+    """The folder of the scale's tables; None where they are only told of."""
+    return None if cfg.dry_run else Path(cfg.results) / cfg.scale.name
 
 
 def run(cfg: DictConfig) -> None:
@@ -116,7 +121,7 @@ def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -
                 found = {method: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
                 pictures |= {(lines[-1], key): path for key, path in found.items() if path and path.is_file()}
     if pictures:
-        shown = replace(one.table, datasets={"all": Dataset("", tuple(lines))})
+        shown = replace(one.table, datasets={"all": SceneGroup("", tuple(lines))})
         write_grid(folder / f"{one.table.name}.png", shown, pictures)
 
 

@@ -17,7 +17,7 @@ from ablations.report.tradeoff_quality import Asked
 from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import Ready
 from ablations.tradeoff.numerics import numeric_records
-from ablations.tradeoff.settings import Study, read_studies
+from ablations.tradeoff.settings import TradeoffStudy, read_studies
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
@@ -31,6 +31,11 @@ from gaussian_enhancer.runs.runtime import start
 KINDS = ("quality", "training", "numerics")
 OFFERING, CHOOSING = "lr", "validation/"
 """The study that `enhance budget_ms=` chooses from, and the scenes that choices may be made on."""
+
+
+def written(cfg: DictConfig) -> Path:
+    """The folder of records and diagrams."""
+    return Path(cfg.results)
 
 
 def run(cfg: DictConfig) -> None:
@@ -61,7 +66,7 @@ def run(cfg: DictConfig) -> None:
         console.print(str(cfg.settings), highlight=False, soft_wrap=True)
 
 
-def measured(cfg: DictConfig, kind: str, studies: tuple[Study, ...], console: Console) -> Iterator[Record]:
+def measured(cfg: DictConfig, kind: str, studies: tuple[TradeoffStudy, ...], console: Console) -> Iterator[Record]:
     """The records of a kind, measured now.
 
     Args:
@@ -84,7 +89,7 @@ def measured(cfg: DictConfig, kind: str, studies: tuple[Study, ...], console: Co
                 yield from study_records(cfg, study, ready, distances, console)
 
 
-def offered(studies: Sequence[Study], records: Iterable[Record]) -> tuple[Preset, ...]:
+def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:
     """The Pareto front of the settings that the job enhance can be asked for, on validation scenes.
 
     Args:

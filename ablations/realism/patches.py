@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 
 
 @dataclass(frozen=True)
-class Pair:
+class RenderPair:
     """A photographed view, its simulated render and a real one, as 8-bit files hold them.
 
     Args:
@@ -108,7 +108,7 @@ def patch_places(
     return textured[:most]
 
 
-def cut_patches(pairs: Iterable[Pair], size: int = 64, most: int = 8, seed: int = 0) -> Patches:
+def cut_patches(pairs: Iterable[RenderPair], size: int = 64, most: int = 8, seed: int = 0) -> Patches:
     """Cut patches from pairs of renders; with one seed, the places are the same whatever the renders look like.
 
     Args:

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from ablations.realism.anisotropy import anisotropy_distance
-from ablations.realism.patches import Pair, eight_bit
+from ablations.realism.patches import RenderPair, eight_bit
 from ablations.realism.spectrum import spectrum_distance
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.simulator import Simulator
@@ -112,7 +112,7 @@ def photographed(real: RealRender) -> View:
     return View(target.read_photo()[None], depth, alpha)
 
 
-def simulated_pairs(reals: Sequence[RealRender], row: Row, seed: int = 0) -> Iterator[Pair]:
+def simulated_pairs(reals: Sequence[RealRender], row: Row, seed: int = 0) -> Iterator[RenderPair]:
     """Simulate each real render's view from its photo, once for every real render.
 
     Args:
@@ -130,10 +130,10 @@ def simulated_pairs(reals: Sequence[RealRender], row: Row, seed: int = 0) -> Ite
             simulated = simulator(view, generator)
         assert real.target.read is not None
         images = eight_bit(view.image[0]), eight_bit(simulated.image[0]), eight_bit(real.target.read())
-        yield Pair(real.scene, real.target.name, *images)
+        yield RenderPair(real.scene, real.target.name, *images)
 
 
-def distances(pairs: Sequence[Pair]) -> dict[str, float]:
+def distances(pairs: Sequence[RenderPair]) -> dict[str, float]:
     """Distances between simulated and real renders that need no classifier.
 
     Of the images and of what was done to the photo (the residuals, render less photo): spectra in dB, and

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ablations.study.description import Study
 from ablations.study.statistics import FEWEST
-from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.metrics.records import MISSING, Record
 
 KINDS = {
     "quality": (
@@ -34,6 +34,7 @@ def caption(table: Study, records: Sequence[Record]) -> str:
     """
     sentences = [table.title]
     sentences += [f"Scale: {table.scale}"] if table.scale else []
+    sentences += _whose(table, records)
     sentences += [stand_in(d.stand_in, d.title) for d in table.datasets.values() if d.stand_in]
     if table.kind == "cost":
         machines = stated(record.machine for record in records if record.kind == "cost")
@@ -41,6 +42,18 @@ def caption(table: Study, records: Sequence[Record]) -> str:
         if any("no GPU" in machine for machine in machines):
             sentences.append("These are CPU times and the memory of a process: the machine has no GPU")
     return " ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
+
+
+def _whose(table: Study, records: Sequence[Record]) -> list[str]:
+    """Whose system the rows are, and whether the paper's own were made."""
+    if not any(method.mode for method in table.methods.values()):
+        return []
+    told = [
+        "Rows named paper are the paper's system to the letter, those named ours have its parts by our own networks"
+    ]
+    measured = {record.variant for record in records if record.kind != MISSING}
+    lacking = [row.title for name, row in table.methods.items() if row.mode == "paper" and name not in measured]
+    return told + ([f"Not made at this scale: {'; '.join(lacking)}"] if lacking else [])
 
 
 def stand_in(what: str, dataset: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ablations.study.aims import better
-from ablations.study.description import Study
+from ablations.study.description import FAITHFUL, Study
 from ablations.study.lines import table_lines
 from ablations.study.rendered_table import SPLATS
 from ablations.study.results import Results
@@ -51,7 +51,7 @@ class Claim:
 
 
 def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
-    """The paper's claims in the order of the issue that asks for them.
+    """The paper's claims, judged on its own system alone: the rows whose mode is "paper".
 
     Args:
         tables: their records.
@@ -99,8 +99,8 @@ def _over(
     Args:
         by_name: the tables' records.
         names: the tables.
-        method: the method.
-        others: the methods that it is to be ahead of; None for all others.
+        method: the paper's name of the method.
+        others: the paper's names of those that it is to be ahead of; None for the baseline and all others of the paper.
         asked: which metrics count; None for all.
         as_printed: leave out the splats where the paper's own numbers do not have it so.
     """
@@ -109,16 +109,24 @@ def _over(
             yield None, f"{name} was not made"
             continue
         results = by_name[name]
-        over = [other for other in results.study.methods if other != method] if others is None else others
-        lacking = [one for one in (method, *over) if one not in results.study.methods]
+        own, over = FAITHFUL + method, _others(results.study, method, others)
+        lacking = [one for one in (own, *over) if one not in results.study.methods]
         if lacking:
             yield None, f"{name} has no method {lacking[0]}"
             continue
         for block in results.blocks:
             for other in over:
                 for metric in filter(asked, results.study.metrics):
-                    if not as_printed or _printed(results.study, block, method, other, metric):
-                        yield _difference(results, block, method, other, metric)
+                    if not as_printed or _printed(results.study, block, own, other, metric):
+                        yield _difference(results, block, own, other, metric)
+
+
+def _others(table: Study, method: str, others: Sequence[str] | None) -> list[str]:
+    """The rows that a method of the paper is held against: of the paper, and the baseline where all are asked for."""
+    if others is not None:
+        return [FAITHFUL + other for other in others]
+    own = [name for name, row in table.methods.items() if row.mode == "paper" and name != FAITHFUL + method]
+    return [table.baseline, *own]
 
 
 def _difference(results: Results, block: str, method: str, other: str, metric: str) -> Finding:
@@ -145,7 +153,7 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
         results = by_name[name]
         table = results.study
         for line in table_lines(results, results.records):
-            if line.statistic == "std":
+            if line.statistic == "std" and table.methods[line.method].mode == "paper":
                 for metric, number in line.numbers.items():
                     where = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"
                     ours, paper = number.gain, number.paper_gain

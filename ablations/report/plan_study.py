@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.study.aims import VERDICTS, better, losses
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
@@ -106,7 +106,7 @@ class PlanScenes:
         """The errors of views: plans are the methods."""
         views = [record for record in self.records if record.kind == "quality"]
         plans = {record.variant: Method(record.variant) for record in self.records}
-        scenes = {"scenes": Dataset("", tuple(dict.fromkeys(record.scene for record in self.records)))}
+        scenes = {"scenes": SceneGroup("", tuple(dict.fromkeys(record.scene for record in self.records)))}
         return Results(
             Study("plan_study", "", "quality", "", plans, self.aims.baseline, METRICS, (), scenes, ()), views
         )
@@ -196,7 +196,8 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
     if not scenes.records:
         yield f"Not measured yet: `{command}`.\n"
         return
-    yield f"Made by `{command}`, weights as shipped.\n"
+    commits = ", ".join(sorted({record.commit for record in scenes.records}))
+    yield f"Made by `{command}` with the weights of commit {commits}.\n"
     for plan in scenes.plans():
         costs = scenes.costs(plan)
         yield f"### `{plan}` against `{scenes.aims.baseline}`\n"
@@ -211,7 +212,6 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
     if found:
         machines = "; ".join(sorted({record.machine for record in found}))
         how = "; ".join(sorted({record.protocol for record in found}))
-        commits = ", ".join(sorted({record.commit for record in found}))
         yield f"Machine: {machines}. Times: {how}. Commit: {commits}.\n"
 
 

@@ -92,7 +92,8 @@ def summary_page(studies: Sequence[tuple[Study, Sequence[Record]]]) -> str:
         f"# Results at scale {scales}\n" if scales else "# Results\n",
         markdown(frame(("table", "title", "cells", "missing methods", "records", "commits"), lines)),
         "## The paper's claims\n",
-        "Decided by the records: a difference counts where its 95 % bootstrap interval leaves out zero; a claim holds "
+        "Judged on the paper's own rows alone, never on ours. Decided by the records: a difference counts where its "
+        "95 % bootstrap interval leaves out zero; a claim holds "
         "where all of its differences do, does not where one goes the other way, and is undecided else or where cells "
         "are missing.\n",
         markdown(frame(("claim", "verdict", "comparisons"), [(c.text, c.verdict, c.counted) for c in found])),

@@ -11,7 +11,7 @@ from gaussian_enhancer.metrics.comparison import written
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.metrics.tradeoff import (
     Point,
-    Summary,
+    SettingSummary,
     best_within,
     beyond_best,
     cheapest_within,
@@ -90,7 +90,7 @@ def grouped(records: Sequence[Record]) -> dict[str, list[Record]]:
     return {**found, ALL: list(records)} if len(found) > 1 else {ALL: list(records)}
 
 
-def _panels(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]]) -> Iterator[Panel]:
+def _panels(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]]) -> Iterator[Panel]:
     """One row of panels an error that was measured, one column a group."""
     for metric, title in ERRORS.items():
         if not any(one.error(metric) is not None for one in groups[ALL][0]):
@@ -113,7 +113,7 @@ def _panels(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]]) ->
             yield Panel(f"{title}, {named}", TIME_AXIS, title, drawn, baseline)
 
 
-def _choices(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]], asked: Asked) -> str:
+def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], asked: Asked) -> str:
     """What is cheapest within an error, and best within a time, by group."""
     rows = []
     for group, (found, _) in groups.items():
@@ -137,12 +137,12 @@ def _choices(groups: Mapping[str, tuple[tuple[Summary, ...], dict[str, str]]], a
     return markdown(frame(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), rows))
 
 
-def points_of(found: Sequence[Summary]) -> tuple[Point, ...]:
+def points_of(found: Sequence[SettingSummary]) -> tuple[Point, ...]:
     """Mean squared error over time."""
     return tuple(Point(one.name, one.milliseconds, one.error("mse") or 0.0) for one in found)
 
 
-def setting_table(found: Sequence[Summary]) -> pd.DataFrame:
+def setting_table(found: Sequence[SettingSummary]) -> pd.DataFrame:
     """One line a setting, fastest first, those on the front of mean squared error in bold.
 
     Args:

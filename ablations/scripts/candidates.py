@@ -8,6 +8,7 @@ address. Runs must be validation runs (docs/data.md): weights that were chosen o
 """
 
 import argparse
+import glob
 from pathlib import Path
 
 import torch
@@ -16,6 +17,7 @@ from ablations.scripts.renders import measured, table
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
+from gaussian_enhancer.scene.frozen import refuse_frozen
 
 
 def name_of(weights: str) -> str:
@@ -59,7 +61,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def show(made: dict[str, SetEnhancer], options: argparse.Namespace, head: str) -> None:
-    """Enhance, measure, print a line for each row under a head."""
+    """Enhance, measure, print a line for each row under a head.
+
+    Raises:
+        InputError: a run is of a test scene, by which nothing may be chosen.
+    """
+    found = [path for pattern in options.runs for path in sorted(glob.glob(str(pattern))) or [pattern]]
+    refuse_frozen(found, "chosen by")
     torch.set_flush_denormal(True)
     print(table(measured(made, options.runs, options.lpips, options.json, options.every), head))
 

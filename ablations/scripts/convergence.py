@@ -8,7 +8,7 @@ again from the records. Blocks are 16x16 pixels; one is harmed where it loses mo
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -17,16 +17,15 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from ablations.study.enhanced_views import enhanced_views
 from ablations.study.markdown import markdown
 from ablations.study.plots import STYLE
-from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
-from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import quantised
@@ -57,36 +56,46 @@ def harm(
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
 
 
-def rows(method: str, run: Path, distances: Sequence[PerceptualDistance]) -> Iterator[dict[str, object]]:
-    """One row a view and snapshot.
+def enhancers(methods: Sequence[str]) -> dict[str, tuple[str, SetEnhancer]]:
+    """Digest of the weights and enhancer, by what a method is called.
 
     Args:
-        method: weights, and a strength behind an @.
+        methods: weights, and a strength behind an @.
+
+    Raises:
+        InputError: weights cannot be read.
+    """
+    made = {}
+    for method in methods:
+        name, _, strength = method.partition("@")
+        pretrained = load_weights(name)
+        share = float(strength) if strength else pretrained.strength
+        enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=share, pass_through=True)
+        made[f"{Path(name).stem}@{share:g}"] = checkpoint_digest(find_checkpoint(name)), enhancer
+    return made
+
+
+def rows(
+    made: Mapping[str, tuple[str, SetEnhancer]], run: Path, distances: Sequence[PerceptualDistance]
+) -> Iterator[dict[str, object]]:
+    """One row a snapshot, view and method.
+
+    Args:
+        made: what `enhancers` returns.
         run: folder of the fit.
         distances: LPIPS distances to measure as well.
 
     Raises:
-        InputError: the weights cannot be read, or a view has no photo.
+        InputError: a view has no photo.
     """
-    name, _, strength = method.partition("@")
-    pretrained = load_weights(name)
-    config = pretrained.reference_config
-    share = float(strength) if strength else pretrained.strength
-    enhancer = SetEnhancer(pretrained.network, config, strength=share, pass_through=True)
-    digest = checkpoint_digest(find_checkpoint(name))
+    methods = {method: enhancer for method, (_, enhancer) in made.items()}
     for step in run_steps(run):
-        rendered = read_run(run, step)
-        pool = Pool(rendered.references)
-        for view in rendered.targets:
-            if view.read_photo is None:
-                raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
-            target, photo = read_target(view), view.read_photo()
-            enhanced = enhancer.enhance(join(target, config.align(target, view, pool)))[0]
-            before, after = (measure_pair(image, photo, distances).metrics for image in (target.image, enhanced))
-            gains = {f"gain_{k}": after[k] - v for k, v in before.items() if v is not None and after[k] is not None}  # type: ignore[operator]
-            where = {"method": f"{Path(name).stem}@{share:g}", "weights": digest, "scene": run.name, "step": step}
-            raw = {"raw_psnr": before["psnr"], "raw_psnr_aligned": before["psnr_aligned"]}
-            yield {**where, "view": view.name, **raw, **gains, **harm(target.image, enhanced, photo)}
+        for one in enhanced_views(read_run(run, step), methods, distances):
+            raw = {"raw_psnr": one.raw.metrics["psnr"], "raw_psnr_aligned": one.raw.metrics["psnr_aligned"]}
+            for method, (digest, _) in made.items():
+                where = {"method": method, "weights": digest, "scene": run.name, "step": step, "view": one.view.name}
+                gains = {f"gain_{name}": value for name, value in one.gains(method).items()}
+                yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
 
 
 def role_of(scene: str) -> str:
@@ -204,8 +213,8 @@ def main() -> None:
     distances = [perceptual_distance(name, options.lpips, torch.device("cpu")) for name in names]
     if options.methods:
         provenance = {"commit": this_commit(), "machine": this_machine()}
-        pairs = [(run, method) for run in options.runs for method in options.methods]
-        found = [{**row, **provenance} for run, method in pairs for row in rows(method, run, distances)]
+        made = enhancers(options.methods)
+        found = [{**row, **provenance} for run in options.runs for row in rows(made, run, distances)]
         write_text(options.records, pd.DataFrame(found).to_json(orient="records", lines=True))
     frame = pd.read_json(options.records, lines=True)
     if options.page:

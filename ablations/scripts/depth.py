@@ -15,6 +15,7 @@ and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences av
 """
 
 import argparse
+import copy
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,15 +28,16 @@ from omegaconf import OmegaConf
 from torch import Tensor
 
 from ablations.realism.realism import finished_runs, scene_of
+from ablations.study.enhanced_views import enhanced_views
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
-from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
+from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.procedural.source import ProceduralView
@@ -64,7 +66,7 @@ Depths = Mapping[str, Float[Tensor, "1 h w"]]
 """Z by the view's name."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # depths are not compared
 class Through:
     """A warp through other depth than what is stored.
 
@@ -125,6 +127,13 @@ def at_one_size(enhancer: SetEnhancer) -> None:
     """Refuse networks whose images are finer than the renders that they are compared with."""
     if enhancer.network.scale != 1:
         raise InputError("weights", f"enlarge {enhancer.network.scale} times", "give weights of the render's own size")
+
+
+def with_references(enhancer: SetEnhancer, config: ReferenceConfig) -> SetEnhancer:
+    """The same enhancer, given references by another configuration."""
+    other = copy.copy(enhancer)
+    other.reference_config = config
+    return other
 
 
 def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
@@ -197,24 +206,20 @@ def study(
         InputError: a target has no photo.
     """
     at_one_size(enhancer)
-    pool, kinds = Pool(rendered.references), preparations(enhancer.reference_config, depths)
-    for view in rendered.targets[::every]:
-        if view.read_photo is None:
-            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
-        target, photo = read_target(view), view.read_photo()
-        raw = measure_pair(target.image, photo, distances)
-        yield view, "raw", raw.metrics, raw.reasons
-        for name, reference_config in kinds.items():
-            aligned = reference_config.align(target, view, pool)
-            found = measure_pair(quantised(enhancer.enhance(join(target, aligned))[0]), photo, distances)
-            shown = reference_quality(aligned, target.image, photo)
+    configs = preparations(enhancer.reference_config, depths)
+    made = {name: with_references(enhancer, config) for name, config in configs.items()}
+    for one in enhanced_views(rendered, made, distances, every):
+        yield one.view, "raw", one.raw.metrics, one.raw.reasons
+        for name, result in one.results.items():
+            aligned, found = result.aligned, result.measured
+            shown = reference_quality(aligned, one.render, one.photo)
             reasons = {key: "no reference is visible" for key, value in shown.items() if value is None}
             simple: dict[str, float | None] = {"propagated_psnr": None}
             if aligned.renders is None:
                 reasons["propagated_psnr"] = "the run kept no renders of its training views"
             else:
-                simple["propagated_psnr"] = psnr(quantised(propagated(target.image, aligned)), photo)
-            yield view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
+                simple["propagated_psnr"] = psnr(quantised(propagated(one.render, aligned)), one.photo)
+            yield one.view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
 
 
 def table(found: Sequence[Record]) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 import torch
 
 from ablations.realism.diversity import diversity
-from ablations.realism.patches import Pair
+from ablations.realism.patches import RenderPair
 from ablations.realism.realism import RealRender, Row, simulated_pairs
 from ablations.scripts.realism import chosen, studied
 from ablations.scripts.simulators import rows
@@ -25,13 +25,13 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 
 
-def same_views(pairs: list[Pair], least: int = 2) -> list[list[Pair]]:
+def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]]:
     """Pairs grouped by scene, view and size; groups of fewer than ``least`` have no spread and are left out.
 
     Raises:
         InputError: no view has so many renders.
     """
-    groups: dict[tuple[object, ...], list[Pair]] = defaultdict(list)
+    groups: dict[tuple[object, ...], list[RenderPair]] = defaultdict(list)
     for pair in pairs:
         groups[pair.scene, pair.view, *pair.photo.shape].append(pair)
     kept = [group for group in groups.values() if len(group) >= least]

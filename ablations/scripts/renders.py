@@ -18,17 +18,15 @@ from pathlib import Path
 import torch
 
 from ablations.realism.realism import finished_runs, scene_of
-from ablations.study.sample import Sample
+from ablations.study.enhanced_views import enhanced_views
+from ablations.study.sample import ScoreSample
 from ablations.study.statistics import interval
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.infer.weights import load_weights, reference_config_of
+from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
-from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.types import NetworkInput, quantised
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
@@ -53,40 +51,22 @@ def enhancers(rows: Sequence[str], runs: Path) -> dict[str, SetEnhancer]:
         InputError: rows were trained with different preparations, so that their views could not be shared.
     """
     loaded = {row: load_weights(trained(row, runs)) for row in rows}
-    if len({preparation_key(one.reference_config) for one in loaded.values()}) > 1:
+    configs = [one.reference_config for one in loaded.values()]
+    if any(config != configs[0] for config in configs):
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
     return {row: SetEnhancer(one.network, one.reference_config) for row, one in loaded.items()}
-
-
-def preparation_key(reference_config: ReferenceConfig) -> str:
-    """A preparation as text, equal for equal ones."""
-    return json.dumps(reference_config_of(reference_config), sort_keys=True)
 
 
 def gains(
     made: Mapping[str, SetEnhancer], run: Path, distances: list[PerceptualDistance], every: int = 1
 ) -> list[dict[str, object]]:
-    """Gain of every metric over the raw render, by every n-th view of the run's last step and row.
-
-    A view is prepared once for all rows that prepare it alike.
-    """
-    rendered, found = read_run(run, run_steps(run)[-1]), []
-    pool = Pool(rendered.references)
-    for view in rendered.targets[::every]:
-        if view.read_photo is None:
-            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
-        target, photo = read_target(view), view.read_photo()
-        prepared: dict[str, NetworkInput] = {}
-        before = measure_pair(target.image, photo, distances).metrics
-        for row, enhancer in made.items():
-            key = preparation_key(enhancer.reference_config)
-            if key not in prepared:
-                prepared[key] = join(target, enhancer.reference_config.align(target, view, pool))
-            after = measure_pair(quantised(enhancer.enhance(prepared[key])[0]), photo, distances).metrics
-            both = {name: (before.get(name), after.get(name)) for name in METRICS}
-            gain = {name: b - a for name, (a, b) in both.items() if a is not None and b is not None}
-            where: dict[str, object] = {"row": row, "scene": scene_of(run), "run": run.name, "view": view.name}
-            found.append({**where, **gain, "raw_psnr": before["psnr"]})
+    """Gain of every metric over the raw render, by every n-th view of the run's last step and row."""
+    found: list[dict[str, object]] = []
+    for one in enhanced_views(read_run(run, run_steps(run)[-1]), made, distances, every):
+        for row in made:
+            gain = {name: value for name, value in one.gains(row).items() if name in METRICS}
+            where: dict[str, object] = {"row": row, "scene": scene_of(run), "run": run.name, "view": one.view.name}
+            found.append({**where, **gain, "raw_psnr": one.raw.metrics["psnr"]})
     return found
 
 
@@ -123,7 +103,7 @@ def table(rows: list[dict], head: str = "training renders") -> str:
         mine = [r for r in rows if r["row"] == name]
         aligned = [r["psnr_aligned"] for r in mine]
         views = {f"{r['run']} {r['view']}": r["psnr_aligned"] for r in mine}
-        low, high = interval(Sample((("all", "all"),), (None,), {(("all", "all"), None): views}))
+        low, high = interval(ScoreSample((("all", "all"),), (None,), {(("all", "all"), None): views}))
         worse = sum(value < 0 for value in aligned)
         means = [f"{statistics.fmean(r[m] for r in mine):+.4f}" for m in metrics]
         by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]

@@ -92,6 +92,8 @@ DEPTHS: dict[str, tuple[str, Callable[[Tensor], Tensor]]] = {
     "negative": ("negative depth everywhere", _everywhere(-2.0)),
     "tiny": ("depth of 1e-8 everywhere", _everywhere(1e-8)),
     "huge": ("depth of 1e8 everywhere", _everywhere(1e8)),
+    "1e38": ("depth of 1e38 everywhere", _everywhere(1e38)),
+    "some_1e38": ("depth of 1e38 here and there", _here_and_there(1e38)),
     "both": ("1e8, and 1e-8 here and there", lambda depth: _here_and_there(1e-8)(_everywhere(1e8)(depth))),
     "equal": ("one depth", _everywhere(3.0)),
     "unit_1e-4": ("a scene in units of 10^4", _scaled(1e-4)),

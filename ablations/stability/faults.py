@@ -40,6 +40,21 @@ FAULTS: tuple[Fault, ...] = (
         "the twin leaves them out as well",
     ),
     Fault(
+        "harmonics_3dgs",
+        "spherical harmonics that are not finite gave colours and gradients that are not finite, by all three methods",
+        "every value of a Gaussian is judged as its centre and scales are; one that cannot be drawn is left out",
+    ),
+    Fault(
+        "log_scale_90_2dgs",
+        "a disk with a log scale of 90 gave NaN depth",
+        "scales beyond exp(40) are left out",
+    ),
+    Fault(
+        "log_scale_-1e30_3dgs",
+        "an ellipsoid with a log scale of -10^30 gave NaN gradients",
+        "scales below exp(-100) are left out",
+    ),
+    Fault(
         "noise_lr_tiny",
         "networks in bfloat16, float16 or float64 ended in an error: parts of them were always float32",
         "normalised depth and trust are computed in float32 at least and handed on in the network's own type",
@@ -65,6 +80,17 @@ FAULTS: tuple[Fault, ...] = (
         "nan_in_render",
         "a single NaN in a view spread over the enhanced image without a word",
         "the view is refused by an error that names the part",
+    ),
+    Fault(
+        "some_1e38_warp",
+        "depth of 1e38, which is finite, warped references to nowhere; where only some was so deep, the search for "
+        "depth ended in an error",
+        "depth beyond 10^12 scene units counts as unknown, as it is refused in files",
+    ),
+    Fault(
+        "1e30_in_render",
+        "a patch of 1e30 in a render, which is finite, gave an image of NaN",
+        "colours beyond 1000 are refused by an error that names the part",
     ),
     Fault(
         "steep_64",

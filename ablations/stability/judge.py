@@ -30,7 +30,7 @@ PROTOCOL = (
 
 
 @dataclass(frozen=True)
-class Cell:
+class CaseOutcome:
     """What became of a case in one precision and pass.
 
     Args:
@@ -50,7 +50,7 @@ class Cell:
     seconds: float = 0.0
 
 
-def judged(case: Case, precision: Precision, direction: str) -> Cell:
+def judged(case: Case, precision: Precision, direction: str) -> CaseOutcome:
     """Compute a case and compare it with float64.
 
     Args:
@@ -64,12 +64,12 @@ def judged(case: Case, precision: Precision, direction: str) -> Cell:
     try:
         found, dtype = _result(problem, precision, direction)
     except InputError as error:
-        return Cell(REFUSED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
+        return CaseOutcome(REFUSED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
     except UnstableError as error:
-        return Cell(FAILED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
+        return CaseOutcome(FAILED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
     except Exception as error:  # whatever a case throws is its cell, not the end of the matrix
         words = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-        return Cell(FAILED, words, tolerance=allowed, seconds=time.perf_counter() - started)
+        return CaseOutcome(FAILED, words, tolerance=allowed, seconds=time.perf_counter() - started)
     seconds = time.perf_counter() - started
     expected = _expected(case, precision.dtype, direction)
     computed = "" if precision.autocast or dtype == precision.dtype else str(dtype).removeprefix("torch.")
@@ -82,7 +82,7 @@ def judged(case: Case, precision: Precision, direction: str) -> Cell:
         outcome, reason = FAILED, f"{bad} is not finite"
     elif not off <= allowed:
         outcome, reason = FAILED, f"is off by {off:.2g}, more than {allowed:g}"
-    return Cell(outcome, reason, off, allowed, computed, seconds)
+    return CaseOutcome(outcome, reason, off, allowed, computed, seconds)
 
 
 def difference(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], problem: Problem, direction: str) -> float:
@@ -114,7 +114,7 @@ def difference(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], prob
     return worst
 
 
-def record_of(case: Case, precision: Precision, direction: str, cell: Cell) -> Record:
+def record_of(case: Case, precision: Precision, direction: str, cell: CaseOutcome) -> Record:
     """A cell as a line on disk: the family as its run, case, precision, pass and outcome."""
     metrics: dict[str, float | None] = {"error": cell.error, "tolerance": cell.tolerance, "seconds": cell.seconds}
     reasons = {"outcome": cell.reason} if cell.reason else {}

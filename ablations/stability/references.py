@@ -44,6 +44,9 @@ def cases() -> list[Case]:
     for part in ("render", "references", "alpha"):
         about = f"NaN in one pixel of the {part}"
         found.append(Case("references", f"nan_in_{part}", about, partial(spoilt, part), passes=("forward",)))
+    for part in ("render", "references"):
+        about = f"1e30 in a patch of the {part}"
+        found.append(Case("references", f"1e30_in_{part}", about, partial(huge, part), passes=("forward",)))
     return found
 
 
@@ -106,6 +109,13 @@ def spoilt(part: str) -> Problem:
     """A view with one pixel that is not finite, enhanced as the job does it."""
     views = views_of("noise", 1)
     views[part].view(-1)[17] = math.nan
+    return Problem(_enhanced, views, shipped("lr_tiny"))
+
+
+def huge(part: str) -> Problem:
+    """A view with a patch of numbers that are finite but whose squares are not, enhanced as the job does it."""
+    views = views_of("noise", 1)
+    views[part][..., 4:12, 4:12] = 1e30
     return Problem(_enhanced, views, shipped("lr_tiny"))
 
 

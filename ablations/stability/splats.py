@@ -19,6 +19,7 @@ TOLERANCE: Tolerance = {precision.name: (0.01, 0.02) for precision in PRECISIONS
 WHY = "a share that lies at the threshold 1/255 may be drawn in one precision and left out in another"
 
 HEIGHT, WIDTH, COUNT = 24, 32, 12
+WITH_DEPTH = ("harmonics", "log_scale_90", "log_scale_-1e30")
 METHODS: dict[str, Method] = {"3dgs": ThreeDGS(), "2dgs": TwoDGS(), "mip_splatting": MipSplatting()}
 
 
@@ -36,6 +37,9 @@ def cases() -> list[Case]:
             "opaque": "60 layers of opacity 1",
             "one_place": "all Gaussians in one place, equal depths",
             "not_finite": "one centre NaN, one scale infinite: as if they were not there",
+            "harmonics": "spherical harmonics NaN, infinite and 1e20: as if they were not there; depth is held as well",
+            "log_scale_90": "a log scale of 90: as if it were not there; depth is held as well",
+            "log_scale_-1e30": "a log scale of -10^30: as if it were not there; depth is held as well",
             **({"edge_on": "disks seen exactly from the side, and nearly"} if disks else {}),
         }
         found += [_case(f"{kind}_{method}", about, kind, method, float(WIDTH)) for kind, about in kinds.items()]
@@ -63,12 +67,13 @@ def problem(kind: str, method: str, focal: float) -> Problem:
     if isinstance(how, MipSplatting):
         splat["smoothing"] = torch.full((len(splat["means"]),), 0.01, dtype=torch.float64)
     camera = identity_camera(HEIGHT, WIDTH, focal, torch.float64)
-    return Problem(partial(_drawn, how, camera), splat, fixed=("smoothing",))
+    deep = kind in WITH_DEPTH
+    return Problem(partial(_drawn, how, camera, deep), splat, fixed=("smoothing",), share=0.99 if deep else 1.0)
 
 
-def _drawn(method: Method, camera: Camera, module: nn.Module | None, splat: dict[str, Tensor]) -> Tensor:
+def _drawn(method: Method, camera: Camera, deep: bool, module: nn.Module | None, splat: dict[str, Tensor]) -> Tensor:
     image = render(Gaussians(**splat), camera, method, (0.2, 0.4, 0.6))
-    return torch.cat([image.colour, image.alpha])
+    return torch.cat([image.colour, image.alpha, image.depth] if deep else [image.colour, image.alpha])
 
 
 def _gaussians(axes: int, count: int, focal: float) -> dict[str, Tensor]:
@@ -127,6 +132,18 @@ def _not_finite(splat: dict[str, Tensor]) -> dict[str, Tensor]:
     return {**splat, "means": means, "log_scales": logs}
 
 
+def _harmonics(splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    harmonics = splat["sh"].clone()
+    harmonics[0, 0], harmonics[1, 2, 0], harmonics[2, 3, 1], harmonics[3, 0, 2] = math.nan, math.inf, -math.inf, 1e20
+    return {**splat, "sh": harmonics}
+
+
+def _log_scale(value: float, splat: dict[str, Tensor]) -> dict[str, Tensor]:
+    logs = splat["log_scales"].clone()
+    logs[0, 0], logs[1] = value, value
+    return {**splat, "log_scales": logs}
+
+
 def _edge_on(splat: dict[str, Tensor]) -> dict[str, Tensor]:
     """Disks whose normal is at right angles to the ray through their centre, every other one turned by 10^-4."""
     half = math.sqrt(0.5)
@@ -148,5 +165,8 @@ _CHANGES: dict[str, Callable[[dict[str, Tensor]], dict[str, Tensor]]] = {
     "opaque": _opaque,
     "one_place": _one_place,
     "not_finite": _not_finite,
+    "harmonics": _harmonics,
+    "log_scale_90": partial(_log_scale, 90.0),
+    "log_scale_-1e30": partial(_log_scale, -1e30),
     "edge_on": _edge_on,
 }

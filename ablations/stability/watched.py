@@ -7,7 +7,7 @@ from multiprocessing.connection import Connection
 import torch
 
 from ablations.stability.case import PRECISIONS, Case, Precision
-from ablations.stability.judge import FAILED, Cell, judged, record_of
+from ablations.stability.judge import FAILED, CaseOutcome, judged, record_of
 from gaussian_enhancer.metrics.records import Record
 
 Task = tuple[Case, Precision, str]
@@ -58,7 +58,7 @@ class _Worker:
         self.alive = True
         self._expect(600.0)  # imports take a while where the machine is busy
 
-    def answer(self, seconds: float) -> Cell:
+    def answer(self, seconds: float) -> CaseOutcome:
         """The next cell; one that has failed where none comes in time or the process dies."""
         return self._expect(seconds)
 
@@ -68,22 +68,22 @@ class _Worker:
         self.process.join()
         self.answers.close()
 
-    def _expect(self, seconds: float) -> Cell:
+    def _expect(self, seconds: float) -> CaseOutcome:
         if not self.answers.poll(seconds):
             self.alive = False
-            return Cell(FAILED, f"has no result after {seconds:g} s", seconds=seconds)
+            return CaseOutcome(FAILED, f"has no result after {seconds:g} s", seconds=seconds)
         try:
-            cell: Cell = self.answers.recv()
+            cell: CaseOutcome = self.answers.recv()
         except EOFError:
             self.process.join()
             self.alive = False
-            return Cell(FAILED, f"ended its process with code {self.process.exitcode}")
+            return CaseOutcome(FAILED, f"ended its process with code {self.process.exitcode}")
         return cell
 
 
 def compute(tasks: Sequence[Task], answers: Connection, threads: int) -> None:
     """The other process: says that it is there, then sends a cell for each task."""
     torch.set_num_threads(threads)
-    answers.send(Cell(""))
+    answers.send(CaseOutcome(""))
     for case, precision, direction in tasks:
         answers.send(judged(case, precision, direction))

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ablations.study.results import Results
-from ablations.study.sample import Sample, SceneSplat
+from ablations.study.sample import SceneSplat, ScoreSample
 from ablations.study.statistics import interval
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
@@ -81,7 +81,7 @@ def losses(results: Results, method: str, metric: str) -> list[FrameLoss]:
     return sorted(found, key=lambda one: -one.loss)
 
 
-def told(gains: Sample) -> str:
+def told(gains: ScoreSample) -> str:
     """Mean gain, interval and what is missing, in words."""
     if not gains.values:
         return "missing"

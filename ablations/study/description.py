@@ -20,6 +20,9 @@ from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 Kind = Literal["quality", "repeats", "cost", "images"]
 """Means of a metric; statistics of repeated runs; time and memory; a grid of images."""
+Mode = Literal["", "paper", "ours"]
+FAITHFUL = "paper_"
+"""Beginning of the names of the paper's own rows."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Method:
         upscale: enlarged bicubically at the end.
         render: the splat is rendered at 4 times the resolution first.
         role: "other" or "ours", for aims; empty for the baseline.
+        mode: "paper" where it is the paper's system to the letter, "ours" where the same parts are ours; else empty.
     """
 
     title: str
@@ -45,10 +49,11 @@ class Method:
     upscale: bool = False
     render: bool = False
     role: str = "ours"
+    mode: Mode = ""
 
 
 @dataclass(frozen=True)
-class Dataset:
+class SceneGroup:
     """What the scale measures in place of one of the paper's datasets, or the dataset itself.
 
     Args:
@@ -91,7 +96,7 @@ class Study:
     baseline: str
     metrics: tuple[str, ...]
     splats: tuple[str, ...]
-    datasets: Mapping[str, Dataset]
+    datasets: Mapping[str, SceneGroup]
     seeds: tuple[int, ...] = (0,)
     paper: Mapping[str, Mapping[str, tuple[float, ...] | None]] = field(default_factory=dict)
     finer: bool = False
@@ -139,7 +144,7 @@ def table_of(values: Mapping[str, Any]) -> Study:
         ValueError: a value is out of range.
     """
     methods = {str(name): Method(**_tuples(method)) for name, method in values["methods"].items()}
-    datasets = {str(name): Dataset(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
+    datasets = {str(name): SceneGroup(**_tuples(dataset)) for name, dataset in values["datasets"].items()}
     paper = {
         str(block): {
             str(method): None if cells is None else tuple(map(float, cells)) for method, cells in rows_.items()

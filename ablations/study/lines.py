@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ablations.study.description import Study
 from ablations.study.results import Results, block_of
-from ablations.study.sample import Sample, SceneSplat
+from ablations.study.sample import SceneSplat, ScoreSample
 from ablations.study.statistics import Spread, interval, over_seeds
 from gaussian_enhancer.metrics.records import MISSING, Record
 
@@ -164,7 +164,7 @@ def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[L
         yield dataclasses.replace(told, numbers=numbers)
 
 
-def _repeat(gains: Sample, spread: Spread, table: Study, line: Line, metric: str) -> Number:
+def _repeat(gains: ScoreSample, spread: Spread, table: Study, line: Line, metric: str) -> Number:
     found = _known(getattr(spread, STATISTICS[line.statistic]))
     _, paper_gain = _paper(table, line, metric)
     number = _counted(gains, Number(gain=found, paper_gain=paper_gain))
@@ -173,7 +173,7 @@ def _repeat(gains: Sample, spread: Spread, table: Study, line: Line, metric: str
     return dataclasses.replace(number, reasons=(*few, *left_out, *number.reasons))
 
 
-def _counted(sample: Sample, number: Number) -> Number:
+def _counted(sample: ScoreSample, number: Number) -> Number:
     """The number with its n, and what is missing in words."""
     scenes, _, views = sample.counts()
     seeds = len({seed for _, seed in sample.values if seed is not None})
@@ -192,6 +192,8 @@ def _paper(table: Study, line: Line, metric: str) -> tuple[float | None, float |
     """The paper's value and gain. Its blocks are those of one dataset, and stand beside all where a scale has more."""
     place = table.metrics.index(metric)
     if table.kind == "repeats":
+        if table.methods[line.method].mode == "ours":
+            return None, None
         return None, _at(table.paper.get(line.dataset, {}).get(line.statistic), place)
     if len(table.datasets) > 1 and line.dataset != ALL:
         return None, None

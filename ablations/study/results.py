@@ -10,9 +10,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 from ablations.study.description import Study
-from ablations.study.sample import Sample, SceneSplat, Unit
+from ablations.study.sample import SceneSplat, ScoreSample, Unit
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.comparison import Pair
+from gaussian_enhancer.metrics.comparison import VariantPair
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 
@@ -70,17 +70,17 @@ class Results:
         """The scenes that a block asks for: all, but a size that is a scene itself asks for that one alone."""
         return (block,) if self.costs and block in self.scenes else self.scenes
 
-    def values(self, block: str, method: str, metric: str, scenes: Sequence[str] | None = None) -> Sample:
+    def values(self, block: str, method: str, metric: str, scenes: Sequence[str] | None = None) -> ScoreSample:
         """A method's numbers in one block, by scene, seed and view."""
         return self.sample(self._pairs(block, scenes), method, metric)
 
     def gains(
         self, block: str, method: str, metric: str, over: str | None = None, scenes: Sequence[str] | None = None
-    ) -> Sample:
+    ) -> ScoreSample:
         """A method's gains over the baseline, or over another method, on the same scenes, seeds and views."""
         return self.sample(self._pairs(block, scenes), method, metric, over or self.study.baseline)
 
-    def sample(self, pairs: Sequence[SceneSplat], method: str, metric: str, over: str = "") -> Sample:
+    def sample(self, pairs: Sequence[SceneSplat], method: str, metric: str, over: str = "") -> ScoreSample:
         """A method's numbers in scene-splat pairs, or its gains over another method.
 
         Args:
@@ -100,7 +100,7 @@ class Results:
                 unknown.update({unit: reasons} if reasons else {})
             else:
                 missing[unit] = "; ".join(dict.fromkeys(reasons.values()))
-        return Sample(tuple(pairs), seeds, values, missing, unknown)
+        return ScoreSample(tuple(pairs), seeds, values, missing, unknown)
 
     def why_missing(self, pair: SceneSplat, method: str, seed: int | None = None) -> str:
         """Why a method was not measured on a scene-splat pair; empty where it was."""
@@ -158,7 +158,7 @@ def _number(after: Record | None, before: Record | None, names: tuple[str, str],
     method, over = names
     if after is None or (before is None and over):
         return math.nan, f"not measured as {method if after is None else over}"
-    number = Pair(before, after).gain(metric) if before else after.metrics.get(metric)
+    number = VariantPair(before, after).gain(metric) if before else after.metrics.get(metric)
     if number is None:
         records = [record for record in (after, before) if record is not None and record.metrics.get(metric) is None]
         return math.nan, records[0].reasons.get(metric, f"{metric} was not measured")

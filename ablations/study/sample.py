@@ -13,7 +13,7 @@ Unit = tuple[SceneSplat, int | None]
 
 
 @dataclass(frozen=True)
-class Sample:
+class ScoreSample:
     """Numbers of one method, or gains of a method over another, in the metric's own unit and sign.
 
     The views of a pair have equal weights, then the seeds of a pair, then the pairs. What is missing stays in the

@@ -1,6 +1,6 @@
 """Statistics of a table's cells: repeated runs, intervals over scenes and seeds, tests with Holm's correction.
 
-All start from a `Sample`. Which direction of a metric is better is data: `metrics.records.HIGHER_IS_BETTER`.
+All start from a `ScoreSample`. Which direction of a metric is better is data: `metrics.records.HIGHER_IS_BETTER`.
 """
 
 import math
@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy import stats
 
-from ablations.study.sample import Sample, Unit
+from ablations.study.sample import ScoreSample, Unit
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -56,7 +56,7 @@ class Spread:
         return len(self.runs)
 
 
-def over_seeds(gains: Sample) -> Spread:
+def over_seeds(gains: ScoreSample) -> Spread:
     """Spread over trainings: a run is one seed's whole experiment, its gain the mean over scenes of that over views.
 
     This is how the paper's tables 7-9 are read here: its tables 2 and 4-6 are said to be the first of the runs, and
@@ -75,7 +75,7 @@ def over_seeds(gains: Sample) -> Spread:
     return _spread(runs, left_out)
 
 
-def over_scenes_and_seeds(gains: Sample) -> Spread:
+def over_scenes_and_seeds(gains: ScoreSample) -> Spread:
     """Spread over scenes and trainings: a run is one seed on one scene, its gain the mean over views.
 
     Wider than `over_seeds`, as scenes differ: it says how much the gain on a single scene may be off the mean.
@@ -84,7 +84,7 @@ def over_scenes_and_seeds(gains: Sample) -> Spread:
     return _spread(runs, {f"{pair[0]}, {_run(seed)}": reason for (pair, seed), reason in gains.missing.items()})
 
 
-def interval(sample: Sample, level: float = 0.95) -> tuple[float, float]:
+def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
     """Bootstrap interval of the sample's mean: BCa, `scipy.stats.bootstrap`.
 
     What is drawn are scenes, each with all its splats, seeds and views, where there are at least `FEWEST` of them.
@@ -145,7 +145,7 @@ def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray], l
     return (value, value) if math.isnan(low) else (low, high)
 
 
-def _scene_matrices(sample: Sample) -> list[Float[ndarray, "splat view"]]:
+def _scene_matrices(sample: ScoreSample) -> list[Float[ndarray, "splat view"]]:
     """Means over seeds by scene: one line a splat, one column a view, NaN where a splat lacks the view."""
     scenes: dict[str, list[dict[str, float]]] = {}
     for (scene, _), views in sample.view_means().items():
@@ -153,7 +153,7 @@ def _scene_matrices(sample: Sample) -> list[Float[ndarray, "splat view"]]:
     return [pd.DataFrame(splats).sort_index(axis=1).to_numpy(dtype=float) for splats in scenes.values()]
 
 
-def units_of(gains: Sample) -> tuple[str, tuple[float, ...]]:
+def units_of(gains: ScoreSample) -> tuple[str, tuple[float, ...]]:
     """The means that a test of these gains is made on, and what one of them stands for.
 
     One mean a scene and seed. Where these are fewer than `FEWEST`, so that no outcome could be told from chance, one a
@@ -221,6 +221,6 @@ def _run(seed: int | None) -> str:
     return "no seed" if seed is None else f"seed {seed}"
 
 
-def _reason(gains: Sample, units: Iterable[Unit]) -> str:
+def _reason(gains: ScoreSample, units: Iterable[Unit]) -> str:
     """Every reason of these units, each once."""
     return "; ".join(dict.fromkeys(gains.missing.get(unit, "no record") for unit in units))

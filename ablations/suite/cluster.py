@@ -17,10 +17,11 @@ from rich.console import Console
 
 from ablations.suite.descriptions import Experiment, experiment
 from ablations.suite.method_runs import Runs
-from ablations.suite.plan import Step, Work, planned
+from ablations.suite.plan import PlannedRun, Work, planned
 from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.lock import waiting
 from gaussian_enhancer.runs.runtime import choose_device
 
 MOST = 4
@@ -70,9 +71,9 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
         return {one.digest: futures[one.name].exception() for one in failed}
 
 
-def runnable(steps: Sequence[Step]) -> list[Step]:
+def runnable(steps: Sequence[PlannedRun]) -> list[PlannedRun]:
     """The steps that can be made ahead: not done, no times, and neither they nor their inputs lack a configuration."""
-    known: dict[str, Step] = {}
+    known: dict[str, PlannedRun] = {}
     blocked: set[str] = set()
     for step in steps:
         if step.state.name == "done" or step.work.job == "cost":
@@ -84,7 +85,7 @@ def runnable(steps: Sequence[Step]) -> list[Step]:
     return list(known.values())
 
 
-def submitted(client: Client, steps: Sequence[Step], settings: dict[str, Any]) -> dict[str, Future]:
+def submitted(client: Client, steps: Sequence[PlannedRun], settings: dict[str, Any]) -> dict[str, Future]:
     """A task for every step, after those of its inputs; the longest of those that can be made comes first."""
     futures: dict[str, Future] = {}
     for step in steps:  # a step's inputs stand before it
@@ -129,7 +130,7 @@ class _LocalClient(Client):
         self.cluster.close()
 
 
-def _own_error(future: Future, step: Step, futures: dict[str, Future]) -> bool:
+def _own_error(future: Future, step: PlannedRun, futures: dict[str, Future]) -> bool:
     """Whether a run failed by itself, and not because one of its inputs did."""
     before = [futures[name] for name in step.inputs if name in futures]
     return future.status == "error" and all(one.status != "error" for one in before)
@@ -145,7 +146,8 @@ def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[No
     locks.mkdir(parents=True, exist_ok=True)
     runs, one = Runs(cfg), experiment(work.table, cfg.scale)
     GlobalHydra.instance().clear()
-    with FileLock(locks / f"{work.job}-{digest}"), initialize_config_dir(str(configurations()), version_base="1.3"):
+    composing = initialize_config_dir(str(configurations()), version_base="1.3")
+    with FileLock(locks / f"{work.job}-{digest}"), composing, waiting():
         try:
             if work.job == "fit":
                 runs.fitted(work.fit)

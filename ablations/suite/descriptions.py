@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import FAITHFUL, Method, SceneGroup, Study
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
@@ -136,9 +136,9 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
 
 
 def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...] | None]]:
-    """The paper's values of a study as `measure.tables.Study` wants them: block, then method, then metric.
+    """The paper's values of a study as `ablations.study.description.Study` wants them: block, then method, then metric.
 
-    Gigabytes become the megabytes that records hold.
+    Gigabytes become the megabytes that records hold. The values are those of the faithful rows.
 
     Raises:
         InputError: the paper has no such table, or its columns are not the study's metrics.
@@ -150,6 +150,11 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     if name not in tables:
         raise InputError(f"paper: {name}", "is none of the paper's tables", f"choose {', '.join(tables)}")
     values = dict(tables[name])
+    own = {str(method) for method in study["methods"]}
+
+    def named(method: str) -> str:
+        return f"{FAITHFUL}{method}" if f"{FAITHFUL}{method}" in own else method
+
     columns = [SHORT.get(column, column) for column in values.pop("columns")]
     if columns != list(study["metrics"])[: len(columns)]:
         raise InputError(f"paper: {name}", f"has the columns {', '.join(columns)}", "begin the metrics with these")
@@ -160,10 +165,12 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
 
     if study["kind"] == "cost":  # printed row by row
         sizes = dict.fromkeys(size for cells in values.values() for size in cells)
-        return {size: {method: scaled(cells[size]) for method, cells in values.items()} for size in sizes}
+        return {size: {named(method): scaled(cells[size]) for method, cells in values.items()} for size in sizes}
     if not isinstance(next(iter(values.values())), Mapping):  # printed for one splat alone
         values = {study["splats"][0]: values}
-    return {block: {method: scaled(cells) for method, cells in methods.items()} for block, methods in values.items()}
+    return {
+        block: {named(method): scaled(cells) for method, cells in methods.items()} for block, methods in values.items()
+    }
 
 
 @functools.cache
@@ -178,21 +185,21 @@ def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[s
     return Method(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
 
 
-def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, Dataset]:
+def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, SceneGroup]:
     """The study's datasets as the scale has them; of a dataset that is itself there, the scenes that are asked for."""
     found = {}
     for key in study["datasets"]:
         given = scale.datasets[key]
         stand_in, scenes = str(given.get("stand_in") or ""), tuple(map(str, given.scenes))
         asked = tuple(name for name in study.get("scenes", ()) if name in scenes)
-        found[str(key)] = Dataset(str(given.title), asked if asked and not stand_in else scenes, stand_in)
+        found[str(key)] = SceneGroup(str(given.title), asked if asked and not stand_in else scenes, stand_in)
     return found
 
 
-def _outputs(scale: DictConfig) -> dict[str, Dataset]:
+def _outputs(scale: DictConfig) -> dict[str, SceneGroup]:
     """The sizes of the enhanced image, each in a dataset's place."""
     return {
-        str(key): Dataset(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
+        str(key): SceneGroup(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
         for key, (height, width) in scale.outputs.items()
     }
 

@@ -1,12 +1,13 @@
 """One method in one cell of a study: its images and their records, each made once."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.upsampled import bicubic, fine_photos, rendered_finer
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhanced, finished_fit
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
@@ -42,7 +43,7 @@ class StudyCell:
 
 
 @dataclass(frozen=True)
-class Images:
+class MethodImages:
     """Images of one method in one cell, and what they are measured against.
 
     Args:
@@ -51,6 +52,7 @@ class Images:
         every: every n-th of them is measured.
         run: name of the fitted run.
         sources: the runs that they came from, by job.
+        weights: digest of the weights that made them; empty where none did.
     """
 
     folder: Path
@@ -58,6 +60,7 @@ class Images:
     every: int
     run: str
     sources: Mapping[str, str] = field(default_factory=dict)
+    weights: str = ""
 
 
 def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> tuple[Record, ...]:
@@ -75,7 +78,7 @@ def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConf
     return measured_images(cfg, cell, method, images_of(cfg, cell, method, choice))
 
 
-def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> Images:
+def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> MethodImages:
     """The images of a method in a cell, made or found made.
 
     Args:
@@ -92,6 +95,7 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
     raw = fit / f"test/ours_{run_steps(fit)[-1]}"
     sources = {"fit": fit.name}
     folder = raw / "renders"
+    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     if choice.get("render") and learnt:
         given = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
         folder = _enhanced(cfg, choice, sources, **given)
@@ -101,11 +105,11 @@ def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig)
     elif learnt:
         folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
     if choice.get("upscale"):
-        folder = bicubic(cfg, folder, f"{fit.name}-{method}")
+        folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
-    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
     every = 1 if learnt and not choice.get("render") else cell.every
-    return Images(folder, photos, every, fit.name, sources)
+    digest = checkpoint_digest(find_checkpoint(weights_of(cfg, choice))) if learnt else ""
+    return MethodImages(folder, photos, every, fit.name, sources, digest)
 
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
@@ -151,7 +155,7 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     return str(found.folder / "weights.safetensors")
 
 
-def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Images) -> tuple[Record, ...]:
+def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
     """Measure images against their photos, unless these very images were measured before.
 
     Raises:
@@ -164,14 +168,14 @@ def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Image
     before = find_run(job, "measure_row")
     if before is not None and before.done:
         return read_records(before.folder / "records.jsonl")
-    records = measure_now(cfg, label, images)
+    records = tuple(replace(record, weights=images.weights) for record in measure_now(cfg, label, images))
     own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{method}")
     write_records(own.folder / "records.jsonl", records)
     own.finish()
     return records
 
 
-def measure_now(cfg: DictConfig, label: Label, images: Images) -> tuple[Record, ...]:
+def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Record, ...]:
     """Measure images against their photos.
 
     Args:

@@ -181,7 +181,10 @@ class Runs:
             sources = {**images.sources, "fit": cell_fit.folder.name}
             if seed is not None:
                 sources["train"] = Path(weights).parent.name
-            found = [replace(one, seed=seed, sources=sources) for one in measure_now(how, label, images)]
+            found = [
+                replace(one, seed=seed, sources=sources, weights=images.weights)
+                for one in measure_now(how, label, images)
+            ]
             write_records(own.folder / "records.jsonl", found)
             where = {"images": str(images.folder), "photos": str(images.photos)}
             write_text(own.folder / "images.json", json.dumps(where) + "\n")

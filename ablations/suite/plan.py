@@ -42,7 +42,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Step:
+class PlannedRun:
     """One run.
 
     Args:
@@ -66,7 +66,7 @@ class Step:
     tables: tuple[str, ...]
 
 
-def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[Step]:
+def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[PlannedRun]:
     """Every run that tables need, each once, those that others need before them.
 
     Nothing is computed and nothing written.
@@ -86,7 +86,7 @@ def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[Step]:
     return plan.steps()
 
 
-def told(steps: Sequence[Step]) -> str:
+def told(steps: Sequence[PlannedRun]) -> str:
     """A plan in words: a line a run, then the sums."""
     lines = []
     for step in steps:
@@ -110,11 +110,11 @@ class _Plan:
     def __init__(self, cfg: DictConfig, metrics: Set[str]) -> None:
         self.cfg, self.runs, self.metrics = cfg, Runs(cfg), metrics
         self.estimates = Estimates(Path(cfg.runs), cfg.scale)
-        self.known: dict[str, Step] = {}
+        self.known: dict[str, PlannedRun] = {}
         self.tables: dict[str, dict[str, None]] = {}
         self.names: dict[tuple[Any, ...], str] = {}
 
-    def steps(self) -> list[Step]:
+    def steps(self) -> list[PlannedRun]:
         """All steps, with the tables that need them."""
         return [replace(one, tables=tuple(self.tables[key])) for key, one in self.known.items()]
 
@@ -201,7 +201,7 @@ class _Plan:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
-            step = Step(work, "", label, nothing, inputs, self.estimates.blind(job, words, finer), str(error), ())
+            step = PlannedRun(work, "", label, nothing, inputs, self.estimates.blind(job, words, finer), str(error), ())
         else:
             digest = run_digest(cfg, job)
             found = find_run(cfg, job)
@@ -211,7 +211,7 @@ class _Plan:
             label = f"{cfg.label}-{label}" if job == "train" else label
             name = f"{label}-{digest}" if found is None else found.folder.name
             lacks = "" if done else _lacks(job, cfg, self.metrics)
-            step = Step(work, digest, name, state, inputs, minutes, lacks, ())
+            step = PlannedRun(work, digest, name, state, inputs, minutes, lacks, ())
         self.known.setdefault(digest, step)
         return digest
 

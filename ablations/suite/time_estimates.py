@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
+from gaussian_enhancer.input_files import read_yaml
 
 VIEWS = 9
 """Views of a cell, where its fit is not there to be counted."""
@@ -85,14 +86,14 @@ def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
 def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
     for marker in sorted((runs / "train").glob("*/done")):
         cfg, file = _config(marker.parent), marker.parent / "card.json"
-        if cfg and file.is_file():
+        if cfg and file.is_file() and "loading" in cfg["data"]:  # absent from runs of earlier versions
             card = json.loads(file.read_text(encoding="utf-8"))
             yield _training_kind(cfg), card["minutes"] / max(1, card["steps"])
 
 
 def _config(folder: Path) -> dict[str, Any] | None:
     file = folder / "config.yaml"
-    loaded = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else None
+    loaded = read_yaml(file) if file.is_file() else None
     return {str(key): value for key, value in loaded.items()} if isinstance(loaded, dict) else None
 
 
@@ -107,4 +108,4 @@ def _training_kind(cfg: Mapping[str, Any]) -> str:
     """Trainings of one kind take about as long: same network, width and crops."""
     fusion, data = cfg["fusion"], cfg["data"]
     crop = data["augmentation"]["crop"]
-    return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["batch_size"], crop])
+    return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["loading"]["batch_size"], crop])

@@ -11,16 +11,17 @@ from jaxtyping import Float
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.inputs import render_capture
 from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.output import read_own_size
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.high_resolution import UPSCALE
 from gaussian_enhancer.scene.image_files import write_image
-from gaussian_enhancer.scene.photos import list_images, read_photo
+from gaussian_enhancer.scene.photos import list_images, read_header, read_photo, resize
 from gaussian_enhancer.scene.renders import read_run
 
 Named = Iterable[tuple[str, Float[Tensor, "3 _ _"]]]
@@ -40,25 +41,27 @@ def fine_photos(cfg: DictConfig, fit: Path) -> Path:
 
     def photos() -> Named:
         for view in HighResolutionPhotos(Path(cfg.runs) / "photos")(fit, read_run(fit)).targets:
-            if view.read_fine_photo is None:
-                raise InputError(view.name, "has no finer photo", "give a scene with finer photos")
-            yield view.name, view.read_fine_photo()
+            yield view.name, read_own_size(view)
 
     return _kept(cfg, "fine_photos", fit.name, {"fit": str(fit)}, photos)
 
 
-def bicubic(cfg: DictConfig, folder: Path, label: str) -> Path:
+def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
     """The folder of a folder's images, enlarged bicubically.
 
     Args:
         cfg: the calling job's configuration: ``runs`` and ``runtime``.
         folder: images at the render's size.
         label: a readable part of the new folder's name.
+        photos: folder of the photos that they are held against, to whose size they are brought.
     """
 
     def images() -> Named:
+        sizes = {path.stem: read_header(path) for path in list_images(photos)}
         for path in list_images(folder):
-            yield path.name, upsampled(read_photo(path)[None], UPSCALE)[0].clamp(0, 1)
+            enlarged = upsampled(read_photo(path)[None], UPSCALE)[0].clamp(0, 1)
+            size = sizes.get(path.stem)
+            yield path.name, enlarged if size is None else resize(enlarged, size.height, size.width)
 
     return _kept(cfg, "bicubic", label, {"images": str(folder)}, images)
 
@@ -88,8 +91,9 @@ def _kept(cfg: DictConfig, job: str, label: str, values: Mapping[str, Any], imag
     own = OmegaConf.create({"runs": cfg.runs, **values})
     found = find_run(own, job)
     if found is None or not found.done:
-        found = open_run(own, job, label)
-        for name, image in images():
-            write_image(found.folder / "images" / name, image)
-        found.finish()
+        with status.attempt():
+            found = open_run(own, job, label)
+            for name, image in images():
+                write_image(found.folder / "images" / name, image)
+            found.finish()
     return found.folder / "images"

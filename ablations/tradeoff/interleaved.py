@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from ablations.tradeoff.methods import Enhance, Ready
-from ablations.tradeoff.settings import Study
+from ablations.tradeoff.settings import TradeoffStudy
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
@@ -49,7 +49,7 @@ class First:
 
 
 def study_records(
-    cfg: DictConfig, study: Study, ready: Ready, distances: Sequence[PerceptualDistance], console: Console
+    cfg: DictConfig, study: TradeoffStudy, ready: Ready, distances: Sequence[PerceptualDistance], console: Console
 ) -> Iterator[Record]:
     """The records of a study, every setting on every view; one that cannot be measured leaves a record that says why.
 
@@ -84,7 +84,7 @@ def study_records(
             yield Record(MISSING, "", cell.scene, cell.splat, "", f"{study.name}/{name}", {}, {"row": reason})
 
 
-def held_views(cfg: DictConfig, fit: Path, study: Study) -> tuple[RenderedSet, ...]:
+def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[RenderedSet, ...]:
     """Single views of a fit with all its references, whose pixels stay in memory once they were read.
 
     Args:
@@ -101,7 +101,7 @@ def held_views(cfg: DictConfig, fit: Path, study: Study) -> tuple[RenderedSet, .
     return single(task.rendered, study.views)
 
 
-def _weights(study: Study, ready: Ready) -> tuple[dict[str, str], dict[str, str]]:
+def _weights(study: TradeoffStudy, ready: Ready) -> tuple[dict[str, str], dict[str, str]]:
     """Weights by setting, and why others have none."""
     found, absent = {}, {}
     for setting in study.settings:
@@ -113,7 +113,7 @@ def _weights(study: Study, ready: Ready) -> tuple[dict[str, str], dict[str, str]
 
 
 def _enhancers(
-    study: Study, ready: Ready, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
+    study: TradeoffStudy, ready: Ready, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
 ) -> Iterator[tuple[str, Enhance]]:
     """Settings that are not missing, ready for a fit's views; reasons of those that cannot be are added."""
     for setting in study.settings:
@@ -125,7 +125,11 @@ def _enhancers(
 
 
 def _firsts(
-    study: Study, enhance: Mapping[str, Enhance], view: RenderedSet, device: torch.device, reasons: dict[str, str]
+    study: TradeoffStudy,
+    enhance: Mapping[str, Enhance],
+    view: RenderedSet,
+    device: torch.device,
+    reasons: dict[str, str],
 ) -> Iterator[tuple[str, First]]:
     """The first call of every setting on a view, which warms it up; reasons of those that fail are added."""
     compiled = {setting.name for setting in study.settings if setting.compiled}
@@ -157,7 +161,7 @@ def _compiling(call: Callable[[], object], device: torch.device) -> float:
 
 
 def _measured(
-    study: Study,
+    study: TradeoffStudy,
     cell: StudyCell,
     fit: Path,
     view: RenderedSet,

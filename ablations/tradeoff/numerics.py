@@ -20,7 +20,7 @@ KIND = "numerics"
 
 
 @dataclass(frozen=True)
-class Case:
+class Computation:
     """One computation done in several ways.
 
     Args:
@@ -34,11 +34,11 @@ class Case:
     ways: Mapping[str, Callable[[], Tensor]]
 
 
-def all_cases(device: torch.device) -> Iterator[Case]:
+def all_cases(device: torch.device) -> Iterator[Computation]:
     """Every case, made when it is asked for."""
     made = (rasterisers, deformable, reprojection, resampling, latent, networks)
     for name, reference, ways in (case for kernel in made for case in kernel(device)):
-        yield Case(name, reference, ways)
+        yield Computation(name, reference, ways)
 
 
 def numeric_records(
@@ -67,7 +67,7 @@ def numeric_records(
             raise InputError("numerics.cases", f"names {name!r}", f"choose from {', '.join(known)}")
 
 
-def case_records(case: Case, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
+def case_records(case: Computation, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
     """The records of one case; arguments as for `numeric_records`."""
     true, spent = case.reference().double(), 0.0
     errors: dict[str, tuple[float, float]] = {}

@@ -67,7 +67,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Study:
+class TradeoffStudy:
     """Settings that are measured in turn, and the scenes that they are measured on.
 
     Args:
@@ -91,7 +91,7 @@ class Study:
     finer: bool = False
 
 
-def read_studies(cfg: DictConfig) -> tuple[Study, ...]:
+def read_studies(cfg: DictConfig) -> tuple[TradeoffStudy, ...]:
     """The studies of a configuration, as far as the user asks for them.
 
     Raises:
@@ -108,7 +108,7 @@ def read_studies(cfg: DictConfig) -> tuple[Study, ...]:
     return tuple(replace(study, seconds=60 * float(cfg.minutes) / max(1, views)) for study in studies)
 
 
-def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> Study:
+def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> TradeoffStudy:
     settings = tuple(_settings(values["curves"]))
     finer = bool(values.get("finer"))
     cells = tuple(
@@ -117,7 +117,9 @@ def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> St
         for level, scenes in levels.items()
         for scene, own in scenes.items()
     )
-    return Study(name, values["title"], cells, settings, int(values["views"]), int(values["repeats"]), finer=finer)
+    return TradeoffStudy(
+        name, values["title"], cells, settings, int(values["views"]), int(values["repeats"]), finer=finer
+    )
 
 
 def _settings(curves: Mapping[str, Any]) -> Iterator[Setting]:

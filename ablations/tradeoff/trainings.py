@@ -59,11 +59,13 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
     reason = "" if card.is_file() else "is not finished"
     if not reason and "gain/psnr" not in curves:
         reason = "logged no validation"
+    if not reason and "loading" not in cfg.data:
+        reason = "was trained by an earlier version, whose configuration is not read; train it again"
     if reason:
         yield Record(MISSING, folder.name, "", "", "", variant, {}, {"row": reason}, seed=seed, sources=sources)
         return
     minutes = _minutes(card)
-    batch, steps = int(cfg.data.batch_size), int(cfg.trainer.max_steps)
+    batch, steps = int(cfg.data.loading.batch_size), int(cfg.trainer.max_steps)
     gains, similar, clock = (_points(curves.get(name)) for name in ("gain/psnr", "gain/ssim", CLOCK))
     # A validation between steps is filed under the step before it, the one at the end is not: the later one counts.
     for done, step in {min(steps, step + 1): step for step in sorted(gains)}.items():

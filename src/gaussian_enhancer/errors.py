@@ -1,4 +1,4 @@
-"""The one error that a user can cause and mend."""
+"""The errors that the command line turns into one line: what a user can mend, and a process that was killed."""
 
 
 class InputError(ValueError):
@@ -27,6 +27,10 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         """Pickle by the three parts, so that the error survives worker processes."""
         return InputError, (self.subject, self.received, self.remedy)
+
+
+class LostProcessError(RuntimeError):
+    """A process that did a part of the work was killed; the command line turns it into one line and exit code 1."""
 
 
 def one_line(text: str, longest: int = 600) -> str:

@@ -25,6 +25,8 @@ VARIABLE = "GAUSSIAN_ENHANCER_READ_LIMIT"
 LIMIT_GB = 8.0
 JSON_GROWTH = 32
 """Bytes of Python objects that one byte of JSON becomes at most: empty objects take the most."""
+YAML_GROWTH = 256
+"""Bytes of Python objects that one byte of YAML becomes at most, the parser's own included."""
 LONGEST_NUMBER = 100
 DAMAGE = (OSError, EOFError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile, OverflowError, MemoryError)
 
@@ -104,6 +106,51 @@ def parse_json(text: str, subject: object) -> Any:
         raise InputError(subject, "is JSON that is nested too deeply", "write the file again") from error
     except ValueError as error:
         raise InputError(subject, f"is JSON with {error}", "write the file again") from error
+
+
+def read_yaml(path: str | Path) -> Any:
+    """The plain values of a YAML file.
+
+    A file may repeat a part by naming it, and the repetitions may be nested: a few hundred bytes are then gigabytes.
+    Whatever writes configurations here never does so, and such a file is refused.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: see `read_text`; or it is no YAML, nested too deeply, or repeats a part by its name.
+    """
+    import yaml
+
+    text = read_text(path, YAML_GROWTH)
+    try:
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+            raise InputError(path, "repeats a part of itself by a name", "write it out in full")
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, f"is no YAML ({error})", "write the file again") from error
+
+
+def refuse_larger_archive(path: str | Path) -> None:
+    """Refuse an archive, such as a checkpoint of torch, whose members take more memory than the limit once unpacked.
+
+    What is no archive is left to its reader.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: see `refuse_larger`.
+    """
+    size = regular_file(path)
+    if not zipfile.is_zipfile(path):
+        refuse_larger(path, size, f"is {size} bytes long")
+        return
+    with reading(path), zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+    refuse_larger(path, size + unpacked, f"announces {unpacked} bytes")
 
 
 def shown(value: object) -> str:

@@ -237,9 +237,13 @@ def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = 
     return Camera(K, torch.eye(4, dtype=dtype), height, width)
 
 
+FARTHEST_DEPTH = 1e12
+"""Scene units; beyond, squares of differences overflow. Blender writes 1e10 for the background."""
+
+
 def usable(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
-    """Where depth is a finite, positive length."""
-    return torch.isfinite(depth) & (depth > 0)
+    """Where depth is a finite, positive length of at most `FARTHEST_DEPTH`, which half precision takes for infinite."""
+    return torch.isfinite(depth) & (depth > 0) & (depth <= FARTHEST_DEPTH)
 
 
 def precise(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:

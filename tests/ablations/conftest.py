@@ -3,20 +3,34 @@ import shutil
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from support.tiny_suite import started
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory) -> Path:
-    """A folder in which table 10 was made without interruption, one run at a time; not to be written into."""
-    folder, before = tmp_path_factory.mktemp("made"), Path.cwd()
+def made(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """A folder in which table 10 was made without interruption, one run at a time; not to be written into.
+
+    Processes that run tests beside each other share it.
+    """
+    own = tmp_path_factory.getbasetemp()
+    folder = (own if worker_id == "master" else own.parent) / "made"
+    with FileLock(f"{folder}.lock"):
+        if not (folder / "results/tiny/README.md").is_file():
+            folder.mkdir(exist_ok=True)
+            make_table(folder)
+    return folder
+
+
+def make_table(folder: Path) -> None:
+    """Make table 10 in a folder."""
+    before = Path.cwd()
     os.chdir(folder)
     try:
         started("table=10")
     finally:
         os.chdir(before)
-    return folder
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from gaussian_enhancer.network.network import Network
 from support import paths
 
 ROOT = paths.ROOT
+PAPER = "gaussian_enhancer.network.paper."
 
 
 class OneConvolution(Network):
@@ -33,9 +34,23 @@ def test_times_are_one_for_each_network():
 def test_record_holds_every_network_that_weights_can_name():
     rows = json.loads((ROOT / "docs" / "results" / "networks.json").read_text())["rows"]
     names = {row["fusion"] for row in rows}
-    assert len(names) == len(NETWORKS)
+    assert len(names) == sum(not kind.__module__.startswith(PAPER) for kind in NETWORKS.values())
     page = (ROOT / "docs" / "results" / "networks.md").read_text()
     assert networks.table(rows) in page
+
+
+def test_page_on_fidelity_holds_the_cost_of_the_papers_networks_with_and_without_the_buffer():
+    rows = json.loads((ROOT / "docs/results/paper_networks.json").read_text())["rows"]
+    assert networks.table(rows) in (ROOT / "docs/fidelity.md").read_text()
+    work = {(row["fusion"], row["size"]): row["giga_multiply_adds_per_megapixel"] for row in rows}
+    for size in networks.SIZES:
+        assert work["ssif_sr, paper", size] < work["ssif_sr, paper, without its buffer", size]
+
+
+def test_the_papers_networks_are_built_by_their_mode():
+    found = list(networks.subjects("paper"))
+    assert all(type(one.network).__module__.startswith(PAPER) for one in found)
+    assert len(found) == 4 * len(networks.SIZES)
 
 
 def test_example_has_all_that_views_may_have():

@@ -81,8 +81,16 @@ def test_the_papers_values_are_carried_over_exactly(name) -> None:
     table = experiment(name, configured("smoke").scale).table
     found, printed = numbers(dict(table.paper)), numbers(PAPER[name])
     if name == "table_3":
-        assert table.paper["2k"] == {"ge": (1105.0, 19300.0), "gepp_lr": (1339.0, 19500.0), "gepp_sr": None}
-        assert table.paper["4k"] == {"ge": None, "gepp_lr": None, "gepp_sr": (412.0, 16100.0)}
+        assert table.paper["2k"] == {
+            "paper_ge": (1105.0, 19300.0),
+            "paper_gepp_lr": (1339.0, 19500.0),
+            "paper_gepp_sr": None,
+        }
+        assert table.paper["4k"] == {
+            "paper_ge": None,
+            "paper_gepp_lr": None,
+            "paper_gepp_sr": (412.0, 16100.0),
+        }
         return
     assert found == printed
     blocks = {"repeats": set(table.datasets), "quality": set(table.splats)}[table.kind]
@@ -142,7 +150,21 @@ def test_every_row_composes_and_builds_what_it_names(name, method) -> None:
     build(job.fusion)
     build(job.loss)
     reference_config = build(job.reference_config)
-    assert reference_config.fine == (method == "gepp_sr")
+    assert reference_config.fine == method.endswith("gepp_sr")
+    mode = experiment(name, scale).table.methods[method].mode
+    faithful = type(build(job.fusion)).__module__.startswith("gaussian_enhancer.network.paper.")
+    assert faithful == (mode == "paper")
+
+
+@pytest.mark.parametrize("name", known_names()["all"])
+def test_every_row_of_the_paper_is_there_twice_and_named(name) -> None:
+    methods = experiment(name, configured("smoke").scale).table.methods
+    modes = {mode: [key for key, row in methods.items() if row.mode == mode] for mode in ("paper", "ours")}
+    assert modes["ours"]
+    assert modes["paper"] == [f"paper_{key}" for key in modes["ours"]]
+    for mode, keys in modes.items():
+        assert all(methods[key].title.endswith(f", {mode}") for key in keys)
+    assert all(row.mode or not row.train for row in methods.values())
 
 
 def test_files_behind_rows_are_used_and_say_why_they_are_fair() -> None:

@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.align import projection
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.projection import Landing, Projection, depth_consistency, land, read_at
+from gaussian_enhancer.align.projection import Landing, ReferenceProjection, depth_consistency, land, read_at
 from gaussian_enhancer.align.reproject import _footprint, reproject
 from gaussian_enhancer.types import Camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -20,11 +20,11 @@ CAMERAS = {
 }
 
 
-def maps(dtype: torch.dtype, camera: Camera) -> tuple[Projection, torch.Tensor]:
+def maps(dtype: torch.dtype, camera: Camera) -> tuple[ReferenceProjection, torch.Tensor]:
     depth = plane(TARGET, 3.0)[1]
     depth[..., :9, :9] *= 0.2
     depth = depth.to(dtype)
-    return Projection.between(TARGET, camera, depth), depth
+    return ReferenceProjection.between(TARGET, camera, depth), depth
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -7,7 +7,7 @@ import torch
 from gaussian_enhancer.align import depth_search as depth_search
 from gaussian_enhancer.align.depth_search import Search, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour
-from gaussian_enhancer.align.projection import Projection, land
+from gaussian_enhancer.align.projection import ReferenceProjection, land
 from gaussian_enhancer.align.reproject import fill_depth, reproject
 from gaussian_enhancer.types import identity_camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -143,7 +143,7 @@ def test_a_change_is_linear_between_samples(side):
 
 
 def test_every_second_pixel_lands_where_it_did():
-    projection = Projection.between(TARGET, REFERENCE, torch.zeros(1, dtype=torch.float64))
+    projection = ReferenceProjection.between(TARGET, REFERENCE, torch.zeros(1, dtype=torch.float64))
     depth = torch.rand(1, 33, 47, generator=torch.Generator().manual_seed(0), dtype=torch.float64) + 2
     every, second = land(projection, depth), land(projection.strided(2), depth[..., ::2, ::2])
     torch.testing.assert_close(second.x, every.x[..., ::2, ::2])

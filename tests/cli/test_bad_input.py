@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import resource
 import shutil
 import warnings
@@ -11,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from PIL import Image
 
 from gaussian_enhancer.cli import main as cli
+from gaussian_enhancer.errors import InputError
 
 WIDTH, HEIGHT, VIEWS = 32, 24, 10
 Refused = Callable[..., str]
@@ -262,6 +265,16 @@ def test_fit_without_a_scene(refused: Refused) -> None:
     ("words", "found"),
     [
         (("settings.steps=0",), "steps"),
+        (("settings.steps=1.5",), "settings.steps: is 1.5; give a whole number"),
+        (("settings.steps=nan",), "settings.steps: is nan; give a whole number"),
+        (("settings.steps=abc",), "settings.steps: is 'abc'; give a whole number"),
+        (("settings.ssim_weight=nan",), "settings.ssim_weight: is nan; give a finite number"),
+        (("scene.downscale=abc",), "scene.downscale: is 'abc'; give a number"),
+        (("scene.nothing=1",), "scene.nothing: is no option of fit"),
+        (("scene=nowhere",), "scene: has no choice 'nowhere'; choose capture,"),
+        (("profile=abc",), "profile: is 'abc'; give true or false"),
+        (("output=" + "a" * 300,), "with names of at most 255"),
+        (("output=a=b",), "override output=a=b: cannot be parsed"),
         (("settings.init=magic",), "magic"),
         (("settings.sh_degree=4",), "degree"),
         (("scene.downscale=0",), "downscale"),
@@ -274,6 +287,39 @@ def test_fit_without_a_scene(refused: Refused) -> None:
 )
 def test_fit_options(capture: Path, refused: Refused, words: tuple[str, ...], found: str) -> None:
     assert found in refused(*fit(capture, *words))
+
+
+@pytest.mark.parametrize("word", ["settings.steps=abc", "scene.downscale=abc", "runtime.threads=0", "nothing=1"])
+def test_fit_options_in_a_sweep(capture: Path, refused: Refused, word: str) -> None:
+    assert word.partition("=")[0] in refused(*fit(capture, "-m", word), allowed=("multirun.yaml",))
+
+
+def test_fit_that_fails_leaves_nothing(capture: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*_: object, **__: object) -> None:
+        raise InputError("fit", "lost all Gaussians", "lower densification.opacity")
+
+    monkeypatch.setattr("gaussian_enhancer.cli.fit.fit", lost)
+    assert "lost all Gaussians" in refused(*fit(capture, "output=out"))
+    assert not Path("out").exists()
+    assert "lost all Gaussians" in refused(*fit(capture))
+    assert not Path("runs").exists()
+
+
+def test_fit_into_the_folder_of_another_fit(capture: Path, refused: Refused) -> None:
+    """Also where that one is not finished: it would go on in what is not its own."""
+    cli.main(list(fit(capture, "output=out")))
+    assert "out: holds another finished run" in refused(*fit(capture, "output=out", "settings.seed=1"))
+    Path("out/done").unlink()
+    line = refused(*fit(capture, "output=out", "settings.seed=1"))
+    assert "out: holds an unfinished run of another configuration" in line
+
+
+def test_two_fits_into_one_folder(capture: Path, refused: Refused) -> None:
+    Path("out").mkdir()
+    with FileLock("out/lock"):  # another process's, as far as this one knows
+        line = refused(*fit(capture, "output=out"))
+        assert "out: is being written by another process" in line
+        assert "out: is being written by another process" in refused(*enhance("run=nowhere", "output=out"))
 
 
 @pytest.mark.parametrize("room", [700, 3000, 20_000])
@@ -423,6 +469,26 @@ def test_enhance_splat_missing(workplace: None, refused: Refused) -> None:
     assert "fitted/splat.ply: does not exist" in refused(*FORMS["gaussians"])
 
 
+def test_enhance_splat_that_is_a_pipe(workplace: None, refused: Refused) -> None:
+    os.mkfifo("pipe.ply")
+    Path("fitted/splat.ply").unlink()
+    os.symlink("../pipe.ply", "fitted/splat.ply")
+    line = refused(*FORMS["gaussians"])
+    assert "fitted/splat.ply: is no regular file" in line
+
+
+@pytest.mark.parametrize("card", ["[1]", "[" * 100_000, '{"strength": "much"}'], ids=["list", "deep", "strength"])
+def test_enhance_weights_with_a_card_that_is_none(workplace: None, refused: Refused, card: str) -> None:
+    from safetensors import safe_open
+    from safetensors.torch import load_file, save_file
+
+    with safe_open("w.safetensors", "pt") as file:
+        metadata = file.metadata()
+    save_file(load_file("w.safetensors"), "w.safetensors", {**metadata, "card": card})
+    line = refused(*FORMS["run"])
+    assert "strength" in line if "much" in card else "w.safetensors: " in line
+
+
 def test_enhance_splat_that_is_an_image(workplace: None, refused: Refused) -> None:
     save("fitted/splat.png")
     line = refused(*FORMS["gaussians"], "gaussians=fitted/splat.png")
@@ -464,6 +530,14 @@ def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) ->
         (("scene.split.test_every=0",), "has no test view"),
         (("precision=int8",), "precision: is 'int8'"),
         (("tile=1",), "tile"),
+        (("tile=abc",), "tile: is 'abc'; give a whole number"),
+        (("strength=abc",), "strength: is 'abc'; give a number or null"),
+        (("strength=nan",), "strength: is nan; give a finite number or null"),
+        (("colour_clamping=nan",), "colour_clamping: is nan; give a whole number"),
+        (("max_references=abc",), "max_references: is 'abc'; give a whole number or null"),
+        (("weights=null",), "weights: is None; give text"),
+        (("plan.share=abc",), "plan.share: is 'abc'; give a number"),
+        *((("depth_scale=" + value,), "depth_scale: is") for value in ("0", "-1", "nan", "inf", "null")),
         (("max_references=-1",), "references"),
         (("weights=none.safetensors",), "weights none.safetensors: is neither a file nor a shipped name"),
         (("weights=fitted/splat.ply",), "fitted/splat.ply: "),
@@ -531,6 +605,25 @@ def test_enhance_full_disk(
         assert not file.name.startswith(".")
         if file.suffix == ".png":
             Image.open(file).load()
+
+
+# train ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("word", "found"),
+    [
+        ("seed=-1", "seed: is -1; give a number of at least 0"),
+        ("trainer.max_steps=-7", "trainer.max_steps: is -7; give a number of at least -1"),
+    ],
+)
+def test_train_options(refused: Refused, word: str, found: str) -> None:
+    assert found in refused("train", "logger=csv", "data.train=[nowhere]", "data.validation=[nowhere]", word)
+
+
+def test_a_study_of_no_runs_writes_no_page(refused: Refused) -> None:
+    line = refused("plan_study", "runs=nope", "results=results", "markdown=page.md")
+    assert "runs: is nope, which holds no fit" in line
 
 
 # simulate ---------------------------------------------------------------------------------------------------------

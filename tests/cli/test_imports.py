@@ -1,4 +1,4 @@
-"""Heavy packages are imported where they are used: what a fresh process loads, and how long our own part takes."""
+"""Heavy packages are imported where they are used: what a fresh process loads."""
 
 import subprocess
 import sys
@@ -44,6 +44,11 @@ def printed(*words: str) -> list[str]:
     return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True).stdout.splitlines()
 
 
+def idle(loaded: list[str]) -> list[str]:
+    """The modules that enhancing by SIF does not need."""
+    return [name for name in loaded if name.split(".")[0] in HEAVY or any(name.startswith(part) for part in IDLE)]
+
+
 @pytest.mark.slow
 def test_enhance_loads_no_package_and_no_network_that_it_does_not_use(plane_run, tmp_path):
     save_weights(tmp_path / "sif.safetensors", SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {})
@@ -56,16 +61,10 @@ def test_enhance_loads_no_package_and_no_network_that_it_does_not_use(plane_run,
     loaded = next(line for line in printed("-c", program) if line.startswith("loaded ")).split()
     assert len(list((tmp_path / "out").iterdir())) == 2
     assert "gaussian_enhancer.network.sif" in loaded
-    idle = [name for name in loaded if name.split(".")[0] in HEAVY or any(name.startswith(part) for part in IDLE)]
-    assert not idle
+    assert not idle(loaded)
 
 
-def test_the_package_and_the_job_enhance_import_in_half_a_second_beside_torch():
-    program = (
-        "import time, torch, torch.nn.functional, hydra, omegaconf, numpy, PIL.Image;"
-        "t = time.process_time(); import gaussian_enhancer; print(time.process_time() - t);"
-        "import gaussian_enhancer.cli.enhance; print(time.process_time() - t)"
-    )
-    package, job = map(float, printed("-c", program))
-    assert package < 0.5
-    assert job < 2.0
+def test_importing_the_job_enhance_loads_nothing_idle():
+    loaded = printed("-c", "import sys, gaussian_enhancer.cli.enhance; print(*sys.modules)")[-1].split()
+    assert {"gaussian_enhancer.cli.enhance", "torch"} <= set(loaded)
+    assert not idle(loaded)

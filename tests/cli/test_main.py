@@ -1,13 +1,19 @@
 """The command line: dispatch, Hydra's grammar, exit codes, completion, content-addressed runs."""
 
+import os
+import signal
 import subprocess
 import sys
 import types
+from typing import get_type_hints
 
 import pytest
+from hydra import compose, initialize_config_dir
+from hydra_plugins.hydra_joblib_launcher import _core as joblib_launcher
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.cli import main as cli
+from gaussian_enhancer.cli import options
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.run import digest_of, open_run
@@ -78,6 +84,98 @@ def test_user_mistake_is_one_line_and_exit_code_2(toy_job, capsys):
     assert capsys.readouterr().err == "gaussian-enhancer: size: is -1; give a positive number\n"
 
 
+MISTAKES = {
+    "size=-1": "size: is -1; give a positive number",
+    "nothing=3": "nothing: is no option of toy; see gaussian-enhancer toy --help, "
+    "or add a key of your own: +nothing=VALUE",
+    "colour=green": "colour: has no choice 'green'; choose blue, red",
+    "path=a=b": """override path=a=b: cannot be parsed (mismatched input '=' expecting <EOF>); """
+    """quote the value twice: path='"a=b"'""",
+    "runtime.threads=abc": "runtime.threads: is 'abc'; give a whole number",
+    "runtime=null": "runtime: is None; give names and values",
+    "output=[1]": "output: is [1]; give text or null",
+    f"output={'a' * 300}": f"output: is '{'a' * 37}...{'a' * 38}'; "
+    "give a path of at most 4095 bytes, with names of at most 255 or null",
+    "path=${nowhere}": "path: cannot be resolved: Interpolation key 'nowhere' not found; set what it refers to",
+    "colour=null": "command line of toy: is refused (Config group override must be a string or a list. Got NoneType); "
+    "see gaussian-enhancer toy --help",
+}
+
+
+@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "multirun"])
+@pytest.mark.parametrize("word", MISTAKES)
+def test_a_mistake_is_one_line_in_a_run_and_in_a_sweep(toy_job, capsys, monkeypatch, word, sweep):
+    class Toy(options.Options):
+        path: options.Place | None
+
+    monkeypatch.setattr(options, "OPTIONS", {"toy": Toy})
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy", *sweep, word])
+    assert capsys.readouterr().err == f"gaussian-enhancer: {MISTAKES[word]}\n"
+    assert stop.value.code == 2
+
+
+def test_the_other_runs_of_a_sweep_are_made_where_one_is_refused(toy_job, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy", "-m", "size=-1,2"])
+    assert stop.value.code == 2
+    assert [cfg["size"] for cfg in toy_job] == [-1, 2]
+
+
+@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "multirun"])
+def test_ctrl_c_is_one_line_and_exit_code_130(toy_job, capsys, monkeypatch, sweep):
+    def run(cfg):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["gaussian_enhancer.cli.toy"], "run", run)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy", *sweep])
+    assert stop.value.code == 130
+    assert capsys.readouterr().err == (
+        "gaussian-enhancer: stopped by Ctrl-C; the same command goes on where it stopped\n"
+    )
+
+
+def test_a_killed_process_of_a_sweep_is_one_line(toy_job, capsys, monkeypatch):
+    def run(cfg):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(joblib_launcher, "execute_job", lambda *_, **__: run(None))
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy", "-m", "size=1,2", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"])
+    assert stop.value.code == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "gaussian-enhancer: a process of the sweep was killed, for want of memory perhaps; "
+        "the same command goes on where it stopped"
+    )
+
+
+def test_an_internal_error_keeps_its_traceback(toy_job, capsys, monkeypatch):
+    def run(cfg):
+        raise ValueError("ours")
+
+    monkeypatch.setattr(sys.modules["gaussian_enhancer.cli.toy"], "run", run)
+    with pytest.raises(ValueError, match="ours"):
+        cli.main(["toy"])
+
+
+def test_every_job_has_options_that_its_own_configuration_meets():
+    with initialize_config_dir(str(paths.ROOT / "conf"), version_base="1.3"):
+        for job in cli.JOBS:
+            cfg = compose(job, ["dataset=mip_nerf_360"] if job == "download" else [])
+            for name, variable in (("folder", "GAUSSIAN_ENHANCER_DATASETS"), ("backbones", "GAUSSIAN_ENHANCER_DATA")):
+                if name in cfg and not OmegaConf.is_missing(cfg, name) and variable in str(cfg._get_node(name)):
+                    cfg[name] = "folder"
+            options.check_options(job, cfg)
+            assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
+
+
+def known(job):
+    """Names of a job's options, and those that are checked elsewhere."""
+    own = {"defaults", "this_run", "hydra", "title", "about", "scenes", "images", "training", "tradeoff", "numerics"}
+    return own | {"order"} | set(get_type_hints(options.OPTIONS[job]))
+
+
 def test_unknown_job_is_refused(capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["paint"])
@@ -110,10 +208,20 @@ def test_a_folder_of_another_finished_run_is_refused(tmp_path):
     cfg = OmegaConf.create({"runs": "", "output": str(tmp_path / "mine"), "runtime": {}, "size": 1})
     first = open_run(cfg, "toy", "a")
     other = OmegaConf.merge(cfg, {"size": 2})
-    assert open_run(other, "toy", "a").folder == first.folder  # not finished: nothing is lost
+    assert open_run(other, "toy", "a").folder == first.folder  # no result yet: nothing is lost
     open_run(cfg, "toy", "a").finish()
     with pytest.raises(InputError, match="another finished run"):
         open_run(other, "toy", "a")
+
+
+def test_a_folder_with_results_of_another_unfinished_run_is_refused(tmp_path):
+    cfg = OmegaConf.create({"runs": "", "output": str(tmp_path / "mine"), "runtime": {}, "size": 1, "rate": 1e-5})
+    first = open_run(cfg, "toy", "a")
+    (first.folder / "checkpoint.pt").write_bytes(b"half of it")
+    with pytest.raises(InputError, match="holds an unfinished run of another configuration"):
+        open_run(OmegaConf.merge(cfg, {"size": 2}), "toy", "a")
+    assert OmegaConf.load(first.folder / "config.yaml").size == 1
+    assert open_run(cfg, "toy", "a") == first  # the same one goes on
 
 
 def test_digest_ignores_key_order():

@@ -59,10 +59,21 @@ def test_measuring_again_replaces_the_records() -> None:
     assert len(records) == 3
 
 
+def test_distances_that_nobody_asked_for_have_no_rows_without_a_backbone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "empty"))
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path / "empty"))
+    records = read_records(measure("images=raw", "photos=photos", "lpips=null") / "records.jsonl")
+    assert set(records[0].metrics) == {"psnr", "psnr_aligned", "ssim"}
+    assert "lpips" not in capsys.readouterr().out
+
+
 def test_a_metric_without_backbone_is_told_and_not_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "empty"))
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path / "empty"))
     records = read_records(measure("images=raw", "photos=photos", "lpips=[lpips_vgg]") / "records.jsonl")
     assert records[0].metrics["lpips_vgg"] is None
     assert records[0].reasons["lpips_vgg"].startswith("not measured: no backbone")

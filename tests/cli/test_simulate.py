@@ -12,7 +12,7 @@ from PIL import Image
 from gaussian_enhancer.cli import simulate
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
-from gaussian_enhancer.degrade.gates.gate import RandomGate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, RandomGate
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.generative.weights import save_model
 from gaussian_enhancer.degrade.photographed import read_held_out, read_image
@@ -59,7 +59,7 @@ def test_samples_are_what_their_record_says(photo: Path, tmp_path: Path) -> None
         again = Simulator(RandomGate())(view, [torch.Generator().manual_seed(sample["seed"])])
         assert torch.equal(read_photo(found / sample["file"]), again.image[0])
         drawn = RandomGate().draw(torch.Generator().manual_seed(sample["seed"]))
-        assert tuple(Step(**step) for step in sample["steps"]) == drawn
+        assert tuple(ArtefactStep(**step) for step in sample["steps"]) == drawn
 
 
 def test_the_first_samples_do_not_depend_on_their_number_and_do_on_the_seed(photo: Path, tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_the_adaptive_gate_is_calibrated_on_the_run(plane_run: Path, tmp_path: P
     assert sum(gate.chances.values()) > 0
     for sample in samples(found):
         drawn = gate.draw(torch.Generator().manual_seed(sample["seed"]))
-        assert tuple(Step(**step) for step in sample["steps"]) == drawn
+        assert tuple(ArtefactStep(**step) for step in sample["steps"]) == drawn
     again = job(
         tmp_path / "again",
         f"image={next((plane_run / 'test/ours_100/gt').iterdir())}",

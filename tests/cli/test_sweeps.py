@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from support import paths
 
 CONF = paths.CONF
-SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=2")
+SMALL = ("fusion=sif", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.loading.batch_size=2")
 LAUNCHERS = {
     "joblib": ["+sweep=two_jobs"],
     "submitit": ["hydra/launcher=submitit_local", "runtime.progress=false", "runtime.threads=1"],
@@ -33,7 +33,6 @@ def swept(runs: Path, train: Path, validation: Path, *words: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1500)
 @pytest.mark.parametrize("launcher", list(LAUNCHERS))
 def test_every_job_is_a_finished_run_and_equal_jobs_are_done_once(launcher, plane_run, other_plane_run, tmp_path):
     told = swept(
@@ -71,7 +70,6 @@ def test_a_search_by_optuna_composes_and_names_options_that_there_are():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_a_search_by_optuna_trains_each_trial(plane_run, other_plane_run, tmp_path):
     told = swept(tmp_path, plane_run, other_plane_run, "+sweep=optuna", "hydra.sweeper.n_trials=2", "runtime.threads=1")
     folders = list(tmp_path.glob("train/*"))

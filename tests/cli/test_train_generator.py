@@ -14,7 +14,7 @@ from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.runs.instantiate import build
 
 SMALL = ("+design.vector=4", "+design.grid=2", "+design.widths=[8,8]", "+design.code_width=8", "+design.code_blocks=1")
-SHORT = ("paired.steps=3", "diffused.steps=2", "save_every=1", "data.batch_size=2", "data.workers=0")
+SHORT = ("paired.steps=3", "diffused.steps=2", "save_every=1", "data.loading.batch_size=2", "data.loading.workers=0")
 QUIET = ("data.augmentation.crop=32", "runtime.threads=1", "runtime.progress=false", "trainer=smoke", "gate=random")
 
 

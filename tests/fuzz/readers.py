@@ -26,6 +26,7 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size
+from gaussian_enhancer.scene.path_files import FilePath, read_path
 from gaussian_enhancer.scene.photos import read_header, read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.open import read_splat
@@ -33,7 +34,7 @@ from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import ThreeDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians, identity_camera
-from support.captures_on_disk import colmap_to_binary, write_colmap, write_transforms
+from support.captures_on_disk import colmap_to_binary, write_camera_path, write_colmap, write_transforms
 from support.synthetic_runs import write_plane_run
 
 CAMERA = ("fl_x", "fl_y", "cx", "cy", "w", "h", "width", "height", "fx", "fy", "focal", "k1", "camera_angle_x")
@@ -104,6 +105,10 @@ def run_faults(rendered: Any) -> list[str]:
     centres = {tuple(view.camera.centre.tolist()) for view in views}
     found = [fault for view in views for fault in camera_faults(view.camera)]
     return found if len(centres) == len(views) else [*found, "one camera for two views"]
+
+
+def path_faults(path: FilePath) -> list[str]:
+    return [fault for camera in path.cameras for fault in camera_faults(camera)]
 
 
 def splat_faults(gaussians: Gaussians) -> list[str]:
@@ -305,6 +310,13 @@ READERS: dict[str, Reader] = {
     "transforms": Reader(write_transforms, ("transforms.json",), of_json, open_capture, scene_faults),
     "opensfm": Reader(write_opensfm, ("reconstruction.json",), of_json, open_capture, scene_faults),
     "cameras": Reader(write_plane_run, ("cameras.json",), of_json, read_run, run_faults),
+    "camera_path": Reader(
+        lambda folder: write_camera_path(folder / "camera_path.json"),
+        ("camera_path.json",),
+        of_json,
+        lambda folder: read_path(folder / "camera_path.json", 48, 64),
+        path_faults,
+    ),
     "ply": splat_reader(lambda folder: write_ply(folder / "a", splat()), of_ply),
     "compressed_ply": splat_reader(lambda folder: write_compressed(folder / "a", elements(40)), of_ply),
     "spz": splat_reader(lambda folder: (folder / "a").write_bytes(packed(3, 1, attributes(3, 1))), of_spz),

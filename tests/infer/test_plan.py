@@ -5,14 +5,14 @@ import json
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.plan import Part, Plan, Rules, ViewPlan
+from gaussian_enhancer.infer.plan import Plan, PlanItem, Rules, ViewPlan
 from gaussian_enhancer.infer.regions import Region
 
 AUTO = Rules("auto", "auto", "auto", share=0.1)
 PLAN = Plan(
     "chair",
     AUTO,
-    (Part("depth", True, "surface"), Part("fine photos", False, "not known")),
+    (PlanItem("depth", True, "surface"), PlanItem("fine photos", False, "not known")),
     (
         ViewPlan("0.png", (100, 200), (Region(0, 0, 50, 100), Region(50, 100, 100, 200)), ("a",), {"b": 0.02}),
         ViewPlan("1.png", (100, 200), None, ("a", "b"), {"c": 0.4}),

@@ -6,14 +6,18 @@ import torch
 import torchvision
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics import lpips
 from gaussian_enhancer.metrics.lpips import BACKBONES, VARIANTS, perceptual_distance
 from gaussian_enhancer.scene.photos import read_photo
+
+DATA = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", ""))
 
 
 @pytest.fixture(autouse=True)
 def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty torchvision cache, so that no test depends on what this machine happens to hold."""
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
+    monkeypatch.setenv("GAUSSIAN_ENHANCER_DATA", str(tmp_path / "data"))
     (tmp_path / "hub" / "checkpoints").mkdir(parents=True)
     return tmp_path / "hub" / "checkpoints"
 
@@ -63,6 +67,19 @@ def test_the_backbone_is_found_in_a_file_a_folder_and_the_cache(
     assert perceptual_distance("lpips_squeeze").between(pair[0], pair[0]) == 0
 
 
+def test_backbones_of_the_data_folder_are_found_and_what_nobody_asked_for_is_left_out(
+    tmp_path: Path, squeeze: dict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lpips, "USUAL", ("lpips_vgg", "lpips_squeeze"))
+    assert lpips.asked_distances(None) == []
+    features = {key.removeprefix("features."): value for key, value in squeeze.items() if "features" in key}
+    (tmp_path / "data/lpips").mkdir(parents=True)
+    torch.save(features, tmp_path / "data/lpips/squeezenet1_1_features.pth")
+    assert [one.name for one in lpips.asked_distances(None)] == ["lpips_squeeze"]
+    named = lpips.asked_distances(["lpips_vgg", "lpips_squeeze"])
+    assert [bool(one.reason) for one in named] == [True, False]
+
+
 def test_drawing_no_random_numbers(tmp_path: Path, squeeze: dict) -> None:
     torch.save(squeeze, tmp_path / "draws.pth")
     torch.manual_seed(5)
@@ -96,7 +113,7 @@ def test_images_below_the_smallest_size_are_told(tmp_path: Path, squeeze: dict) 
 @pytest.mark.captures
 @pytest.mark.parametrize(("name", "expected"), [("lpips_alex", (0.7219, 0.1376)), ("lpips_squeeze", (0.7110, 0.1479))])
 def test_known_distances_of_the_example_images(name: str, expected: tuple[float, float]) -> None:
-    folder = Path(os.environ.get("GAUSSIAN_ENHANCER_DATA", "")) / "lpips"
+    folder = DATA / "lpips"
     if not (folder / "ex_ref.png").exists():
         pytest.skip("GAUSSIAN_ENHANCER_DATA names no folder with lpips/ex_ref.png")
     reference, *others = (read_photo(folder / f"ex_{which}.png") for which in ("ref", "p0", "p1"))

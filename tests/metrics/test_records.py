@@ -69,7 +69,10 @@ def test_cut_and_foreign_lines_are_refused_by_place(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="line 1: is no record"):
         read_records(path)
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no UTF-8 text"):
+        read_records(path)
+    path.write_text("[" * 100_000)
+    with pytest.raises(InputError, match="line 1: is no record"):
         read_records(path)
     with pytest.raises(InputError, match="does not exist; measure first"):
         read_records(tmp_path / "none.jsonl")

@@ -21,6 +21,8 @@ from gaussian_enhancer.types import NetworkInput
 SIZES = {"widths": (8, 8, 16), "blocks": (1, 1, 1)}
 NULL = {"Identity", "Bicubic"}
 """Networks without parameters: they return the render, whatever is done to them."""
+PAPER = {"PaperSIF", "PaperSSIFLR", "PaperSSIFSR"}
+"""The paper's networks: they read two references at most, in their order."""
 
 
 def small(name: str, **choices) -> Network:
@@ -61,8 +63,10 @@ def views(height: int = 32, width: int = 48, references: int = 2, batch: int = 1
     )
 
 
-def views_for(network: Network, *args, **kwargs) -> NetworkInput:
-    return views(*args, fine=network.scale > 1, **kwargs)
+def views_for(network: Network, *args, references: int = 2, **kwargs) -> NetworkInput:
+    """What is known of the targets, with no more references than the network reads."""
+    most = 2 if type(network).__name__ in PAPER else references
+    return views(*args, fine=network.scale > 1, references=min(references, most), **kwargs)
 
 
 def start(network: Network, seen: NetworkInput) -> torch.Tensor:
@@ -122,8 +126,9 @@ def test_a_step_of_training_changes_the_result(learning):
 
 
 @pytest.mark.parametrize("fusion", [Trust(), Mean()])
-def test_order_of_references_changes_nothing(learning, fusion):
-    network = trained(learning, **with_choices(learning, fusion=fusion, refine=Deformable(kernel=1)))
+@pytest.mark.parametrize("unordered", sorted(NETWORKS.keys() - NULL - PAPER))
+def test_order_of_references_changes_nothing(unordered, fusion):
+    network = trained(unordered, **with_choices(unordered, fusion=fusion, refine=Deformable(kernel=1)))
     seen = views_for(network, references=3)
     torch.testing.assert_close(network(picked(seen, [2, 0, 1])), network(seen), rtol=0, atol=1e-5)
 
@@ -135,6 +140,13 @@ def test_order_matters_to_a_pair_and_a_third_is_refused():
     assert not torch.allclose(network(pair), network(picked(seen, [1, 0])), atol=1e-3)
     with pytest.raises(InputError, match="references"):
         network(seen)
+
+
+@pytest.mark.parametrize("kind", sorted(PAPER))
+def test_the_papers_networks_refuse_a_third_reference(kind):
+    network = trained(kind)
+    with pytest.raises(InputError, match="ask for 2, or choose mode=ours"):
+        network(views(references=3, fine=network.scale > 1))
 
 
 @pytest.mark.parametrize("fusion", [Trust(), Mean(), Pair()])
@@ -223,7 +235,9 @@ def test_gradients_reach_offsets_masks_and_depth_separately(learning):
     network(views_for(network)).square().mean().backward()
     aligned = [module for module in network.modules() if isinstance(module, Deformation)]
     modulated = [module for module in network.modules() if isinstance(module, DepthModulation)]
-    assert bool(aligned) == bool(modulated) == ("refine" in parameters(network))
+    assert bool(aligned) == ("refine" in parameters(network))
+    # The paper's SSIF fuses depth's features in place of modulating by them.
+    assert bool(modulated) == (bool(aligned) and learning not in PAPER - {"PaperSIF"})
     for module in aligned:
         moved = module.predict.weight.grad.abs().sum((1, 2, 3))
         split = 2 * module.groups * module.kernel**2

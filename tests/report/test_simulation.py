@@ -9,10 +9,10 @@ from PIL import Image
 
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.gate import NoGate, RandomGate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, NoGate, RandomGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.report import simulation, simulation_parts
-from gaussian_enhancer.report.simulation import Row, Section, sheet, write_page
+from gaussian_enhancer.report.simulation import ImageRow, Section, sheet, write_page
 from gaussian_enhancer.report.simulation_parts import (
     STRENGTHS,
     gate_section,
@@ -89,7 +89,10 @@ def test_gates_show_what_they_drew_and_name_what_they_cannot() -> None:
 
 def test_steps_are_told_in_their_order() -> None:
     assert told(()) == "nothing"
-    assert told([Step("needle", 0.5), Step("blur", 0.256, regional=True)]) == "needle 0.50 · blur 0.26 in a region"
+    assert (
+        told([ArtefactStep("needle", 0.5), ArtefactStep("blur", 0.256, regional=True)])
+        == "needle 0.50 · blur 0.26 in a region"
+    )
 
 
 def test_stage_two_is_drawn_from_one_stage_one() -> None:
@@ -147,12 +150,12 @@ def test_depth_of_one_value_is_shown(depth: torch.Tensor) -> None:
 @pytest.mark.parametrize(("height", "width"), [(24, 32), (1, 1), (1, 40), (40, 1)])
 def test_sheets_of_any_size_have_room_for_their_words(height: int, width: int) -> None:
     images = (torch.zeros(3, height, width), torch.ones(3, height, width))
-    rows = (Row("a", images, ("0", "1")), Row("b", note="not drawn: because"))
+    rows = (ImageRow("a", images, ("0", "1")), ImageRow("b", note="not drawn: because"))
     picture = sheet(Section("t", "", rows))
     pixels = np.asarray(picture)
     assert picture.width >= 2 * 96
     assert (pixels[:, : picture.width // 2] == 0).any(), "the black image is missing"
-    words = sheet(Section("t", "", (rows[0], Row("b", note=""))))
+    words = sheet(Section("t", "", (rows[0], ImageRow("b", note=""))))
     assert np.abs(pixels.astype(int) - np.asarray(words)).max() > 50, "the reason is missing"
 
 
@@ -174,7 +177,7 @@ def test_the_page_is_one_file_that_loads_nothing(tmp_path) -> None:
 def test_the_page_stays_small(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulation, "PAGE_BYTES", 200_000)
     noise = tuple(torch.rand(8, 3, 96, 128, generator=torch.Generator().manual_seed(0)))
-    write_page(tmp_path / "page.html", "t", "s", [Section("t", "", (Row("r", noise * 10),))], {})
+    write_page(tmp_path / "page.html", "t", "s", [Section("t", "", (ImageRow("r", noise * 10),))], {})
     assert (tmp_path / "page.html").stat().st_size < 200_000 * 4 / 3 + 40_000
 
 

@@ -14,7 +14,7 @@ from gaussian_enhancer.scene.fetch import Patience, fetch
 from support.archive_server import serving, sha256
 
 CONTENT = np.random.default_rng(0).integers(0, 256, 300_000, dtype=np.uint8).tobytes()
-QUICK = Patience(retries=2, pause=0.001, timeout=5)
+QUICK = Patience(retries=2, pause=0.001, timeout=60)
 
 
 def archive(url: str, **values: object) -> Archive:

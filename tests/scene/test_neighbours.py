@@ -120,3 +120,10 @@ def test_scene_references_are_training_photos_only():
     assert set(scene_references(scene, 4, 2)) == {3, 5}
     assert scene_references(scene, 3, 1) == (2,)
     assert set(scene_references(scene, 3, 9)) == {0, 2, 5}
+
+
+def test_kept_references_stay_until_another_is_clearly_better():
+    target, views = view("t", camera_at(0.6)), [view("a", camera_at(0.0)), view("b", camera_at(1.0))]
+    assert rank_references(target, views, 1) == (1,)
+    assert rank_references(target, views, 1, kept=[0], loyalty=0.5) == (0,)
+    assert rank_references(view("t", camera_at(0.9)), views, 1, kept=[0], loyalty=0.5) == (1,)

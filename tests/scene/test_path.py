@@ -92,3 +92,27 @@ def test_tour_keeps_a_video_and_untangles_a_heap():
     heap = [5, 0, 9, 3, 11, 1, 7, 4, 10, 2, 8, 6]
     tour = [heap[i] for i in short_tour([keys[i] for i in heap])]
     assert tour in (list(range(12)), list(range(11, -1, -1)))
+
+
+def test_even_speed_evens_out_what_unequal_gaps_make_uneven() -> None:
+    keys = [looking((x, 0.0, 0.3 * x * x)) for x in (0.0, 0.2, 1.4, 1.5, 3.0)]
+    even = centres(smooth_path(keys, 41, even_speed=True))
+    steps = even.diff(dim=0).norm(dim=1)
+    assert steps.max() < 1.01 * steps.min()
+    plain = centres(smooth_path(keys, 41)).diff(dim=0).norm(dim=1)
+    assert plain.max() > 1.5 * plain.min()
+    torch.testing.assert_close(even[[0, -1]], centres([keys[0], keys[-1]]), atol=1e-9, rtol=0)
+
+
+def test_tour_of_many_cameras_is_no_longer_than_any_reversal_would_make_it() -> None:
+    generator = torch.Generator().manual_seed(1)
+    keys = [looking((x, y, 0.0)) for x, y in torch.rand(40, 2, generator=generator).tolist()]
+    at = centres([keys[i] for i in short_tour(keys)])
+
+    def length(order: torch.Tensor) -> float:
+        return float(order.diff(dim=0).norm(dim=1).sum())
+
+    for i in range(40):
+        for j in range(i + 1, 40):
+            other = torch.cat([at[:i], at[i : j + 1].flip(0), at[j + 1 :]])
+            assert length(other) >= length(at) - 1e-9

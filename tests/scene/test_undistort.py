@@ -1,3 +1,7 @@
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -102,6 +106,14 @@ def test_lens_that_folds_over_is_refused():
     lens = Lens("SIMPLE_RADIAL", WIDTH, HEIGHT, (20.0, 32.0, 24.0, -0.9), "camera 7")
     with pytest.raises(InputError, match=r"camera 7.*fold"):
         ideal_pinhole(lens)
+
+
+def test_a_process_with_lens_models_ends_when_it_is_told_to():
+    """glog's handler would print a stack trace, and can wait for ever where memory is being allocated."""
+    said = "import os, signal; from gaussian_enhancer.scene.undistort import load_pycolmap; load_pycolmap(); "
+    ended = subprocess.run([sys.executable, "-c", said + "os.kill(os.getpid(), signal.SIGTERM)"], capture_output=True)
+    assert ended.returncode == -signal.SIGTERM
+    assert ended.stderr == b""
 
 
 def test_pinhole_formula_of_the_fixtures_agrees():

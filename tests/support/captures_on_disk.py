@@ -151,6 +151,18 @@ def write_transforms(root: Path, lens: Lens = pinhole, **values: object) -> dict
     return content
 
 
+def write_camera_path(path: Path, **values: object) -> dict:
+    """A camera path as nerfstudio's viewer writes it; its field of view is that of FY."""
+    degrees = 2 * np.degrees(np.arctan(HEIGHT / (2 * FY)))
+    poses = [[number for row in opengl_to_world(i) for number in row] for i in range(COUNT)]
+    entries = [{"camera_to_world": pose, "fov": degrees, "aspect": WIDTH / HEIGHT} for pose in poses]
+    shared = {"camera_type": "perspective", "render_height": HEIGHT, "render_width": WIDTH, "fps": 24, "seconds": 2}
+    content = {**shared, "is_cycle": False, "crop": None, "camera_path": entries, **values}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content))
+    return content
+
+
 def write_deep_png(path: Path, values: np.ndarray) -> None:
     """A PNG with 16 bits a channel by the format's own rules; 2, 3 or 4 channels."""
     height, width, channels = values.shape

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from ablations.study.description import Dataset, Method, Study, write_description
+from ablations.study.description import Method, SceneGroup, Study, write_description
 from gaussian_enhancer.metrics.records import MISSING, Record, write_records
 
 NASTY = "<script>document.title='broken'</script><img src=x onerror=alert(1)>"
@@ -27,7 +27,7 @@ QUALITY = Study(
     baseline="raw",
     metrics=("psnr", "ssim"),
     splats=("3dgs", "2dgs"),
-    datasets={"mip_nerf_360": Dataset("Mip-NeRF 360", SCENES, "procedural worlds")},
+    datasets={"mip_nerf_360": SceneGroup("Mip-NeRF 360", SCENES, "procedural worlds")},
     seeds=(0, 1),
     paper={"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": None}},
 )
@@ -41,7 +41,7 @@ REPEATS = Study(
     baseline="raw",
     metrics=("psnr", "ssim"),
     splats=("3dgs",),
-    datasets={"mip_nerf_360": Dataset("Mip-NeRF 360", SCENES)},
+    datasets={"mip_nerf_360": SceneGroup("Mip-NeRF 360", SCENES)},
     seeds=(0, 1),
     paper={"mip_nerf_360": {"max": (0.92, 0.02), "min": (0.69, 0.014), "mean": (0.81, 0.016), "std": (0.09, 0.002)}},
 )

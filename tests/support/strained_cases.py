@@ -14,7 +14,7 @@ from gaussian_enhancer.errors import InputError
 HEAVY = 3.0
 
 
-def case(kind: str, seconds: float = 60.0, **options) -> Case:
+def case(kind: str, seconds: float = 900.0, **options) -> Case:
     build = partial(problem, kind)
     return Case("strained", kind, kind, build, EXACT, passes=options.get("passes", ("forward",)), seconds=seconds)
 

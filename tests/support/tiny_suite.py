@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from ablations.jobs import tables
 from ablations.suite.descriptions import asked_names, experiment
-from ablations.suite.plan import Step, planned
+from ablations.suite.plan import PlannedRun, planned
 from gaussian_enhancer.metrics.records import read_records
 from support import paths
 
@@ -29,7 +29,7 @@ def started(*overrides: str) -> None:
         tables.run(cfg)
 
 
-def plan(*overrides: str) -> list[Step]:
+def plan(*overrides: str) -> list[PlannedRun]:
     """Every run that the job needs."""
     cfg = configured(*overrides)
     with initialize_config_dir(CONF, version_base="1.3"):

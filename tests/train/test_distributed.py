@@ -1,11 +1,6 @@
 """Two processes joined by gloo do what one does: crops, light, gradients, validation, prediction."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -25,6 +20,7 @@ from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.samples import prepare_samples
 from gaussian_enhancer.train.share import SharedBatches, SharedCrops
 from support import paths
+from support.command import run_command
 from support.failing_processes import dies, refuses
 from support.synthetic_runs import write_plane_run
 
@@ -39,7 +35,7 @@ def configured(job: str, *overrides: str):
 
 def options(train: Path, validation: Path, runs: Path) -> list[str]:
     places = [f"data.train=[{train}]", f"data.validation=[{validation}]", f"runs={runs}", "logger=csv"]
-    small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.batch_size=4"]
+    small = ["size=tiny", "fusion.widths=[8,8,8]", "data.augmentation.crop=32", "data.loading.batch_size=4"]
     quick = ["optimizer.lr=0.01", *FAST, "data.steps_per_epoch=2"]
     return [*places, *small, *quick, "trainer=smoke", "trainer.max_steps=4", "save_every=3"]
 
@@ -83,6 +79,7 @@ def test_a_batch_that_cannot_be_split_evenly_is_refused():
         SharedBatches(BalancedDraw([3], 12, seed=0), 3, 0, 2)
 
 
+@pytest.mark.slow
 def test_two_processes_train_as_one_does(plane_run, three_views, tmp_path):
     from gaussian_enhancer.cli.train import run
 
@@ -139,21 +136,15 @@ def test_a_process_that_fails_ends_the_others():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_a_shared_training_that_was_killed_goes_on_alone(plane_run, three_views, tmp_path):
-    words = [*options(plane_run, three_views, tmp_path), "trainer.max_steps=30", "save_every=5"]
+    words = ["train", *options(plane_run, three_views, tmp_path), "trainer.max_steps=8", "save_every=3"]
     words += ["runtime.progress=false", "runtime.threads=1"]
-    command = [sys.executable, "-c", "from gaussian_enhancer.cli.main import main; main()", "train", *words]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    shared = subprocess.Popen([*command, "trainer.devices=2"], env=environment, start_new_session=True)
-    deadline = time.monotonic() + 400
-    while not list(tmp_path.glob("train/*/last.ckpt")) and shared.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
-    os.killpg(shared.pid, signal.SIGKILL)
-    shared.wait()
+    killed = run_command(*words, "trainer.devices=2", dies_at_step=5)
+    assert killed.returncode != 0
+    assert "SIGKILL" in killed.stderr
     (checkpoint,) = tmp_path.glob("train/*/last.ckpt")
-    assert 5 <= torch.load(checkpoint, weights_only=True)["global_step"] < 30
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=400, check=False)
+    assert torch.load(checkpoint, weights_only=True)["global_step"] == 3
+    done = run_command(*words)
     assert done.returncode == 0, done.stderr
     (card,) = tmp_path.glob("train/*/card.json")
-    assert json.loads(card.read_text())["steps"] == 30
+    assert json.loads(card.read_text())["steps"] == 8

@@ -23,7 +23,7 @@ SMALL = (
     "fusion=sif",
     "fusion.widths=[8,8,8]",
     "data.augmentation.crop=32",
-    "data.batch_size=2",
+    "data.loading.batch_size=2",
     "data.steps_per_epoch=2",
 )
 QUICK = ("optimizer.lr=0.01", "lr_scheduler.lr_lambda.warmup=1", "callbacks.ema.multi_avg_fn.decay=0.5")
@@ -114,6 +114,7 @@ def test_wandb_keeps_a_table_of_every_view_and_images(by_wandb):
             assert image.size == (3 * 64, 48)  # render, enhanced, photo
 
 
+@pytest.mark.slow
 def test_a_training_that_goes_on_is_the_same_run(by_wandb, plane_run, other_plane_run):
     before = scalars(by_wandb)
     for name in ("done", "card.json", "weights.safetensors"):

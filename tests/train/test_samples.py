@@ -16,6 +16,7 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import Collate, Crops
 from gaussian_enhancer.train.data import RunsData
+from gaussian_enhancer.train.run_samples import RunSamples
 from gaussian_enhancer.train.samples import EACH, FIXED, batch_of, prepare_samples
 from support.synthetic_runs import write_plane_run
 
@@ -88,6 +89,8 @@ def test_augmentation_is_determined_by_its_seed_and_keeps_planes_together(plane_
     assert (turned[3:6] == turned[:3]).all()
     counts = {(len(augmentation.drop(one, torch.Generator().manual_seed(s))) - FIXED) // EACH for s in range(60)}
     assert counts == {0, 1, 2, 3}
+    every = Augmentation(crop=64, every_reference=True)
+    assert all((every.drop(one, torch.Generator().manual_seed(s)) == one).all() for s in range(20))
 
 
 def test_light_is_shared_and_references_differ(plane_run, tmp_path):
@@ -169,16 +172,16 @@ def test_a_fine_preparation_needs_fine_photos(plane_run, tmp_path):
     with pytest.raises(InputError, match="no photo finer"):
         prepare_samples(read_run(plane_run), ReferenceConfig(fine=True), tmp_path, "a")
     with pytest.raises(InputError, match="finer="):
-        RunsData([], [], ReferenceConfig(fine=True), tmp_path)
+        RunSamples(ReferenceConfig(fine=True), tmp_path)
 
 
 def test_a_run_gives_at_most_so_many_views_spread_evenly(tmp_path_factory, other_plane_run, tmp_path):
     many = write_plane_run(tmp_path_factory.mktemp("runs") / "many", views=20, size=(16, 16))
-    bare = ReferenceConfig(references=0)
-    data = RunsData([str(many)], [str(other_plane_run)], bare, tmp_path, progress=False, views_per_run=2)
+    samples = RunSamples(ReferenceConfig(references=0), tmp_path, progress=False)
+    data = RunsData([str(many)], [str(other_plane_run)], dataclasses.replace(samples, views_per_run=2))
     data.setup()
     names = [sample.name.split("/")[1] for sample in data.sources[0]]
     assert names == ["view_004.png", "view_012.png"]
-    whole = RunsData([str(many)], [str(other_plane_run)], bare, tmp_path, progress=False)
+    whole = RunsData([str(many)], [str(other_plane_run)], samples)
     whole.setup()
     assert len(whole.sources[0]) == 5

@@ -4,13 +4,14 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.degrade.gates.gate import NoGate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, NoGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops
-from gaussian_enhancer.train.data import RunsData
+from gaussian_enhancer.train.data import Loading, RunsData
+from gaussian_enhancer.train.run_samples import RunSamples
 from gaussian_enhancer.train.samples import batch_of, prepare_samples, training_targets
 from gaussian_enhancer.train.simulated import Simulation
 from gaussian_enhancer.types import Batch
@@ -46,7 +47,7 @@ class Blurry:
     """A gate that always blurs, strongly."""
 
     def draw(self, generator):
-        return (Step("blur", 1.0), Step("noise", 0.5, regional=True))
+        return (ArtefactStep("blur", 1.0), ArtefactStep("noise", 0.5, regional=True))
 
 
 @pytest.fixture(scope="module")
@@ -148,14 +149,16 @@ def test_the_fits_own_renders_are_kept_and_lit_like_the_rest(samples):
 
 
 def test_a_simulators_training_validates_on_simulated_renders_of_held_out_views(plane_run, other_plane_run, tmp_path):
-    choices = {"simulator": Simulator(NoGate(), Noisy()), "simulated": 1.0, "simulate_validation": True}
-    data = RunsData([str(plane_run)], [str(other_plane_run)], ReferenceConfig(), tmp_path, progress=False, **choices)
+    simulator = Simulator(NoGate(), Noisy())
+    samples = RunSamples(ReferenceConfig(), tmp_path, progress=False)
+    simulation = Simulation(simulator, 1.0, validation=True)
+    data = RunsData([str(plane_run)], [str(other_plane_run)], samples, simulation=simulation)
     data.setup()
     batches, again = list(data.val_dataloader()), list(data.val_dataloader())
     assert all(not torch.equal(batch.real, batch.views.render) for batch in batches)
     assert all(torch.equal(a.views.render, b.views.render) for a, b in zip(batches, again, strict=True))
     with pytest.raises(InputError, match="training_views"):
-        RunsData([], [], ReferenceConfig(), tmp_path, training_views=True, **choices)
+        Simulation(simulator, 1.0, training_views=True, validation=True)
 
 
 def test_training_views_are_simulated_always_and_never_a_pair(samples, photos):
@@ -239,41 +242,31 @@ def test_whether_a_crop_is_simulated_says_nothing_of_how(samples):
     assert abs(sum(gate.first) / len(gate.first) - 0.5) < 0.12  # four standard errors
 
 
-@pytest.mark.parametrize("share", [-0.1, 1.5])
-def test_shares_out_of_range_are_refused(share, tmp_path):
+@pytest.mark.parametrize("share", [-0.1, 0.0, 1.5])
+def test_shares_out_of_range_are_refused(share):
     with pytest.raises(InputError, match="share"):
-        RunsData([], [], ReferenceConfig(), tmp_path, simulator=Simulator(NoGate()), simulated=share)
-    with pytest.raises(InputError, match="without a simulator"):
-        RunsData([], [], ReferenceConfig(), tmp_path, simulated=0.5)
+        Simulation(Simulator(NoGate()), share)
 
 
-def loaded(plane_run, other_plane_run, cache, **options):
+def loaded(plane_run, other_plane_run, cache, simulation=None, workers=0):
     data = RunsData(
         [str(plane_run)],
         [str(other_plane_run)],
-        ReferenceConfig(),
-        cache,
+        RunSamples(ReferenceConfig(), cache, progress=False),
+        Loading(batch_size=2, workers=workers),
         Augmentation(crop=32),
-        batch_size=2,
+        simulation,
         steps_per_epoch=4,
-        progress=False,
-        **options,
     )
     data.setup()
     return data, list(data.train_dataloader())
 
 
 def test_batches_of_a_run(plane_run, other_plane_run, tmp_path):
-    idle, before = loaded(plane_run, other_plane_run, tmp_path)
-    simulator = Simulator(NoGate(), Noisy())
-    off, unused = loaded(plane_run, other_plane_run, tmp_path, simulator=simulator, simulated=0.0, training_views=True)
-    assert off.sources == idle.sources
-    for one, other in zip(before, unused, strict=True):
-        same(one, other)
-    on, alone = loaded(plane_run, other_plane_run, tmp_path, simulator=simulator, simulated=0.5, training_views=True)
-    _, workers = loaded(
-        plane_run, other_plane_run, tmp_path, simulator=simulator, simulated=0.5, training_views=True, workers=2
-    )
+    _, before = loaded(plane_run, other_plane_run, tmp_path)
+    simulation = Simulation(Simulator(NoGate(), Noisy()), 0.5, training_views=True)
+    on, alone = loaded(plane_run, other_plane_run, tmp_path, simulation)
+    _, workers = loaded(plane_run, other_plane_run, tmp_path, simulation, workers=2)
     for one, other in zip(alone, workers, strict=True):
         same(one, other)
     assert any(bool((a.photo != b.photo).any()) for a, b in zip(before, alone, strict=True))

@@ -1,9 +1,5 @@
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -20,13 +16,15 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import effective
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
-from gaussian_enhancer.train.data import RunsData, find_runs
+from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.ema import EMA
 from gaussian_enhancer.train.metrics import psnr
 from gaussian_enhancer.train.optimizers import configured as made_optimizer
 from gaussian_enhancer.train.optimizers import decayed_groups
+from gaussian_enhancer.train.run_samples import RunSamples, find_runs
 from gaussian_enhancer.train.schedule import WarmupCosine
 from support import paths
+from support.command import run_command
 
 CONF = paths.CONF
 
@@ -48,7 +46,7 @@ def settings(train: Path, validation: Path, runs: Path, *others: str) -> list[st
         "fusion=sif",
         "fusion.widths=[8,8,8]",
         "data.augmentation.crop=32",
-        "data.batch_size=2",
+        "data.loading.batch_size=2",
         "data.steps_per_epoch=2",
         "runtime.progress=false",
         "runtime.threads=1",
@@ -106,30 +104,35 @@ MISSING = ["data.train=[]", "data.validation=[]"]
 
 @pytest.mark.parametrize(("gate", "kind"), [("none", "NoGate"), ("all", "AllGate"), ("random", "RandomGate")])
 def test_every_gate_becomes_the_simulators(gate, kind):
-    cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulated=1.0")
-    simulator = build(with_effect(cfg).data.simulator)
+    cfg = configured(*MISSING, f"gate={gate}", "generator=none", "data.simulation.share=1.0")
+    simulator = build(with_effect(cfg).data.simulation.simulator)
     assert isinstance(simulator, Simulator)
     assert type(simulator.gate).__name__ == kind
     assert isinstance(simulator.second, NoSecondStage)
 
 
 def test_a_switch_of_a_gate_reaches_it():
-    cfg = configured(*MISSING, "gate=all", "gate.types.blur=false", "data.simulated=0.5")
-    drawn = build(cfg.data.simulator).gate.draw(torch.Generator().manual_seed(0))
+    cfg = configured(*MISSING, "gate=all", "gate.types.blur=false", "data.simulation.share=0.5")
+    drawn = build(cfg.data.simulation.simulator).gate.draw(torch.Generator().manual_seed(0))
     assert {"noise", "colour"} < {step.type for step in drawn}
     assert "blur" not in {step.type for step in drawn}
-    data = build(cfg.data, cache="unused")
+    data = build(cfg.data, samples={"cache": "unused"})
     assert isinstance(data.simulation.simulator, Simulator)
     assert data.simulation.share == 0.5
 
 
 def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeypatch):
-    idle = [with_effect(configured(*MISSING, *other)) for other in ([], ["gate=all"], ["data.training_views=true"])]
+    idle = [
+        with_effect(configured(*MISSING, *other))
+        for other in ([], ["gate=all"], ["data.simulation.training_views=true"])
+    ]
     assert effective(idle[0]) == effective(idle[1]) == effective(idle[2])
     assert "gate" not in idle[0]
     monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
-    assert build(idle[0].data, cache="unused").simulation is None
-    shares = [with_effect(configured(*MISSING, "data.simulated=1.0", f"gate={gate}")) for gate in ("all", "random")]
+    assert build(idle[0].data, samples={"cache": "unused"}).simulation is None
+    shares = [
+        with_effect(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}")) for gate in ("all", "random")
+    ]
     assert len({str(effective(cfg)) for cfg in (*shares, *idle)}) == 3
 
 
@@ -181,7 +184,7 @@ def test_parts_begin_with_weights_of_their_own():
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):
     from gaussian_enhancer.cli.train import run
 
-    others = ["data.simulated=1.0", "data.training_views=true", "gate=random"]
+    others = ["data.simulation.share=1.0", "data.simulation.training_views=true", "gate=random"]
     run(configured(*settings(plane_run, other_plane_run, tmp_path, *others)))
     (folder,) = tmp_path.glob("train/*")
     card = json.loads((folder / "card.json").read_text())
@@ -191,36 +194,26 @@ def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run,
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_training_goes_on_after_a_kill(plane_run, other_plane_run, tmp_path):
-    options = settings(
-        plane_run, other_plane_run, tmp_path, "trainer.max_steps=40", "save_every=5", "data.steps_per_epoch=20"
-    )
-    command = [sys.executable, "-c", "from gaussian_enhancer.cli.main import main; main()", "train", *options]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 400
-    while not list(tmp_path.glob("train/*/last.ckpt")) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    few = ("trainer.max_steps=10", "save_every=5", "data.steps_per_epoch=4")
+    options = ("train", *settings(plane_run, other_plane_run, tmp_path, *few))
+    killed = run_command(*options, dies_at_step=7)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
     (checkpoint,) = tmp_path.glob("train/*/last.ckpt")
-    steps = torch.load(checkpoint, weights_only=True)["global_step"]
-    assert 5 <= steps < 40
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=400, check=False)
+    assert torch.load(checkpoint, weights_only=True)["global_step"] == 5
+    done = run_command(*options)
     assert done.returncode == 0, done.stderr
     (card,) = tmp_path.glob("train/*/card.json")
-    assert json.loads(card.read_text())["steps"] == 40
+    assert json.loads(card.read_text())["steps"] == 10
     rows = next(iter(tmp_path.glob("train/*/log/metrics.csv"))).read_text().splitlines()
     assert len(rows) > 1
-    whole = [option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options]
-    done = subprocess.run([*command[:4], *whole], env=environment, capture_output=True, timeout=400, check=False)
+    done = run_command(*(option.replace(str(tmp_path), str(tmp_path / "whole")) for option in options))
     assert done.returncode == 0, done.stderr
-    killed, uninterrupted = (
+    resumed, uninterrupted = (
         load_weights(next(iter(folder.glob("train/*/weights.safetensors")))).network.state_dict()
         for folder in (tmp_path, tmp_path / "whole")
     )
-    assert all(torch.equal(killed[name], value) for name, value in uninterrupted.items())
+    assert all(torch.equal(resumed[name], value) for name, value in uninterrupted.items())
 
 
 def test_draws_are_balanced_over_sources():
@@ -244,7 +237,7 @@ def test_what_cannot_be_trained_on_is_refused(plane_run, tmp_path):
     with pytest.raises(InputError, match="no run"):
         find_runs(str(tmp_path / "absent-*"))
     reference_config = build(configured("data.train=[]", "data.validation=[]").reference_config)
-    data = RunsData([str(plane_run)], [str(plane_run)], reference_config, tmp_path, progress=False)
+    data = RunsData([str(plane_run)], [str(plane_run)], RunSamples(reference_config, tmp_path, progress=False))
     with pytest.raises(InputError, match="both trained and validated"):
         data.setup()
 
@@ -255,9 +248,8 @@ def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, o
     )
     counts = []
     for snapshots in (True, False):
-        data = RunsData(
-            [str(plane_run)], [str(other_plane_run)], reference_config, tmp_path, snapshots=snapshots, progress=False
-        )
+        samples = RunSamples(reference_config, tmp_path, snapshots, progress=False)
+        data = RunsData([str(plane_run)], [str(other_plane_run)], samples)
         data.setup()
         counts.append(sum(map(len, data.sources)))
     assert counts == [4, 2]

@@ -1,31 +1,57 @@
-"""The paper's five variants compose with the recipes and build what they name."""
+"""The paper's five variants, ours and the paper's own, compose with the recipes and build what they name."""
 
 import pytest
 from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
 
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
 
 CONF = paths.CONF
+TYPES = {"blur", "noise", "sensor", "jpeg", "downsampling", "needle", "banding", "cloudy", "floater", "colour"}
+"""The paper's artefacts; ``displacement`` is ours."""
+VARIANTS = [
+    ("ge", "SIF", False),
+    ("ge_tsds", "SIF", True),
+    ("ge_ssif", "SSIFLR", False),
+    ("gepp_lr", "SSIFLR", True),
+    ("gepp_sr", "SSIFSR", True),
+]
+"""Each with its network and whether it has the second stage."""
 
 
-@pytest.mark.parametrize(
-    ("variant", "recipe", "network", "second", "colour"),
-    [
-        ("ge", "lr", "SIF", "NoSecondStage", False),
-        ("ge_tsds", "lr", "SIF", "diffused", True),
-        ("ge_ssif", "lr", "SSIFLR", "NoSecondStage", False),
-        ("gepp_lr", "lr", "SSIFLR", "diffused", True),
-        ("gepp_sr", "ssif_sr", "SSIFSR", "diffused", True),
-    ],
-)
-@pytest.mark.parametrize("mode", ["ours", "paper"])
-def test_a_variant_is_what_the_paper_calls_so(variant, recipe, network, second, colour, mode):
+def composed(*overrides: str) -> DictConfig:
     with initialize_config_dir(CONF, version_base="1.3"):
-        cfg = compose("train", [f"+recipe={recipe}", f"+ablation/variant={variant}", f"mode={mode}", "size=tiny"])
-        built = build(cfg.fusion)
-    assert type(built).__name__ == network
-    assert cfg.data.simulated == 1.0
-    assert cfg.generator._target_.endswith(second)
-    assert cfg.gate.types.colour is colour
+        return compose("train", [*overrides, "size=tiny"])
+
+
+@pytest.mark.parametrize(("variant", "network", "two_stages"), VARIANTS)
+@pytest.mark.parametrize("mode", ["ours", "paper"])
+def test_a_variant_is_what_the_paper_calls_so(variant, network, two_stages, mode):
+    ours = mode == "ours"
+    recipe = {True: "ssif_sr", False: "lr"} if ours else {True: "paper_sr", False: "paper"}
+    name = variant if ours else f"paper_{variant}"
+    cfg = composed(f"+recipe={recipe[variant == 'gepp_sr']}", f"+ablation/variant={name}")
+    built = build(cfg.fusion)
+    assert type(built).__name__ == (network if ours else f"Paper{network}")
+    assert cfg.label == name
+    assert cfg.data.simulation.share == 1.0
+    second = ("diffused" if ours else "paired_or_diffused") if two_stages else "NoSecondStage"
+    assert cfg.generator._target_.rpartition(".")[2] == second
+    on = {name for name, switched in cfg.gate.types.items() if switched}
+    assert on == TYPES - (set() if two_stages else {"colour"}) | ({"displacement"} if ours else set())
     assert bool(cfg.reference_config.get("fine", False)) is (built.scale == 4)
+
+
+@pytest.mark.parametrize("recipe", ["paper", "paper_sr"])
+def test_the_papers_recipe_adds_nothing_of_ours(recipe):
+    cfg = composed(f"+recipe={recipe}")
+    augmentation = build(cfg.data.augmentation)
+    assert augmentation.every_reference
+    assert augmentation.drop_all == augmentation.drop_renders == augmentation.exposure == augmentation.light == 0
+    assert cfg.optimizer._target_ == "torch.optim.Adam"
+    assert (cfg.optimizer.lr, cfg.data.loading.batch_size, cfg.trainer.max_steps) == (5e-4, 4, 300_000)
+    assert cfg.lr_scheduler.T_max == cfg.trainer.max_steps
+    assert list(build(cfg.loss).terms) == ["charbonnier"]
+    assert build(cfg.callbacks.ema.multi_avg_fn).decay == 0
+    assert cfg.coarse == 0

@@ -18,7 +18,7 @@ POOLED = ("kind", "run", "scene", "splat", "view", "variant", "protocol", "commi
 """Fields of a record that repeat; with them size, reasons and sources."""
 
 
-class Pool:
+class NumberedValues:
     """Values numbered in the order in which they came."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ def _metric(metric: Quantity) -> dict[str, Any]:
 
 def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> dict[str, Any]:
     """The records field by field."""
-    pools = {name: Pool() for name in (*POOLED, "size", "reasons", "sources")}
+    pools = {name: NumberedValues() for name in (*POOLED, "size", "reasons", "sources")}
     columns: dict[str, list[Any]] = {name: [] for name in (*pools, "seed", "checksum")}
     for checksum, record in unique:
         for name in POOLED:
@@ -85,7 +85,7 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
     table, records = one.table, one.records
     own = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
     before, results = baselines(table, records), Results(table, records)
-    blocks = Pool()
+    blocks = NumberedValues()
     return {
         **{name: getattr(table, name) for name in ("name", "title", "kind", "about", "baseline", "finer", "scale")},
         "metrics": table.metrics,

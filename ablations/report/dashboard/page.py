@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ablations.report.dashboard.folder import Listed, all_records
 from ablations.report.dashboard.packed import packed_tables
-from ablations.report.dashboard.pictures import Pictures
+from ablations.report.dashboard.pictures import ShownImages
 from ablations.report.dashboard.runs import SourceRun, packed_runs
 from ablations.report.dashboard.studies import StudyView
 from gaussian_enhancer.files import write_text
@@ -41,7 +41,7 @@ def write_dashboard(
     title: str,
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
-    pictures: Pictures | None = None,
+    pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> None:
     """Write the page.
@@ -65,11 +65,11 @@ def document(
     title: str,
     listed: Sequence[Listed],
     runs: Sequence[SourceRun] = (),
-    pictures: Pictures | None = None,
+    pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> str:
     """The page's HTML; arguments as for `write_dashboard`."""
-    data = {**packed_tables(listed), **packed_runs(runs), **(pictures or Pictures()).packed()}
+    data = {**packed_tables(listed), **packed_runs(runs), **(pictures or ShownImages()).packed()}
     data["studies"] = [study.packed() for study in studies]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)

@@ -43,7 +43,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Pictures:
+class ShownImages:
     """What the page can show, and what it cannot, with reasons.
 
     Args:
@@ -59,7 +59,7 @@ class Pictures:
         return {"pictures": [vars(view) for view in self.shown], "pictures_missing": dict(self.missing)}
 
 
-def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int = 2) -> Pictures:
+def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int = 2) -> ShownImages:
     """Copy a few views of every scene and splat from the enhanced runs that records name.
 
     Of methods with several seeds the first is shown. Views are spread evenly over those that were measured.
@@ -93,7 +93,7 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
             if lacking:
                 missing[f"{place} · {record.view}"] = lacking
     kept = tuple(view for view in shown.values() if "render" in view.files and len(view.files) > 1)
-    return Pictures(kept, missing)
+    return ShownImages(kept, missing)
 
 
 def _chosen(listed: Sequence[Listed], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:

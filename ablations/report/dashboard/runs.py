@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ablations.report.dashboard.packed import Pool
+from ablations.report.dashboard.packed import NumberedValues
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 
@@ -117,7 +117,7 @@ def _curves(rows: Sequence[Mapping[str, str]]) -> tuple[Curve, ...]:
 
 def packed_runs(runs: Sequence[SourceRun]) -> dict[str, Any]:
     """Runs as plain values: paths and values of settings numbered, since most runs share most of them."""
-    keys, values = Pool(), Pool()
+    keys, values = NumberedValues(), NumberedValues()
     packed = [
         {
             "job": run.job,

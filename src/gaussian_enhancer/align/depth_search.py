@@ -17,7 +17,7 @@ from torch import Tensor
 from gaussian_enhancer.align.depth_smoothing import smooth_depth
 from gaussian_enhancer.align.exposure import fit_colour
 from gaussian_enhancer.align.photo_consistency import photometric_difference
-from gaussian_enhancer.align.projection import Projection, array, arrays, compiled, land, look_up, read_at
+from gaussian_enhancer.align.projection import ReferenceProjection, array, arrays, compiled, land, look_up, read_at
 from gaussian_enhancer.align.reproject import Warped, fill_depth
 from gaussian_enhancer.types import Camera, usable
 
@@ -89,7 +89,7 @@ class _Seen:
         counts: 1 for samples at which the reference has a say, 0 elsewhere.
     """
 
-    projection: Projection
+    projection: ReferenceProjection
     photo: Float[Tensor, "3 p q"]
     render: Float[Tensor, "3 p q"]
     counts: Float[Tensor, "1 h w"]
@@ -198,7 +198,7 @@ def _seen(
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)
     render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
-    projection = Projection.between(target, source.camera.resized(height, width), z).strided(how.stride)
+    projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).strided(how.stride)
     landing = land(projection, z)
     there = read_at(render, landing, (height, width), landing.inside)
     colours = fit_colour(there, image, landing.inside).to(photo)

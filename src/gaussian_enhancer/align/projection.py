@@ -27,7 +27,7 @@ Interpolation = Literal["bilinear", "bicubic"]
 
 
 @dataclass(frozen=True)
-class Projection:
+class ReferenceProjection:
     """The affine map from a target pixel's depth to homogeneous pixels of a reference.
 
     A point at depth z on the ray of pixel x lands at K' (z R' R^T K^-1 x + t'), that is at z (matrix x) + offset.
@@ -45,7 +45,7 @@ class Projection:
     width: int
 
     @classmethod
-    def between(cls, target: Camera, reference: Camera, like: Tensor) -> "Projection":
+    def between(cls, target: Camera, reference: Camera, like: Tensor) -> "ReferenceProjection":
         """The map from one camera's pixels to another's.
 
         Args:
@@ -60,7 +60,7 @@ class Projection:
         matrix, offset = K @ rotation @ torch.linalg.inv(target.K.double()), K @ translation
         return cls(matrix.to(like), offset.to(like), reference.height, reference.width)
 
-    def strided(self, step: int) -> "Projection":
+    def strided(self, step: int) -> "ReferenceProjection":
         """The map of every ``step``-th pixel of each row and column, from the first."""
         shift = (1 - step) / 2
         corner = self.matrix[:, 2] + shift * (self.matrix[:, 0] + self.matrix[:, 1])
@@ -89,7 +89,7 @@ class Landing:
     inside: Float[Tensor, "m h w"]
 
 
-def land(projection: Projection, depth: Float[Tensor, "m h w"]) -> Landing:
+def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Landing:
     """Where pixels at a depth, or at several, land.
 
     Args:
@@ -109,7 +109,7 @@ def land(projection: Projection, depth: Float[Tensor, "m h w"]) -> Landing:
 
 
 def depth_consistency(
-    projection: Projection, depth: Float[Tensor, "1 h w"], seen: Float[Tensor, "1 _ _"], tolerance: float
+    projection: ReferenceProjection, depth: Float[Tensor, "1 h w"], seen: Float[Tensor, "1 _ _"], tolerance: float
 ) -> Float[Tensor, "1 h w"]:
     """exp(-((z - z') / (tolerance z))^2 / 2), z being a point's depth in the reference and z' what that renders there.
 
@@ -198,13 +198,13 @@ def array(image: Tensor) -> np.ndarray:
     return image.detach().contiguous().numpy()
 
 
-def arrays(projection: Projection) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
+def arrays(projection: ReferenceProjection) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
     """A projection as kernels read it: matrix, offset, width and height of the reference, and least z before it."""
     matrix, offset = (value.detach().float().contiguous().numpy() for value in (projection.matrix, projection.offset))
     return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(IN_FRONT)
 
 
-def _landing(projection: Projection, depth: Float[Tensor, "m h w"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _landing(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Where pixels at a depth land in the reference: columns, rows, z there, and whether inside and in front."""
     slopes, offset = projection.slopes(*depth.shape[-2:]), projection.offset
     z = depth * slopes[2] + offset[2]

@@ -11,8 +11,15 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import Interpolation, Landing, Projection, depth_consistency, land, read_at
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.align.projection import (
+    Interpolation,
+    Landing,
+    ReferenceProjection,
+    depth_consistency,
+    land,
+    read_at,
+)
+from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable
 
 FAINTEST = 1 / 255
 SAMPLED = 2**12
@@ -41,12 +48,12 @@ def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     near and far leans to neither by scale. A map without any valid depth becomes 1 everywhere.
 
     Args:
-        depth: z in scene units; 0, negative and non-finite values are holes.
+        depth: z in scene units; what is not `usable` is a hole.
     """
     least, most = depth.aminmax()  # not a number where one value is none
-    if bool((least > 0) & (most < torch.inf)):
+    if bool((least > 0) & (most < torch.inf) & (most <= FARTHEST_DEPTH)):
         return depth
-    valid = torch.isfinite(depth) & (depth > 0)
+    valid = usable(depth)
     inverse = torch.where(valid, 1.0 / torch.where(valid, depth, torch.ones_like(depth)), torch.zeros_like(depth))
     levels = [(inverse[None], valid[None].to(depth.dtype))]
     while max(levels[-1][0].shape[-2:]) > 1:
@@ -96,11 +103,11 @@ def reproject(
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
     size = (photo.shape[-2], photo.shape[-1])
-    projection = Projection.between(target, reference.resized(*size), depth)
+    projection = ReferenceProjection.between(target, reference.resized(*size), depth)
     landing = land(projection, fill_depth(depth))
     visibility = landing.inside
     if alpha is None:
-        visibility = visibility * (torch.isfinite(depth) & (depth > 0))
+        visibility = visibility * usable(depth)
     else:
         visibility = visibility * alpha.to(dtype).clamp(0, 1)
     if reference_depth is not None:

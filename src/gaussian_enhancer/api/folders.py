@@ -103,7 +103,8 @@ def enhance_folder(
         read()
     for why in filter(None, (task.note, *found.lacks)):
         warnings.warn(why, stacklevel=2)
-    written = write_enhanced(enhancer(task.rendered, planner, found.pool), Path(output))
+    images = enhancer(task.rendered, planner, found.pool)
+    written = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
     return tuple(Path(output) / one.name for one in written)
 
 

@@ -15,12 +15,13 @@ from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.runs.enhancement import ready
+from gaussian_enhancer.runs.output import at_photo_size
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.share import gathered
-from gaussian_enhancer.train.trainer import quieten
+from gaussian_enhancer.train.trainer import quieten, stopped_by_ctrl_c
 
 
 class Prediction(LightningModule):
@@ -50,7 +51,7 @@ class Prediction(LightningModule):
         """
         view = replace(self.rendered, targets=(self.rendered.targets[int(batch)],))
         (one,) = self.enhancer(view, self.planner, self.pool)
-        write_image(self.folder / one.name, one.image)
+        write_image(self.folder / one.name, at_photo_size(one.image, view.targets[0], self.enhancer.network.scale))
         # No tensor of inference mode, and no more than a pipe holds: who plans ahead knows the plans.
         self.written.append(replace(one, image=torch.empty(3, 0, 0), plan=None))
 
@@ -90,7 +91,8 @@ def predicted(
     )
     module = Prediction(enhancer, rendered, folder, planner)
     views: DataLoader[int] = DataLoader(range(len(rendered.targets)), batch_size=None)  # type: ignore[arg-type]
-    trainer.predict(module, views, return_predictions=False)
+    with stopped_by_ctrl_c(trainer):
+        trainer.predict(module, views, return_predictions=False)
     found = {one.name: one for one in gathered(module.written)}
     return [found[view.name] for view in rendered.targets]
 

@@ -18,6 +18,11 @@ from gaussian_enhancer.scene.fetch import Patience, fetch
 from gaussian_enhancer.scene.wanted import Wanted, checksum_note, listing, needed_archives, wanted_scenes
 
 
+def written(cfg: DictConfig) -> Path | None:
+    """The folder of archives and scenes; None where they are only listed."""
+    return None if cfg.dry_run else Path(cfg.folder).expanduser()
+
+
 def run(cfg: DictConfig) -> None:
     """Fetch, check and unpack; or, with ``dry_run``, list what that would be.
 

@@ -22,6 +22,11 @@ from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 
 
+def written(cfg: DictConfig) -> Path | None:
+    """The folder of images without a run; None where a run's folder is made, or nothing is written."""
+    return Path(cfg.output) if cfg.output and not cfg.dry_run else None
+
+
 def run(cfg: DictConfig) -> float | None:
     """Enhance and write images of the same names.
 
@@ -66,7 +71,8 @@ def run(cfg: DictConfig) -> float | None:
 
             return enhanced_together(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, found.pool)
-        return write_enhanced(track(images, "enhancing", total=total, console=console, disable=hidden), folder)
+        tracked = track(images, "enhancing", total=total, console=console, disable=hidden)
+        return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _summarised(written_to(Path(cfg.output)), Path(cfg.output), console)

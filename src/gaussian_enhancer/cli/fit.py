@@ -10,7 +10,7 @@ from rich.console import Console
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -49,8 +49,9 @@ def run(cfg: DictConfig) -> float | None:
             gaussians = fit(
                 scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=watch
             )
-        except InputError:
-            _discard(job)
+        except (InputError, OSError):
+            if status.holds_no_result(job.folder):
+                status.discard_marks(job.folder)
             raise
         seconds = time.monotonic() - begun
         _measure(job, scene, method, settings, seconds, len(gaussians))
@@ -90,12 +91,3 @@ def _held_out(folder: Path) -> float | None:
         return None
     values = [record.metrics["psnr"] for record in quality if record.splat == quality[-1].splat]
     return statistics.fmean(value for value in values if value is not None)
-
-
-def _discard(job: Run) -> None:
-    """Remove the folder of a fit that was refused before it wrote a result."""
-    files = list(job.folder.iterdir())
-    if {path.name for path in files} <= {"config.yaml", status.RUNNING}:
-        for path in files:
-            path.unlink()
-        job.folder.rmdir()

@@ -10,11 +10,13 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import nullcontext, redirect_stderr
 from importlib.metadata import version
-from typing import Any
+from typing import Any, cast
 
 from gaussian_enhancer.configurations import configurations as configurations
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, LostProcessError
 from gaussian_enhancer.files import unwritable
 
 JOBS = {
@@ -22,6 +24,7 @@ JOBS = {
     "fit": "fit a splat to a scene; write the splat and its renders",
     "simulate": "make a photo look like splat renders; samples and a page of every artefact",
     "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
+    "video": "render a splat along a camera path, enhance every frame, and encode them",
     "train": "train an enhancement network on fitted runs",
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
     "measure": "compare images with photos; write records",
@@ -40,8 +43,14 @@ JOBS = {
 LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard")
 """Jobs of the experiment suite."""
 
-DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-"""System errors that only writing causes: a full disk, a quota, a file-size limit, a read-only file system."""
+NEEDING = (*LAB, "demo")
+"""Jobs that make the runs of other jobs; where another process makes one of these, they wait for it."""
+
+DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
+"""System errors that writing causes: full disk, quota, file-size limit, read-only file system, a name too long."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 USAGE = """\
 usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
@@ -50,7 +59,7 @@ usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
 
   completion   print a script for tab completion: eval "$(gaussian-enhancer completion)"
 
-Every job takes Hydra's overrides, --help shows its configuration and -m sweeps over comma-separated values.
+Every job takes Hydra's overrides, --help shows its options and -m sweeps over comma-separated values.
 """
 
 COMPLETION = """\
@@ -66,11 +75,21 @@ complete -o nospace -F _gaussian_enhancer gaussian-enhancer
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the job that the command line names.
 
-    Exit codes: 0 done, 1 an internal error (with its traceback) or a configuration that Hydra refuses, 2 input
-    that cannot be used (one line on standard error).
+    Exit codes: 0 done, 1 an internal error (with its traceback) or a process that was killed (one line), 2 input that
+    cannot be used (one line), 130 stopped by Ctrl-C (one line).
     """
+    try:
+        _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+    except InputError as error:
+        _end(2, str(error))
+    except LostProcessError as error:
+        _end(1, f"{error}; the same command goes on where it stopped")
+    except KeyboardInterrupt:
+        _end(INTERRUPTED, "stopped by Ctrl-C; the same command goes on where it stopped")
+
+
+def _dispatch(words: Sequence[str]) -> None:
     let_idle_threads_sleep()
-    words = list(sys.argv[1:] if arguments is None else arguments)
     if not words or words[0] in ("-h", "--help", "help"):
         print(USAGE.format(jobs="\n".join(f"  {name:<12} {text}" for name, text in JOBS.items())), end="")
     elif words[0] == "--version":
@@ -80,7 +99,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     elif words[0] == "--complete":
         print("\n".join(complete(" ".join(words[1:]))))
     elif words[0] not in JOBS:
-        _refuse(InputError(f"job {words[0]!r}", "is unknown", f"choose one of {', '.join(JOBS)}"))
+        raise InputError(f"job {words[0]!r}", "is unknown", f"choose one of {', '.join(JOBS)}")
+    elif {"-h", "--help"} & set(words):
+        from gaussian_enhancer.cli.help import help_text
+
+        print(help_text(words[0], words[1:], configurations()), end="")
     else:
         launch(words[0], words[1:])
 
@@ -99,40 +122,61 @@ def let_idle_threads_sleep() -> None:
 
 
 def launch(job: str, arguments: Sequence[str]) -> None:
-    """Hand a job to Hydra, with the remaining words of the command line as its own."""
+    """Hand a job to Hydra, with the remaining words of the command line as its own.
+
+    Raises:
+        InputError: the words are no overrides of the job's configuration, or the job refuses its input.
+        LostProcessError: a process of a sweep was killed.
+    """
     import hydra
+    from hydra.errors import HydraException, InstantiationException
+
+    from gaussian_enhancer.cli.hydra_messages import WithoutOverrides, raised_by_hydra, refusal
 
     sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here as they are; Hydra would print them, and end the process
+    quiet = cast(Any, WithoutOverrides(sys.stderr))
     try:
-        hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
-    except InputError as error:
-        _refuse(error)
+        with redirect_stderr(quiet):
+            hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
+    except InstantiationException:
+        raise
+    except HydraException as error:
+        raise refusal(error, job) from error
+    except ValueError as error:
+        if isinstance(error, InputError) or not raised_by_hydra(error):
+            raise
+        raise refusal(error, job) from error
+    except BrokenExecutor as error:
+        raise LostProcessError("a process of the sweep was killed, for want of memory perhaps") from error
 
 
 def task(job: str) -> Callable[[Any], Any]:
     """The function that Hydra calls with the composed configuration.
 
-    A user's mistake ends a single run with one line and exit code 2; in a multirun it fails that run alone.
+    It checks the job's options, locks what the job writes beside runs, and marks the runs that an error leaves
+    unfinished. In a multirun, a user's mistake fails its own run alone; the others are made first.
     """
 
     def run(cfg: Any) -> Any:
         from hydra.core.hydra_config import HydraConfig
         from hydra.types import RunMode
 
+        from gaussian_enhancer.cli.options import check_options
+        from gaussian_enhancer.runs.lock import alone, waiting
         from gaussian_enhancer.runs.status import attempt
 
+        check_options(job, cfg)
         module = importlib.import_module(f"ablations.jobs.{job}" if job in LAB else f"gaussian_enhancer.cli.{job}")
+        written = module.written(cfg) if hasattr(module, "written") else None
+        wait = job in NEEDING or HydraConfig.get().mode == RunMode.MULTIRUN
         try:
-            with attempt():
+            with attempt(discard=True), waiting(wait), alone(written) if written else nullcontext():
                 return module.run(cfg)
-        except InputError as error:
-            if HydraConfig.get().mode == RunMode.MULTIRUN:
-                raise
-            _refuse(error)
         except OSError as error:
-            if error.errno not in DISK_REFUSES or HydraConfig.get().mode == RunMode.MULTIRUN:
+            if error.errno not in DISK_REFUSES:
                 raise
-            _refuse(unwritable(error.filename or "output", error))
+            raise unwritable(error.filename or "output", error) from error
 
     return run
 
@@ -166,6 +210,6 @@ def _complete_overrides(job: str, line: str) -> list[str]:
     return sorted(plugin._query(config_name=job, line=line))
 
 
-def _refuse(error: InputError) -> None:
-    print(f"gaussian-enhancer: {error}", file=sys.stderr)
-    raise SystemExit(2)
+def _end(code: int, message: str) -> None:
+    print(f"gaussian-enhancer: {message}", file=sys.stderr)
+    raise SystemExit(code)

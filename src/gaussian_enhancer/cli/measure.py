@@ -11,8 +11,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.comparison import (
     Comparison,
-    Pair,
     Table,
+    VariantPair,
     compare,
     gain_table,
     mean_table,
@@ -21,7 +21,7 @@ from gaussian_enhancer.metrics.comparison import (
     view_table,
 )
 from gaussian_enhancer.metrics.image_folders import ImageFiles, Label, measure_files, pair_folders, pair_run
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -62,7 +62,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     """
     files = _files(cfg)
     device = start(cfg.runtime)
-    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
     records = _measured(files, distances, cfg)
     tables = _tables(records, _pairs(records))
     folder = open_run(cfg, "measure", files[0].label.run)
@@ -74,7 +74,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     return records, folder.folder
 
 
-def _pairs(records: Sequence[Record]) -> tuple[Pair, ...]:
+def _pairs(records: Sequence[Record]) -> tuple[VariantPair, ...]:
     return paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
 
 
@@ -112,7 +112,7 @@ def _colour(values: ListConfig) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _tables(records: Sequence[Record], pairs: Sequence[Pair]) -> dict[str, Table]:
+def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str, Table]:
     if pairs:
         return {"summary": gain_table(pairs), "views": view_table(pairs)}
     return {"summary": mean_table(records), "views": record_table(records)}
@@ -124,7 +124,7 @@ def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
     print(f"{len(records)} records in {folder / 'records.jsonl'}")
 
 
-def _score(records: Sequence[Record], pairs: Sequence[Pair]) -> float | None:
+def _score(records: Sequence[Record], pairs: Sequence[VariantPair]) -> float | None:
     if pairs:
         found: Comparison = compare(pairs, "psnr_aligned")
         return found.gain if found.count else None

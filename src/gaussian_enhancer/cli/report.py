@@ -10,6 +10,11 @@ from gaussian_enhancer.report.measured_run import open_measured, write_contact_s
 from gaussian_enhancer.runs.instantiate import require
 
 
+def written(cfg: DictConfig) -> Path:
+    """The folder of the page."""
+    return Path(cfg.output or cfg.measured)
+
+
 def run(cfg: DictConfig) -> float | None:
     """Write ``report.html``.
 

@@ -23,8 +23,8 @@ from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.processes import launch
-from gaussian_enhancer.train.trainer import alike, alone, make_trainer, processes, quieten
+from gaussian_enhancer.train.processes import is_first, launch
+from gaussian_enhancer.train.trainer import alike, make_trainer, processes, quieten, stopped_by_ctrl_c
 
 if TYPE_CHECKING:
     from gaussian_enhancer.network.network import Network
@@ -43,17 +43,16 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = processes(cfg)
-    job = open_run(_named(cfg), "train", cfg.label)
-    with alone(job.folder):
-        if job.done:
-            print(f"trained already: {job.folder / 'weights.safetensors'}")
-            return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
-        quieten()
-        require_saveable(_network(cfg))
-        if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
-            _data(cfg).prepare_data()
-        gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
-        return gain
+    job = open_run(_named(cfg), "train", cfg.label, locked=is_first())
+    if job.done:
+        print(f"trained already: {job.folder / 'weights.safetensors'}")
+        return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
+    quieten()
+    require_saveable(_network(cfg))
+    if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
+        _data(cfg).prepare_data()
+    gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
+    return gain
 
 
 def _train(cfg: DictConfig, job: Run) -> float | None:
@@ -74,7 +73,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     trainer = make_trainer(cfg, job, "last")
     last = job.folder / "last.ckpt"
     started = time.time()
-    with watching(trainer.loggers):
+    with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
@@ -91,7 +90,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "parameters": count_parameters(module.network),
         "steps": trainer.global_step,
         "minutes": round((time.time() - started) / 60, 1),
-        "simulated": float(cfg.data.get("simulated", 0)),
+        "simulated": float(cfg.data.simulation.share) if "simulation" in cfg.data else 0.0,
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "validation": found,
@@ -114,6 +113,9 @@ def _network(cfg: DictConfig) -> "Network":
         InputError: those weights cannot be read, or are of another design than the configuration's network.
     """
     network: Network = build(cfg.fusion)
+    if cfg.get("faithful") and not type(network).__module__.startswith("gaussian_enhancer.network.paper."):
+        remedy = "choose fusion=sif, ssif_lr or ssif_sr, or mode=ours"
+        raise InputError("mode=paper", f"has no {type(network).__name__}", remedy)
     for name, weights in _begun_with(cfg).items():
         part = getattr(network, name, None) if name else network
         if part is None:
@@ -147,13 +149,13 @@ def _told(cfg: DictConfig) -> dict[str, Any]:
 
 def _data(cfg: DictConfig) -> "RunsData":
     finer = HighResolutionPhotos(Path(cfg.runs) / "photos")
-    data: RunsData = build(
-        cfg.data,
-        cache=str(Path(cfg.runs) / "samples"),
-        progress=cfg.runtime.progress,
-        finer=finer,
-        bad_share=_bad_share(cfg),
-    )
+    samples = {
+        "cache": str(Path(cfg.runs) / "samples"),
+        "finer": finer,
+        "bad_share": _bad_share(cfg),
+        "progress": cfg.runtime.progress,
+    }
+    data: RunsData = build(cfg.data, samples=samples)
     return data
 
 
@@ -194,9 +196,8 @@ def _without_idle(cfg: DictConfig) -> DictConfig:
     with open_dict(without):
         if without.get("initial") is None:
             without.pop("initial", None)
-        if without.data.simulated == 0:
+        if without.data.simulation.share == 0:
             for key in ("gate", "generator"):
                 without.pop(key)
-            for key in ("simulator", "simulated", "training_views"):
-                without.data.pop(key)
+            without.data.pop("simulation")
     return without

@@ -16,7 +16,7 @@ from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build, plain, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.trainer import alike, device_count, make_trainer, quieten
+from gaussian_enhancer.train.trainer import alike, device_count, make_trainer, quieten, stopped_by_ctrl_c
 
 STEPS = ("paired", "diffused")
 
@@ -43,7 +43,8 @@ def run(cfg: DictConfig) -> float | None:
 
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
-    data = build(cfg.data, cache=str(Path(cfg.runs) / "samples"), progress=cfg.runtime.progress)
+    samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
+    data = build(cfg.data, samples=samples)
     design: FactorDesign = build(cfg.design)
     found: dict[str, float] = {}
     started = time.time()
@@ -90,7 +91,7 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
         module = DiffusedModule(before, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
     trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
     last = job.folder / f"{step}.ckpt"
-    with watching(trainer.loggers):
+    with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
         if trainer.interrupted or trainer.global_step < steps:
             return None

@@ -11,10 +11,10 @@ from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.region import soft_region, within
 from gaussian_enhancer.degrade.artefacts.rng import named
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.gate import Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 
 
-def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[torch.Generator]) -> View:
+def degrade(view: View, steps: Sequence[Sequence[ArtefactStep]], generators: Sequence[torch.Generator]) -> View:
     """Apply to each sample its own steps in its own order.
 
     Samples that take the same type in the same place of their order are computed together. What is drawn for a step
@@ -35,7 +35,7 @@ def degrade(view: View, steps: Sequence[Sequence[Step]], generators: Sequence[to
     return view
 
 
-def _apply(view: View, chosen: list[int], steps: Sequence[Step], generators: Sequence[torch.Generator]) -> View:
+def _apply(view: View, chosen: list[int], steps: Sequence[ArtefactStep], generators: Sequence[torch.Generator]) -> View:
     index = torch.tensor(chosen, device=view.image.device)
     before = view[index]
     strength = torch.tensor([step.strength for step in steps]).to(view.image)

@@ -70,7 +70,7 @@ AUTO = Rules("auto", "auto", "auto", small=65536)
 
 
 @dataclass(frozen=True)
-class Part:
+class PlanItem:
     """One part of the input and whether it is used.
 
     Args:
@@ -123,7 +123,7 @@ class Plan:
 
     scene: str
     rules: Rules = field(default_factory=Rules)
-    parts: tuple[Part, ...] = ()
+    parts: tuple[PlanItem, ...] = ()
     views: tuple[ViewPlan, ...] = ()
 
     @property
@@ -172,7 +172,10 @@ class Plan:
         scene, rules, parts, views = (member(record, name, path) for name in ("scene", "rules", "parts", "views"))
         try:
             return cls(
-                str(scene), Rules(**rules), tuple(Part(**part) for part in parts), tuple(_view(one) for one in views)
+                str(scene),
+                Rules(**rules),
+                tuple(PlanItem(**part) for part in parts),
+                tuple(_view(one) for one in views),
             )
         except (TypeError, KeyError, ValueError, AttributeError) as error:
             raise InputError(path, f"is no plan ({error})", "make it again with gaussian-enhancer enhance") from error

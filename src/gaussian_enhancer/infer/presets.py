@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
 from gaussian_enhancer.metrics.tradeoff import Point, best_within, mean_squared
 
 
@@ -58,11 +59,13 @@ def read_presets(path: Path) -> tuple[Preset, ...]:
     """
     remedy = f"measure them: gaussian-enhancer tradeoff kind=quality settings={path}"
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = parse_json(read_text(path, JSON_GROWTH), path)
         presets = [Preset(**{**one, "enhance": tuple(one["enhance"])}) for one in values]
         if not presets or not all(one.milliseconds > 0 for one in presets):
             raise ValueError("no setting, or one without a time")
-    except FileNotFoundError:
+    except InputError as error:
+        if error.received != "does not exist":
+            raise InputError(path, f"holds no settings ({error.received})", remedy) from None
         raise InputError("budget_ms", f"has no settings to choose from ({path} does not exist)", remedy) from None
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(path, f"holds no settings ({error})", remedy) from None

@@ -9,7 +9,7 @@ from gaussian_enhancer.align.alignment import Pixels, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarse
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.plan import Part, Rules, ViewPlan
+from gaussian_enhancer.infer.plan import PlanItem, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -38,7 +38,7 @@ class ValidatedInputs:
 
     rendered: RenderedSet
     reference_config: ReferenceConfig
-    parts: tuple[Part, ...]
+    parts: tuple[PlanItem, ...]
     pool: Pool
 
     def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
@@ -80,7 +80,7 @@ def validate_inputs(
         remedy = "add scene=capture scene.path=FOLDER, or max_references=0 to enhance from the renders alone"
         raise InputError(rendered.name, "has no photo to refer to", remedy)
     finer = f"{scale} times the render's size" if scale > 1 else "the weights enhance at the render's own size"
-    parts = [Part("super-resolution", scale > 1, finer)]
+    parts = [PlanItem("super-resolution", scale > 1, finer)]
     bare: list[str] = []
     if rules.references == "auto":
         rendered, bare = _with_cameras(rendered)
@@ -94,7 +94,7 @@ def validate_inputs(
         fine = all(view.read_fine_photo is not None for view in rendered.references)
         why = "" if fine else "photos 4 times as fine as the renders are not known: enlarging without their detail"
         reference_config = replace(reference_config, fine=fine)
-        parts.append(Part("fine photos", fine, why))
+        parts.append(PlanItem("fine photos", fine, why))
     if reference_config.references:
         reference_config, references = _reference_part(rendered, reference_config)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
@@ -158,38 +158,38 @@ def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
     return replace(rendered, references=tuple(v for v in rendered.references if v.camera is not None)), bare
 
 
-def _camera_part(rendered: RenderedSet) -> Part:
+def _camera_part(rendered: RenderedSet) -> PlanItem:
     bare = [view.name for view in (*rendered.targets, *rendered.references) if view.camera is None]
-    return Part("cameras", not bare, f"{bare[0]} has none" if bare else "")
+    return PlanItem("cameras", not bare, f"{bare[0]} has none" if bare else "")
 
 
 def _depth_part(
     rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool
-) -> tuple[RenderedSet, Part]:
+) -> tuple[RenderedSet, PlanItem]:
     """The set without depth where depth is not used, and the plan's part on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
     known = [view for view in rendered.targets if view.read_depth is not None]
     if not known:
-        return rendered, Part("depth", False, "not given")
+        return rendered, PlanItem("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
         why = depth_doubt(pool, reference_config, known[:: max(1, (len(known) + 1) // 2)][:2])
     if not why:
-        return rendered, Part("depth", True, kind)
+        return rendered, PlanItem("depth", True, kind)
     targets, references = (
         tuple(replace(view, read_depth=None) for view in side) for side in (rendered.targets, rendered.references)
     )
-    return replace(rendered, targets=targets, references=references), Part("depth", False, why)
+    return replace(rendered, targets=targets, references=references), PlanItem("depth", False, why)
 
 
-def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, Part]:
+def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, PlanItem]:
     """The reference configuration, without references where they cannot be warped, and the plan's part on them."""
     found = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
-        return reference_config, Part("references", True, found)
+        return reference_config, PlanItem("references", True, found)
     bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
     bare += [view.name for view in rendered.references if view.camera is None]
     if not bare:
-        return reference_config, Part("references", True, found)
+        return reference_config, PlanItem("references", True, found)
     lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
-    return replace(reference_config, references=0), Part("references", False, f"{lack}: no photo is used")
+    return replace(reference_config, references=0), PlanItem("references", False, f"{lack}: no photo is used")

@@ -15,7 +15,7 @@ View = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
-class Pair:
+class VariantPair:
     """One view under two variants."""
 
     baseline: Record
@@ -73,7 +73,7 @@ class Table:
         return text.getvalue()
 
 
-def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enhanced") -> tuple[Pair, ...]:
+def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enhanced") -> tuple[VariantPair, ...]:
     """Match the records of two variants by scene, splat and view.
 
     Raises:
@@ -93,15 +93,15 @@ def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enh
         raise InputError(_named(lonely[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
     if not found[baseline]:
         raise InputError("records", f"hold no view measured as {baseline!r} and {variant!r}", "measure both first")
-    return tuple(Pair(found[baseline][key], found[variant][key]) for key in sorted(found[baseline]))
+    return tuple(VariantPair(found[baseline][key], found[variant][key]) for key in sorted(found[baseline]))
 
 
-def metrics_of(pairs: Sequence[Pair]) -> tuple[str, ...]:
+def metrics_of(pairs: Sequence[VariantPair]) -> tuple[str, ...]:
     """The metrics that occur: those with a known direction in their order, then others by name."""
     return _in_order({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
 
 
-def compare(pairs: Sequence[Pair], metric: str) -> Comparison:
+def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
     """Mean gain, spread and worst view of one metric; views without a finite gain are named, not skipped."""
     gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known(pair.gain(metric)))}
     values = list(gains.values())
@@ -120,9 +120,9 @@ def compare(pairs: Sequence[Pair], metric: str) -> Comparison:
     )
 
 
-def gain_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> Table:
+def gain_table(pairs: Sequence[VariantPair], metrics: Sequence[str] | None = None) -> Table:
     """One row a scene, splat and metric: baseline, variant, gain, its deviation, views, worst view."""
-    groups: dict[tuple[str, str], list[Pair]] = {}
+    groups: dict[tuple[str, str], list[VariantPair]] = {}
     for pair in pairs:
         groups.setdefault((pair.baseline.scene, pair.baseline.splat), []).append(pair)
     rows = []
@@ -167,7 +167,7 @@ def record_table(records: Sequence[Record]) -> Table:
     return Table(("scene", "splat", "variant", "view", *names), tuple(rows))
 
 
-def view_table(pairs: Sequence[Pair], metrics: Sequence[str] | None = None) -> Table:
+def view_table(pairs: Sequence[VariantPair], metrics: Sequence[str] | None = None) -> Table:
     """One row a view: for each metric baseline, variant and gain."""
     names = tuple(metrics or metrics_of(pairs))
     rows = []
@@ -202,7 +202,7 @@ def _mean(values: Sequence[float]) -> float:
     return statistics.fmean(values) if values else math.nan
 
 
-def _reason(pair: Pair, metric: str) -> str:
+def _reason(pair: VariantPair, metric: str) -> str:
     reasons = (pair.baseline.reasons.get(metric), pair.variant.reasons.get(metric))
     return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
 

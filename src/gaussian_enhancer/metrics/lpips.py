@@ -1,8 +1,8 @@
 """LPIPS with a local backbone. Backbones are never downloaded, and never substituted for each other.
 
 The linear heads (v0.1) come with the ``lpips`` package. The backbones are torchvision's ImageNet networks: they are
-looked for in a file or folder that is given, and then in torchvision's own cache. Source: Zhang et al., The
-Unreasonable Effectiveness of Deep Features as a Perceptual Metric, CVPR 2018.
+looked for in a file or folder that is given, in ``lpips`` of the data folder, and in torchvision's own cache.
+Source: Zhang et al., The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, CVPR 2018.
 
 Axes: h height, w width.
 """
@@ -10,6 +10,7 @@ Axes: h height, w width.
 import functools
 import pickle
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import refuse_larger_archive
+from gaussian_enhancer.metrics.backbones import data_backbones
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,27 @@ class PerceptualDistance:
         return self.network(*pair, normalize=VARIANTS[self.name][1]).item()
 
 
+USUAL = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
+"""The distances that are measured where nobody names some."""
+
+
+def asked_distances(
+    names: Sequence[str] | None, backbone: str | Path | None = None, device: torch.device | str = "cpu"
+) -> list[PerceptualDistance]:
+    """The distances of names, ready or with the reason; without names, those of `USUAL` that have a backbone.
+
+    Args:
+        names: as asked for; None where nothing was asked for.
+        backbone: see `perceptual_distance`.
+        device: where to measure.
+
+    Raises:
+        InputError: see `perceptual_distance`.
+    """
+    found = [perceptual_distance(name, backbone, device) for name in (USUAL if names is None else names)]
+    return [one for one in found if names is not None or one.network is not None]
+
+
 def perceptual_distance(
     name: str, backbone: str | Path | None = None, device: torch.device | str = "cpu"
 ) -> PerceptualDistance:
@@ -101,7 +125,8 @@ def perceptual_distance(
     Args:
         name: one of `VARIANTS`.
         backbone: a file of weights (of the whole network or of its ``features``), or a folder of such files under
-            their customary names; None or a folder without the file: torchvision's cache.
+            their customary names; None or a folder without the file: ``GAUSSIAN_ENHANCER_DATA/lpips``, then
+            torchvision's cache.
         device: where to measure.
 
     Raises:
@@ -119,7 +144,7 @@ def perceptual_distance(
 
 
 def _find(net: str, given: Path | None) -> Path | None:
-    """The backbone's file: the one given, or in the folder given, or in torchvision's cache."""
+    """The backbone's file: the one given, or in the folder given, in the data folder, or in torchvision's cache."""
     import torchvision
 
     kind = BACKBONES[net]
@@ -129,10 +154,9 @@ def _find(net: str, given: Path | None) -> Path | None:
         return given.resolve()
     url = torchvision.models.get_model_weights(kind.builder).IMAGENET1K_V1.url
     cached = Path(urlparse(url).path).name
-    folders = [Path(torch.hub.get_dir()) / "checkpoints"]
-    candidates = [folder / cached for folder in folders]
-    if given is not None:
-        candidates = [given / kind.features, given / cached, *candidates]
+    folders = [folder for folder in (given, data_backbones()) if folder is not None]
+    candidates = [folder / name for folder in folders for name in (kind.features, cached)]
+    candidates.append(Path(torch.hub.get_dir()) / "checkpoints" / cached)
     return next((file.resolve() for file in candidates if file.is_file()), None)
 
 
@@ -161,6 +185,7 @@ def _network(net: str, file: Path, device: str) -> nn.Module:
 
 def _weights(file: Path) -> dict[str, Any]:
     """The ``features`` part of a state dict, by the keys within it."""
+    refuse_larger_archive(file)
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)
     except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable, write_text
+from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 
 HIGHER_IS_BETTER = {
@@ -30,7 +31,7 @@ HIGHER_IS_BETTER = {
 }
 """Which way a metric improves; None where neither way is better."""
 
-LATER: dict[str, Any] = {"seed": None, "sources": {}}
+LATER: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
 """Fields that came later, with what they are where a line lacks them: older lines keep their checksums."""
 
 
@@ -58,6 +59,8 @@ class Record:
         time: when it was measured, ISO 8601, UTC.
         seed: of the training behind it; None where nothing was trained for it.
         sources: the runs that it came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
+        weights: digest of the weights that made the image (`gaussian_enhancer.checkpoint.checkpoint_digest`); empty
+            where none did, and in records from before it was kept.
     """
 
     kind: str
@@ -75,6 +78,7 @@ class Record:
     time: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     seed: int | None = None
     sources: dict[str, str] = field(default_factory=dict)
+    weights: str = ""
 
     def __post_init__(self) -> None:
         unexplained = [name for name, value in self.metrics.items() if value is None and name not in self.reasons]
@@ -134,11 +138,11 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
         InputError: as `read_records`.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8").split("\n")  # splitlines would cut names at exotic separators
-    except FileNotFoundError:
-        raise InputError(path, "does not exist", "measure first") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "measure again") from None
+        content = read_text(path, JSON_GROWTH)
+    except InputError as error:
+        remedy = "measure first" if error.received == "does not exist" else error.remedy
+        raise InputError(path, error.received, remedy) from None
+    lines = content.split("\n")  # splitlines would cut names at exotic separators
     return tuple(_parsed(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
@@ -153,9 +157,9 @@ def _parsed(place: str, line: str) -> tuple[str, Record]:
     """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:
-        values = json.loads(line)
-    except json.JSONDecodeError as error:
-        raise InputError(place, f"is no record ({error.msg})", remedy) from None
+        values = parse_json(line, place)
+    except InputError as error:
+        raise InputError(place, f"is no record ({error.received})", remedy) from None
     names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
     if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)

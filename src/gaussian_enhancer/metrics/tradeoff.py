@@ -75,7 +75,7 @@ def beyond_best(points: Sequence[Point], decibels: float) -> float:
 
 
 @dataclass(frozen=True)
-class Summary:
+class SettingSummary:
     """One setting over several views.
 
     Args:
@@ -122,7 +122,7 @@ class Summary:
         return self.dssim if metric == "dissimilarity" else self.perceptual.get(metric)
 
 
-def summarised(records: Iterable[Record]) -> tuple[tuple[Summary, ...], dict[str, str]]:
+def summarised(records: Iterable[Record]) -> tuple[tuple[SettingSummary, ...], dict[str, str]]:
     """Every setting over the views of its records, and why others are missing.
 
     A setting that lacks a view which another has is missing: its mean would be over other views.
@@ -152,12 +152,12 @@ def _place(record: Record) -> tuple[str, str, str]:
     return record.scene, record.splat, record.view
 
 
-def _summary(name: str, records: Sequence[Record]) -> Summary:
+def _summary(name: str, records: Sequence[Record]) -> SettingSummary:
     curve, _, setting = name.partition("/")
     times = {key: statistics.median(_values(records, key)) for key in (TIME, LOW, HIGH)}
     perceptual = {key for record in records for key in record.metrics if key.startswith("lpips")}
     known = {key: _values(records, key) for key in sorted(perceptual)}
-    return Summary(
+    return SettingSummary(
         curve,
         setting,
         times[TIME],

@@ -67,12 +67,12 @@ class Deformation(nn.Module):
         channels: of the features.
         kernel: side of the sampled neighbourhood, odd; 1 moves features without mixing them.
         groups: groups of channels that move together.
-        reach: largest offset in pixels of the features.
+        reach: largest offset in pixels of the features; None leaves offsets unbounded, as DCNv2 does.
         width: channels that are sampled, a multiple of groups; fewer are faster, None means all.
     """
 
     def __init__(
-        self, channels: int, kernel: int = 3, groups: int = 4, reach: float = 10.0, width: int | None = None
+        self, channels: int, kernel: int = 3, groups: int = 4, reach: float | None = 10.0, width: int | None = None
     ) -> None:
         super().__init__()
         self.kernel, self.groups, self.reach = kernel, groups, reach
@@ -96,7 +96,9 @@ class Deformation(nn.Module):
         x = self.predict(F.relu(self.widen(x)))
         x = F.interpolate(precise(x), scale_factor=2, mode="bilinear", align_corners=False)
         split = 2 * self.groups * self.kernel**2
-        offset, mask = self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
+        offset, mask = x[:, :split], 2 * torch.sigmoid(x[:, split:])
+        if self.reach is not None:
+            offset = self.reach * torch.tanh(offset)
         aligned = deformable_sample(self.narrow(each), offset, mask, self.mix.weight, self.mix.bias)
         return aligned.unflatten(0, references.shape[:2])
 
@@ -117,7 +119,7 @@ class Deformable:
 
     kernel: int = 3
     groups: int = 4
-    reach: float = 10.0
+    reach: float | None = 10.0
     width: int | None = None
 
     def build(self, channels: int) -> nn.Module:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gaussian_enhancer.report.compared import ComparedView, Images, size_of
+from gaussian_enhancer.report.compared import ComparedView, ViewPixels, size_of
 from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale, sampled
 
 PAGE_BYTES = 40_000_000
@@ -14,7 +14,7 @@ IMAGE_BYTES = 600_000
 
 
 @dataclass(frozen=True)
-class Pictures:
+class CardImages:
     """What the pictures of a page share.
 
     Args:
@@ -30,7 +30,7 @@ class Pictures:
     portrait: bool
 
     @classmethod
-    def of(cls, views: Sequence[ComparedView]) -> "Pictures":
+    def of(cls, views: Sequence[ComparedView]) -> "CardImages":
         """The shared scale and budget of the views that get pictures."""
         errors, portrait = [], True
         for view in views:
@@ -96,7 +96,7 @@ class Card:
     pictures: tuple[Picture, ...]
 
 
-def card(index: int, view: ComparedView, shared: Pictures, *, worst: bool) -> Card:
+def card(index: int, view: ComparedView, shared: CardImages, *, worst: bool) -> Card:
     """Read a view's images and make its pictures.
 
     Args:
@@ -111,7 +111,7 @@ def card(index: int, view: ComparedView, shared: Pictures, *, worst: bool) -> Ca
     return Card(index, view, worst, size_of(images.raw), ratio, images.photo is not None, pictures)
 
 
-def _pictures(images: Images, shared: Pictures) -> Iterator[Picture]:
+def _pictures(images: ViewPixels, shared: CardImages) -> Iterator[Picture]:
     yield Picture("raw", data_uri(images.raw, shared.budget), "render")
     yield Picture("enhanced", data_uri(images.enhanced, shared.budget), "enhanced render")
     if images.photo is None or shared.scale is None:

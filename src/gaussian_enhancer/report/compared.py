@@ -13,7 +13,7 @@ from gaussian_enhancer.errors import InputError
 
 
 @dataclass(frozen=True)
-class Images:
+class ViewPixels:
     """The pixels of one view.
 
     Args:
@@ -51,7 +51,7 @@ class ComparedView:
     milliseconds: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
 
-    def read(self) -> Images:
+    def read(self) -> ViewPixels:
         """The view's pixels.
 
         Raises:
@@ -63,7 +63,7 @@ class ComparedView:
             if image is not None and image.shape != raw.shape:
                 received = f"{label} has size {size_of(image)}, the render {size_of(raw)}"
                 raise InputError(f"view {self.name}", received, "bring both to one size before reporting")
-        return Images(raw, enhanced, photo)
+        return ViewPixels(raw, enhanced, photo)
 
 
 def check_names(views: Sequence[ComparedView]) -> None:

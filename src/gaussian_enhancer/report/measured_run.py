@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.records import Record, read_records
 from gaussian_enhancer.report.collect import compared_views, provenance_of
 from gaussian_enhancer.report.compared import ComparedView
@@ -114,7 +113,7 @@ def _costs(config: Mapping[str, Any]) -> tuple[Record, ...]:
 def _config(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(path, "does not exist", "run the job again")
-    values = OmegaConf.to_container(OmegaConf.load(path))
+    values = read_yaml(path)
     if not isinstance(values, dict):
         raise InputError(path, "is no configuration", "run the job again")
     return {str(key): value for key, value in values.items()}

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.report.cards import Pictures, card, pictured
+from gaussian_enhancer.report.cards import CardImages, card, pictured
 from gaussian_enhancer.report.compared import ComparedView, check_names
 from gaussian_enhancer.report.quantities import Quantity
-from gaussian_enhancer.report.summary import Summary, gain_of, measured, summarise, worst_view
+from gaussian_enhancer.report.summary import MetricSummary, gain_of, measured, summarise, worst_view
 from gaussian_enhancer.report.templating import render
 
 POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
@@ -54,7 +54,7 @@ def document(
     summaries = [summarise(views, quantity) for quantity in measured(views)]
     worst = worst_view(summaries)
     shown = pictured(len(views), worst, most_pictured)
-    pictures = Pictures.of([views[i] for i in shown])
+    pictures = CardImages.of([views[i] for i in shown])
     quantities = [summary.quantity for summary in summaries]
     values = {
         "title": title,
@@ -88,7 +88,7 @@ def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -
     return 50 * min(1.0, abs(gain) / reach) if math.isfinite(gain) and reach > 0 else 0.0
 
 
-def _unmeasured(views: Sequence[ComparedView], summary: Summary) -> str:
+def _unmeasured(views: Sequence[ComparedView], summary: MetricSummary) -> str:
     """Why a metric has no mean."""
     if summary.infinite:
         return f"not finite in {summary.infinite} views (identical images)"
@@ -99,7 +99,7 @@ def _unmeasured(views: Sequence[ComparedView], summary: Summary) -> str:
 
 
 def report_data(
-    title: str, views: Sequence[ComparedView], summaries: Sequence[Summary], provenance: Mapping[str, str]
+    title: str, views: Sequence[ComparedView], summaries: Sequence[MetricSummary], provenance: Mapping[str, str]
 ) -> dict[str, Any]:
     """Every number of the page, unrounded, as it stands in the page's JSON block (element ``report-data``)."""
     return {

@@ -29,7 +29,7 @@ GROUND = 250 / 255
 
 
 @dataclass(frozen=True)
-class Row:
+class ImageRow:
     """Images that belong together.
 
     Args:
@@ -58,7 +58,7 @@ class Section:
 
     title: str
     text: str
-    rows: tuple[Row, ...] = ()
+    rows: tuple[ImageRow, ...] = ()
     file: str = ""
 
 

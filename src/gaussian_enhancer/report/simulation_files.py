@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint
-from gaussian_enhancer.degrade.gates.gate import Gate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
 from gaussian_enhancer.degrade.photographed import Photographed
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.files import save_array, whole_file, write_text
@@ -32,7 +32,7 @@ class SimulatedRender:
 
     file: str
     seed: int
-    steps: tuple[Step, ...]
+    steps: tuple[ArtefactStep, ...]
 
 
 def drawn_sample(

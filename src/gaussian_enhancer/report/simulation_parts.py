@@ -14,11 +14,11 @@ from torch import Tensor
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.gate import Gate, Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.degrade.simulator import NoSecondStage, Simulator
 from gaussian_enhancer.report.figures import error_map
-from gaussian_enhancer.report.simulation import EDGE, Row, Section
+from gaussian_enhancer.report.simulation import EDGE, ImageRow, Section
 from gaussian_enhancer.scene.photos import resize
 
 STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -54,7 +54,7 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
         shown["depth: near is light"] = shown_depth(view.depth[0], view.depth[0])
     if view.alpha is not None:
         shown["opacity"] = view.alpha[0].expand(3, -1, -1)
-    return Section("View", "What the simulator is given.", (Row("", tuple(shown.values()), tuple(shown)),))
+    return Section("View", "What the simulator is given.", (ImageRow("", tuple(shown.values()), tuple(shown)),))
 
 
 def type_sections(view: View, seed: int) -> tuple[Section, ...]:
@@ -71,9 +71,9 @@ def type_sections(view: View, seed: int) -> tuple[Section, ...]:
     for name, artefact in ARTEFACTS.items():
         made = artefact(copies, strength, [torch.Generator().manual_seed(seed) for _ in STRENGTHS])
         about = (inspect.getdoc(artefact) or "").partition("\n")[0]
-        colours.append(Row(name, tuple(made.image), captions, about))
+        colours.append(ImageRow(name, tuple(made.image), captions, about))
         if made.depth is not None and view.depth is not None:
-            depths.append(Row(name, tuple(shown_depth(one, view.depth[0]) for one in made.depth), captions))
+            depths.append(ImageRow(name, tuple(shown_depth(one, view.depth[0]) for one in made.depth), captions))
     text = (
         "From strength 0, the photo itself, to 1, the worst that is seen in splat renders; the same draws along a row."
     )
@@ -97,12 +97,12 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
     rows = []
     for name, gate in gates.items():
         if isinstance(gate, str):
-            rows.append(Row(name, note=f"not drawn: {gate}"))
+            rows.append(ImageRow(name, note=f"not drawn: {gate}"))
             continue
         generators = spawn(draws, torch.Generator().manual_seed(seed))
         steps = [gate.draw(one) for one in generators]
         made = degrade(copies, steps, generators)
-        rows.append(Row(name, tuple(made.image), tuple(map(told, steps))))
+        rows.append(ImageRow(name, tuple(made.image), tuple(map(told, steps))))
     text = (
         "Draws of each gate, stage 1 alone. Below each: what passed, in the order in which it acts, with its strength."
     )
@@ -137,10 +137,10 @@ def generator_section(
     images = tuple(reduced(one).image[0] for one in shown.values())
     lacking = "" if real is not None else " There is no real render of a photo without its run."
     text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{lacking}"
-    return Section("Generator", text, (Row(f"stage 1: {told(steps)}", images, tuple(shown)),), "generator")
+    return Section("Generator", text, (ImageRow(f"stage 1: {told(steps)}", images, tuple(shown)),), "generator")
 
 
-def sample_section(samples: Sequence[tuple[str, Sequence[Step], View]], count: int) -> Section:
+def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], count: int) -> Section:
     """What the chosen gate and generator made.
 
     Args:
@@ -149,10 +149,10 @@ def sample_section(samples: Sequence[tuple[str, Sequence[Step], View]], count: i
     """
     captions = tuple(f"{file}: {told(steps)}" for file, steps, _ in samples)
     text = f"{count} written at full size" + ("." if count == len(samples) else f", the first {len(samples)} shown.")
-    return Section("Samples", text, (Row("", tuple(view.image[0] for *_, view in samples), captions),))
+    return Section("Samples", text, (ImageRow("", tuple(view.image[0] for *_, view in samples), captions),))
 
 
-def told(steps: Sequence[Step]) -> str:
+def told(steps: Sequence[ArtefactStep]) -> str:
     """Describe a sample's steps."""
     words = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
     return " · ".join(words) if words else "nothing"

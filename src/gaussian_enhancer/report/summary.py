@@ -4,14 +4,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaussian_enhancer.metrics.comparison import Comparison, Pair, compare
+from gaussian_enhancer.metrics.comparison import Comparison, VariantPair, compare
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.quantities import DECIDING, Quantity, quantities
 
 
 @dataclass(frozen=True)
-class Summary:
+class MetricSummary:
     """One metric over all views that have it.
 
     Args:
@@ -42,12 +42,12 @@ def measured(views: Sequence[ComparedView]) -> tuple[Quantity, ...]:
     return quantities(keys)
 
 
-def summarise(views: Sequence[ComparedView], quantity: Quantity) -> Summary:
+def summarise(views: Sequence[ComparedView], quantity: Quantity) -> MetricSummary:
     """Mean, spread and worst view of one metric."""
     comparison = compare([_pair(view) for view in views], quantity.key)
     gains = [gain for view in views if (gain := gain_of(view, quantity.key)) is not None]
     names = [view.name for view in views]
-    return Summary(
+    return MetricSummary(
         quantity=quantity,
         comparison=comparison,
         improved=sum(math.isfinite(gain) and quantity.verdict(gain) == "better" for gain in gains),
@@ -56,17 +56,17 @@ def summarise(views: Sequence[ComparedView], quantity: Quantity) -> Summary:
     )
 
 
-def worst_view(summaries: Sequence[Summary]) -> int | None:
+def worst_view(summaries: Sequence[MetricSummary]) -> int | None:
     """Index of the view with the lowest gain in the first measured metric; None if none was measured."""
     by_key = {summary.quantity.key: summary for summary in summaries}
     found = (by_key[key].worst for key in DECIDING if key in by_key)
     return next((worst for worst in found if worst is not None), None)
 
 
-def _pair(view: ComparedView) -> Pair:
+def _pair(view: ComparedView) -> VariantPair:
     """The view as the tables' statistics take it."""
     raw, enhanced = (
         Record("quality", "", "", "", view.name, variant, dict(metrics), commit="-", machine="-", time="-")
         for variant, metrics in (("raw", view.metrics_raw), ("enhanced", view.metrics_enhanced))
     )
-    return Pair(raw, enhanced)
+    return VariantPair(raw, enhanced)

@@ -91,20 +91,25 @@ class InputPaths:
         if self.run is not None:
             rendered = _every(read_run(self.run, self.step, capture=self.capture), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step
-            return self._with_fine_photos(Task(rendered, step), fine)
+            return self.with_fine_photos(Task(rendered, step), fine)
         if self.gaussians is not None:
             if self.capture is None:
                 raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
             rendered = render_capture(self.gaussians, self.capture, self.method, self.views, device, self.invalid)
             task = Task(rendered, depth="surface" if device == "cpu" else "expected")
-            return self._with_fine_photos(task, fine)
+            return self.with_fine_photos(task, fine)
         references = self.capture if self.capture is not None else self.references
         folders = self.photos, references, self.depth, self.cameras
         rendered = read_folder(self.renders or "", *folders, depth_scale=self.depth_scale, finer=fine)
         return Task(rendered, depth="expected")
 
-    def _with_fine_photos(self, task: Task, fine: bool) -> Task:
-        """The task with photos 4 times as fine where they are wanted; a note says why they are missing."""
+    def with_fine_photos(self, task: Task, fine: bool) -> Task:
+        """The task with photos 4 times as fine where they are wanted; a note says why they are missing.
+
+        Args:
+            task: of a run or a splat.
+            fine: whether they are wanted.
+        """
         if not fine or self.attach_fine is None:
             return task
         try:
@@ -127,11 +132,19 @@ def read_task(cfg: DictConfig, device: str, fine: bool) -> Task:
     names = ("run", "gaussians", "renders", "step", "every", "invalid", "method", "views", "photos", "references")
     values = {name: cfg[name] for name in (*names, "cameras", "depth", "depth_scale")}
     capture: Scene | None = build(cfg.scene) if cfg.get("scene") else None
-    return InputPaths(**values, capture=capture, attach_fine=partial(_attach_fine, cfg)).read(device, fine)
+    return InputPaths(**values, capture=capture, attach_fine=partial(attach_fine, cfg)).read(device, fine)
 
 
-def _attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
-    """The set with photos 4 times as fine: of the scene that was given, else of the one that the run names."""
+def attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
+    """The set with photos 4 times as fine: of the scene that was given, else of the one that the run names.
+
+    Args:
+        cfg: configuration of the job.
+        rendered: the views.
+
+    Raises:
+        InputError: there are no such photos.
+    """
     if cfg.get("scene"):
         return attach_fine_photos(rendered, build(high_resolution_config(cfg.scene)))
     return HighResolutionPhotos(Path(cfg.runs) / "photos")(Path(cfg.run), rendered)

@@ -3,11 +3,12 @@
 from typing import Any
 
 import hydra
-from hydra.errors import InstantiationException
+from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationResolutionError
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.arguments import OURS, check_arguments
 
 
 def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
@@ -22,21 +23,34 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
         InputError: a value marked ``???`` was not given, or what is built refuses its values.
     """
     require(node)
+    check_arguments(node)
     try:
         return hydra.utils.instantiate(node, *args, _convert_="all", **kwargs)
     except InstantiationException as error:
-        refusal = _refusal(error)
+        refusal = _refusal(error, node)
         if refusal is None:
             raise
-        raise refusal from None
+        raise refusal from error
 
 
-def _refusal(error: BaseException) -> InputError | None:
-    """The user's mistake that Hydra wrapped, if there is one. Other errors keep Hydra's traceback."""
-    cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, InputError):
-        cause = cause.__cause__
-    return cause
+def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
+    """The user's mistake that Hydra wrapped, if there is one. Other errors keep Hydra's traceback.
+
+    Packages of others refuse values by errors of their own, or of Python's; in our code those are our mistake.
+    """
+    causes = [error]
+    while causes[-1].__cause__ is not None:
+        causes.append(causes[-1].__cause__)
+    known = next((cause for cause in causes if isinstance(cause, InputError)), None)
+    target = str(node.get("_target_"))
+    if known is not None or target.startswith(OURS):
+        return known
+    reason = causes[-1]
+    if isinstance(reason, HydraException):
+        reason = error
+    said = next(iter(str(reason).splitlines()), type(reason).__name__)
+    subject = str(node._get_full_key(None) or target)
+    return InputError(subject, f"is refused by {target} ({said})", "give values that it takes")
 
 
 def require(cfg: DictConfig) -> None:

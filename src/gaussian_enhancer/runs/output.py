@@ -1,27 +1,48 @@
-"""What the job ``enhance`` leaves on disk: images, the renders and photos beside them, and the cost of each image."""
+"""What the job ``enhance`` leaves on disk: images, the renders and photos beside them, and the cost of each image.
+
+Axes: h height, w width.
+"""
 
 import shutil
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.enhancer import Enhanced
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.runs.inputs import Task
+from gaussian_enhancer.scene.high_resolution import ReadResized, resized_reader
 from gaussian_enhancer.scene.image_files import write_image
-from gaussian_enhancer.scene.photos import read_header
+from gaussian_enhancer.scene.photos import read_header, resize
 from gaussian_enhancer.scene.posed import ReadPhoto
-from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
-def write_enhanced(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
-    """Write each image as soon as it is made.
+def at_photo_size(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int) -> Float[Tensor, "3 _ _"]:
+    """An enhanced image at the size of its finer photo, which differs from ``scale`` times the render's by rounding.
+
+    Args:
+        image: the enhanced image.
+        view: what was enhanced.
+        scale: how many times finer the image is than the render.
+    """
+    return image if scale == 1 or view.fine_size is None else resize(image, *view.fine_size)
+
+
+def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSet, scale: int) -> list[Enhanced]:
+    """Write each image as soon as it is made, at the size of its photo.
 
     Args:
         views: enhanced views.
         folder: where images are written, under the renders' names.
+        rendered: what was enhanced.
+        scale: how many times finer the images are than the renders.
 
     Returns:
         The views without their pixels.
@@ -29,9 +50,10 @@ def write_enhanced(views: Iterable[Enhanced], folder: Path) -> list[Enhanced]:
     Raises:
         InputError: an image cannot be written.
     """
+    targets = {view.name: view for view in rendered.targets}
     written = []
     for one in views:
-        write_image(folder / one.name, one.image)
+        write_image(folder / one.name, at_photo_size(one.image, targets[one.name], scale))
         written.append(replace(one, image=one.image[:, :0, :0]))
     return written
 
@@ -54,9 +76,25 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
                     _keep(read, side / part / view.name)
             continue
         if view.read is not None:
-            write_image(side / "renders" / view.name, upsampled(view.read()[None], scale)[0])
+            enlarged = upsampled(view.read()[None], scale)[0]
+            write_image(side / "renders" / view.name, at_photo_size(enlarged, view, scale))
         if view.read_fine_photo is not None:
-            write_image(side / "gt" / view.name, view.read_fine_photo())
+            write_image(side / "gt" / view.name, read_own_size(view))
+
+
+def read_own_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
+    """A view's finer photo at its own size.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if view.read_fine_photo is None:
+        raise InputError(view.name, "has no finer photo", "give a scene with finer photos")
+    if view.fine_size is None:
+        return view.read_fine_photo()
+    if isinstance(view.read_fine_photo, ReadResized):
+        return view.read_fine_photo.read()
+    return resized_reader(view.read_fine_photo, *view.fine_size)()
 
 
 def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list[Record]:

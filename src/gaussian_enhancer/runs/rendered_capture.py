@@ -1,9 +1,10 @@
-"""Rendering the views of a capture from a splat.
+"""Rendering the views of a capture, and of a camera path, from a splat.
 
 Axes: h height, w width.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -13,7 +14,93 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.types import Render
+from gaussian_enhancer.splat.methods import Method
+from gaussian_enhancer.types import Camera, Gaussians, Render
+
+
+@dataclass(frozen=True)
+class SplatRenderer:
+    """Renders a splat.
+
+    Args:
+        gaussians: the splat, on the device where it is rendered.
+        method: how it is rendered.
+        background: colour behind everything.
+        near: smallest z in scene units that is drawn.
+    """
+
+    gaussians: Gaussians
+    method: Method
+    background: tuple[float, float, float]
+    near: float
+
+    def __call__(self, camera: Camera) -> Render:
+        """Render one view; the result is on the CPU."""
+        from gaussian_enhancer.splat.render import render
+
+        there = camera.to(self.gaussians.means.device)
+        with torch.no_grad():
+            return render(self.gaussians, there, self.method, self.background, near=self.near).to("cpu")
+
+    def target(self, name: str, camera: Camera | None, photo: Photo | None = None) -> RenderedView:
+        """A view to enhance, which is rendered when it is read.
+
+        Args:
+            name: its file name.
+            camera: where it is rendered from.
+            photo: of the same view, where there is one.
+
+        Raises:
+            InputError: there is no camera.
+        """
+        draw = self._drawn(name, camera, ("colour", "surface", "alpha"))
+        return RenderedView(name, draw.colour, camera, draw.depth, draw.alpha, None if photo is None else photo.read)
+
+    def reference(self, photo: Photo) -> RenderedView:
+        """A photo to refer to, with the splat's render of its view.
+
+        Args:
+            photo: with its camera.
+
+        Raises:
+            InputError: it has no camera.
+        """
+        draw = self._drawn(photo.name, photo.camera, ("colour", "surface"))
+        return RenderedView(lossless(photo.name), draw.colour, photo.camera, draw.depth, None, photo.read)
+
+    def _drawn(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
+        if camera is None:
+            raise InputError(name, "has no camera to render from", "give a capture with cameras")
+        return _Drawing(lambda: self(camera), parts)
+
+
+def open_renderer(
+    file: str | Path,
+    cameras: Sequence[Camera],
+    background: tuple[float, float, float],
+    method: str = "auto",
+    device: str = "cpu",
+    invalid: str = "refuse",
+) -> SplatRenderer:
+    """Read a splat to render.
+
+    Args:
+        file: the splat.
+        cameras: of the capture that it was fitted to; the near plane follows their extent.
+        background: colour behind everything.
+        method: how the splat is rendered (`choose_method`).
+        device: where to render.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+
+    Raises:
+        InputError: the splat cannot be read, or the method is unknown.
+    """
+    from gaussian_enhancer.splat.io.open import read_splat
+    from gaussian_enhancer.splat.methods import choose_method
+    from gaussian_enhancer.splat.near import near_plane
+
+    gaussians = read_splat(file, invalid=invalid).to(device)
+    return SplatRenderer(gaussians, choose_method(method, gaussians), background, near_plane(cameras))
 
 
 def render_capture(
@@ -32,41 +119,25 @@ def render_capture(
     Raises:
         InputError: the splat cannot be read, the method or the choice of views is unknown, or no view remains.
     """
-    from gaussian_enhancer.splat.io.open import read_splat
-    from gaussian_enhancer.splat.methods import choose_method
-    from gaussian_enhancer.splat.near import near_plane
-    from gaussian_enhancer.splat.render import render
-
-    gaussians = read_splat(file, invalid=invalid).to(device)
-    chosen = choose_method(method, gaussians)
+    cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
+    renderer = open_renderer(file, cameras, capture.background, method, device, invalid)
     sides = {"test": capture.test_photos, "train": capture.train_photos, "all": capture.photos}
     if views not in sides:
         raise InputError("views", f"is {views!r}", f"choose {', '.join(sides)}")
     if not sides[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
+    targets = tuple(renderer.target(lossless(photo.name), photo.camera, photo) for photo in sides[views])
+    references = tuple(map(renderer.reference, capture.train_photos))
+    return RenderedSet(capture.name, targets, references, capture.background, own_depth=True)
 
-    near = near_plane([photo.camera for photo in capture.train_photos if photo.camera is not None])
 
-    def lossless(photo: Photo) -> str:
-        """The photo's name as a render is stored; a target and the photo of the same view share it."""
-        return str(Path(photo.name).with_suffix(".png"))
+def lossless(name: str) -> str:
+    """A photo's name as a render is stored; a target and the photo of the same view share it.
 
-    def drawn(photo: Photo, parts: tuple[str, ...]) -> _Drawing:
-        if photo.camera is None:
-            raise InputError(photo.name, "has no camera to render from", "give a capture with cameras")
-        camera = photo.camera.to(device)
-        return _Drawing(lambda: render(gaussians, camera, chosen, capture.background, near=near).to("cpu"), parts)
-
-    def target(photo: Photo) -> RenderedView:
-        draw = drawn(photo, ("colour", "surface", "alpha"))
-        return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, draw.alpha, photo.read)
-
-    def reference(photo: Photo) -> RenderedView:
-        draw = drawn(photo, ("colour", "surface"))
-        return RenderedView(lossless(photo), draw.colour, photo.camera, draw.depth, None, photo.read)
-
-    targets, references = map(target, sides[views]), map(reference, capture.train_photos)
-    return RenderedSet(capture.name, tuple(targets), tuple(references), capture.background, own_depth=True)
+    Args:
+        name: of the photo.
+    """
+    return str(Path(name).with_suffix(".png"))
 
 
 class _Drawing:
@@ -90,7 +161,6 @@ class _Drawing:
 
     def _part(self, name: str) -> Tensor:
         if name not in self.parts:
-            with torch.no_grad():
-                drawing = self.draw()
+            drawing = self.draw()
             self.parts = {part: getattr(drawing, part) for part in self.wanted}
         return self.parts.pop(name)

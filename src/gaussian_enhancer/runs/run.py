@@ -12,14 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
+from yaml import YAMLError  # type: ignore[import-untyped]
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import require
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
 """Keys that do not change a result and do not enter the hash: output folders, device, threads."""
+
+ELSEWHERE = "give another output, or delete the folder"
 
 
 @dataclass(frozen=True)
@@ -40,35 +44,70 @@ class Run:
         return finished_digest(self.folder) == self.digest
 
     def finish(self) -> None:
-        """Mark the run as completed. A job does this last."""
+        """Mark the run as completed and unlock its folder. A job does this last."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
         status.end(self.folder)
+        lock.release(self.folder)
 
 
-def open_run(cfg: DictConfig, job: str, label: str) -> Run:
+def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
     """Create or find the folder of a run and write its configuration there. Unless it is done, mark it as running.
+
+    The folder is locked until the run is finished, or the attempt at it ends (`status.attempt`).
 
     Args:
         cfg: the job's whole configuration.
         job: the job's name, which is the parent folder's name.
         label: the readable part of the folder's name, for instance scene and splat.
+        locked: lock the folder; False for processes that share a run whose folder the first of them has locked.
 
     Raises:
-        InputError: a value marked ``???`` was not given, the folder cannot be written, or it holds another run.
+        InputError: a value marked ``???`` was not given, the folder cannot be written, another process writes it, or it
+            holds another run.
     """
     require(cfg)
     values = effective(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
-    finished = finished_digest(folder)
-    if finished not in (None, digest):
-        raise InputError(
-            folder, f"holds another finished run ({finished})", "give another output, or delete the folder"
-        )
+    new = lock.hold(folder) if locked else False
+    try:
+        finished = _refuse_another(folder, digest)
+    except InputError:
+        if new:
+            lock.release(folder)
+        raise
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
     if finished is None:
         status.begin(folder)
     return Run(folder, digest)
+
+
+def _refuse_another(folder: Path, digest: str) -> str | None:
+    """The digest of the finished run in a folder, if any; a folder with results of another run is refused."""
+    finished = finished_digest(folder)
+    if finished is not None and finished != digest:
+        raise InputError(folder, f"holds another finished run ({finished})", ELSEWHERE)
+    if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):
+        begun = stored_digest(folder / "config.yaml")
+        if begun != digest:
+            received = f"holds an unfinished run of another configuration ({begun})"
+            raise InputError(folder, received, f"{ELSEWHERE}, or give that configuration to go on with it")
+    return finished
+
+
+def stored_digest(file: Path) -> str:
+    """The digest of the run whose configuration a file holds.
+
+    Raises:
+        InputError: the file is no configuration.
+    """
+    try:
+        values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
+    except (OSError, ValueError, YAMLError) as error:
+        raise InputError(file, f"cannot be read ({str(error).splitlines()[0]})", ELSEWHERE) from error
+    if not isinstance(values, dict):
+        raise InputError(file, "is no configuration", ELSEWHERE)
+    return digest_of({str(key): value for key, value in values.items()})
 
 
 def find_run(cfg: DictConfig, job: str) -> Run | None:

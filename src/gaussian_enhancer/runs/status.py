@@ -17,8 +17,11 @@ from typing import Literal
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.runs import lock
 
 RUNNING, FAILED, DONE = "running", "failed", "done"
+BEFORE_RESULTS = frozenset({"config.yaml", RUNNING, FAILED, lock.NAME})
+"""Files of a run that hold none of its results."""
 
 Name = Literal["not started", "running", "stopped", "failed", "done"]
 NAMES: tuple[Name, ...] = ("not started", "running", "stopped", "failed", "done")
@@ -77,23 +80,48 @@ def end(folder: Path) -> None:
 
 
 @contextmanager
-def attempt() -> Iterator[None]:
-    """Update the status of all runs that are started inside the context and left unfinished.
+def attempt(discard: bool = False) -> Iterator[None]:
+    """Update the status of all runs that are started inside the context and left unfinished, and unlock their folders.
 
     An exception is written to ``failed`` as the reason. A run that the user interrupts counts as stopped, not failed.
+
+    Args:
+        discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    folders: list[Path] = []
+    with lock.scope(), _marked([]) as folders:
+        try:
+            yield
+        except Exception as error:
+            for folder in _unfinished(folders):
+                if discard and isinstance(error, InputError | OSError) and holds_no_result(folder):
+                    discard_marks(folder)
+                    continue
+                _write(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
+            raise
+        finally:
+            for folder in _unfinished(folders):
+                (folder / RUNNING).unlink(missing_ok=True)
+
+
+@contextmanager
+def _marked(folders: list[Path]) -> Iterator[list[Path]]:
+    """The list, to which every run that is begun inside the context is added."""
     token = _opened.set(folders)
     try:
-        yield
-    except Exception as error:
-        for folder in _unfinished(folders):
-            _write(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
-        raise
+        yield folders
     finally:
         _opened.reset(token)
-        for folder in _unfinished(folders):
-            (folder / RUNNING).unlink(missing_ok=True)
+
+
+def holds_no_result(folder: Path) -> bool:
+    """Whether a folder holds nothing but a run's configuration and marks."""
+    return {path.name for path in folder.iterdir()} <= BEFORE_RESULTS
+
+
+def discard_marks(folder: Path) -> None:
+    """Remove a run's configuration and marks. The folder goes with its lock, where it was made for the run."""
+    for name in BEFORE_RESULTS - {lock.NAME}:
+        (folder / name).unlink(missing_ok=True)
 
 
 def _unfinished(folders: list[Path]) -> list[Path]:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import reader
@@ -58,7 +60,7 @@ def load_colmap(
         if found is None:
             absent.append(image.name)
         else:
-            files.append(PosedFile(found[0], found[1], model.cameras[image.camera], _pose(image)))
+            files.append(PosedFile(found[0], found[1], model.cameras[image.camera], camera_pose(image)))
     refuse_or_drop(absent, "cameras without a photo", root / images, missing)
     refuse_or_drop([listed for listed, _ in photos.values()], "photos without a camera", root / images, missing)
     return build_scene(
@@ -131,7 +133,8 @@ def _key(listed: str) -> str:
     return path.with_suffix("").as_posix() if path.suffix.lower() in ENDINGS else path.as_posix()
 
 
-def _pose(image: ColmapImage) -> torch.Tensor:
+def camera_pose(image: ColmapImage) -> Float[Tensor, "4 4"]:
+    """World-to-camera pose of an image of a model (float64)."""
     from kornia.geometry.conversions import quaternion_to_rotation_matrix
 
     pose = torch.eye(4, dtype=torch.float64)

@@ -19,7 +19,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_bytes, read_text, reader, shown
 from gaussian_enhancer.scene.scene import Points
-from gaussian_enhancer.scene.undistort import Lens
+from gaussian_enhancer.scene.undistort import Lens, load_pycolmap
 
 AGAIN = "copy or export the model again"
 _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8")])
@@ -101,8 +101,7 @@ def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> Colma
 @lru_cache
 def _models() -> dict[int, tuple[str, int]]:
     """Name and number of parameters of every camera model."""
-    import pycolmap
-
+    pycolmap = load_pycolmap()
     known = {int(kind): name for name, kind in pycolmap.CameraModelId.__members__.items() if name != "INVALID"}
     return {number: (name, len(pycolmap.Camera(model=name).params_info.split(","))) for number, name in known.items()}
 

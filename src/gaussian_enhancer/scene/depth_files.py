@@ -16,11 +16,10 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import array_header, load_array
 from gaussian_enhancer.input_files import codec, refuse_larger, regular_file
 from gaussian_enhancer.scene.photos import opened
+from gaussian_enhancer.types import FARTHEST_DEPTH
 
 DEPTH_ENDINGS = (".npy", ".npz", ".png")
 PNG_MODES = ("I;16", "I;16B", "I;16L", "I", "L")
-FARTHEST_DEPTH = 1e12
-"""Scene units; beyond, squares of differences overflow. Blender writes 1e10 for the background."""
 AGAIN = "write the depth map again"
 
 

@@ -39,7 +39,7 @@ def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
     """The set with the photos of a finer scene as ``read_fine_photo``, matched by name without ending.
 
     A photo whose size is off by rounding is resized to exactly 4 times the render's. It shows the same field of view,
-    as the render's camera was resized to the render's size in the same way.
+    as the render's camera was resized to the render's size in the same way. ``fine_size`` keeps its own size.
 
     Args:
         rendered: renders with their references.
@@ -54,7 +54,7 @@ def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
         photo = photos.get(Path(view.name).stem)
         if photo is None:
             raise InputError(finer.name, f"has no photo of {view.name}", "give the scene that was rendered")
-        return dataclasses.replace(view, read_fine_photo=_fine(view, photo))
+        return _with_fine_photo(view, photo)
 
     targets, references = map(attached, rendered.targets), map(attached, rendered.references)
     return dataclasses.replace(rendered, targets=tuple(targets), references=tuple(references))
@@ -72,15 +72,21 @@ def resized_reader(read: Callable[[], Float[Tensor, "3 _ _"]], height: int, widt
     return ReadResized(read, height, width)
 
 
-def _fine(view: RenderedView, photo: Photo) -> Callable[[], Float[Tensor, "3 _ _"]]:
+def own_size(size: tuple[int, int], render: tuple[int, int]) -> tuple[int, int] | None:
+    """The size of a finer photo, where it is not exactly 4 times a render's; None where it is."""
+    return None if size == (UPSCALE * render[0], UPSCALE * render[1]) else size
+
+
+def _with_fine_photo(view: RenderedView, photo: Photo) -> RenderedView:
     if view.read is None:
-        return photo.read
-    sizes = [_size(source.camera, source.read) for source in (view, photo)]
-    if not is_finer(sizes[1], sizes[0]):
-        wanted = "x".join(str(UPSCALE * side) for side in reversed(sizes[0]))
-        received = f"is {sizes[1][1]}x{sizes[1][0]} where 4 times its render {view.name} is {wanted}"
+        return dataclasses.replace(view, read_fine_photo=photo.read)
+    render, size = _size(view.camera, view.read), _size(photo.camera, photo.read)
+    if not is_finer(size, render):
+        received = f"is {size[1]}x{size[0]} where 4 times its render {view.name} is {UPSCALE * render[1]}x"
+        received += f"{UPSCALE * render[0]}"
         raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
-    return resized_reader(photo.read, UPSCALE * sizes[0][0], UPSCALE * sizes[0][1])
+    read = resized_reader(photo.read, UPSCALE * render[0], UPSCALE * render[1])
+    return dataclasses.replace(view, read_fine_photo=read, fine_size=own_size(size, render))
 
 
 def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]

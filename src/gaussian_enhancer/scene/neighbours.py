@@ -8,7 +8,7 @@ Axes: h w the target's size, n candidates.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import torch
 from jaxtyping import Float
@@ -84,6 +84,8 @@ def rank_references(
     *,
     distance: str = "relative",
     depth: Float[Tensor, "1 h w"] | None = None,
+    kept: Collection[int] = (),
+    loyalty: float = 1.0,
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.
 
@@ -100,6 +102,9 @@ def rank_references(
         count: how many to return at most.
         distance: "relative" to the candidates' median camera spacing, or as "published" in scene units.
         depth: rendered z depth of the target.
+        kept: indices of candidates that the frame before referred to.
+        loyalty: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
+            Without cameras it has no effect.
 
     Raises:
         InputError: ``count`` is below 1, only some candidates have cameras, or ``distance`` is unknown.
@@ -120,6 +125,7 @@ def rank_references(
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
         costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
+    costs = torch.where(torch.tensor([i in kept for i in others]), loyalty * costs, costs)
     return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
 
 

@@ -14,8 +14,11 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera
 
+DENSE = 64
+"""Samples between two cameras by which the length of the way is measured."""
 
-def smooth_path(cameras: Sequence[Camera], frames: int) -> tuple[Camera, ...]:
+
+def smooth_path(cameras: Sequence[Camera], frames: int, *, even_speed: bool = False) -> tuple[Camera, ...]:
     """Cameras along a smooth curve through the given ones, the first and the last included.
 
     Centres follow a centripetal Catmull-Rom spline (Yuksel et al., Parameterization and Applications of Catmull-Rom
@@ -27,6 +30,8 @@ def smooth_path(cameras: Sequence[Camera], frames: int) -> tuple[Camera, ...]:
     Args:
         cameras: what the path passes through, in this order, all of one size.
         frames: number of cameras on the path, at least 2.
+        even_speed: take frames at even distances along the curve, in the same unit (distance in mean steps plus angle
+            in radians), instead of at even times.
 
     Raises:
         InputError: there are fewer than 2 cameras or frames, or cameras differ in size.
@@ -43,21 +48,35 @@ def smooth_path(cameras: Sequence[Camera], frames: int) -> tuple[Camera, ...]:
     turns = Rotation.from_matrix(np.stack([camera.rotation.T.double().cpu().numpy() for camera in cameras]))
     intrinsics = np.stack([camera.K.double().cpu().numpy() for camera in cameras])
     times = _times(centres, turns)
+    centre_at, turn_at = CubicHermiteSpline(times, centres, _velocities(times, centres)), RotationSpline(times, turns)
     asked = np.linspace(0.0, times[-1], frames)
-    at = CubicHermiteSpline(times, centres, _velocities(times, centres))(asked)
-    to_camera = RotationSpline(times, turns)(asked).inv().as_matrix()
+    if even_speed:
+        dense = np.linspace(0.0, times[-1], DENSE * len(cameras))
+        way = np.concatenate([[0.0], np.cumsum(_movements(centre_at(dense), turn_at(dense), _mean_step(centres)))])
+        asked = np.interp(np.linspace(0.0, way[-1], frames), way, dense)
+    at = centre_at(asked)
+    to_camera = turn_at(asked).inv().as_matrix()
     K = np.stack([np.interp(asked, times, column) for column in intrinsics.reshape(len(cameras), 9).T], axis=1)
     return tuple(_camera(cameras[0], K[i].reshape(3, 3), to_camera[i], at[i]) for i in range(frames))
 
 
 def _times(centres: Float[np.ndarray, "c 3"], turns: Rotation) -> Float[np.ndarray, " c"]:
     """When the path passes each camera; two at the same place are passed a thousandth of a mean step apart."""
-    distances = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    angles = (turns[1:] * turns[:-1].inv()).magnitude()
-    mean = distances.mean()
-    steps = np.sqrt((distances / mean if mean > 0 else distances) + angles)
+    steps = np.sqrt(_movements(centres, turns, _mean_step(centres)))
     least = 1e-3 * steps.mean() if steps.any() else 1.0
     return np.concatenate([[0.0], np.cumsum(np.maximum(steps, least))])
+
+
+def _mean_step(centres: Float[np.ndarray, "c 3"]) -> float:
+    """Mean distance from one centre to the next; 1 where all are at the same place."""
+    mean = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).mean())
+    return mean if mean > 0 else 1.0
+
+
+def _movements(centres: Float[np.ndarray, "c 3"], turns: Rotation, unit: float) -> Float[np.ndarray, " c-1"]:
+    """From each camera to the next: distance in a unit plus angle in radians."""
+    angles = (turns[1:] * turns[:-1].inv()).magnitude()
+    return np.linalg.norm(np.diff(centres, axis=0), axis=1) / unit + angles
 
 
 def _velocities(times: Float[np.ndarray, " c"], centres: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, "c 3"]:
@@ -104,17 +123,13 @@ def _untangled(steps: Float[np.ndarray, "c c"]) -> list[int]:
     """2-opt of an open way from the order 0, 1, 2, ..., best reversal first."""
     order = np.arange(len(steps))
     while True:
-        best, found = -1e-9, (0, 0)
-        for i in range(len(order) - 1):
-            for j in range(i + 1, len(order)):
-                change = 0.0
-                if i > 0:
-                    change += steps[order[i - 1], order[j]] - steps[order[i - 1], order[i]]
-                if j < len(order) - 1:
-                    change += steps[order[i], order[j + 1]] - steps[order[j], order[j + 1]]
-                if change < best:
-                    best, found = change, (i, j)
-        if found == (0, 0):
+        way = steps[order][:, order]
+        before = np.concatenate([[0.0], way.diagonal(1)])  # the step that leads to each place; none leads to the first
+        after = np.concatenate([way.diagonal(1), [0.0]])
+        enters = np.vstack([np.zeros(len(order)), way[:-1]]) - before[:, None]  # [i, j]: places i to j are reversed
+        leaves = np.hstack([way[:, 1:], np.zeros((len(order), 1))]) - after[None]
+        change = np.triu(enters + leaves, 1)
+        if change.min() > -1e-9:
             return [int(index) for index in order]
-        i, j = found
+        i, j = np.unravel_index(change.argmin(), change.shape)
         order[i : j + 1] = order[i : j + 1][::-1]

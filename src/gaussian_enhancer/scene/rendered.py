@@ -25,6 +25,8 @@ class RenderedView:
         read_photo: returns the photo of the same view: the truth of a target, the pixels of a reference.
         read_fine_photo: returns that photo 4 times as fine as the render; a reference's without a render of its own
             may have any size.
+        fine_size: height and width of the finer photo itself, where rounding makes it miss 4 times the render's; what
+            is written is brought to it.
     """
 
     name: str
@@ -34,6 +36,7 @@ class RenderedView:
     read_alpha: Callable[[], Float[Tensor, "1 h w"]] | None = None
     read_photo: Callable[[], Float[Tensor, "3 h w"]] | None = None
     read_fine_photo: Callable[[], Float[Tensor, "3 _ _"]] | None = None
+    fine_size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

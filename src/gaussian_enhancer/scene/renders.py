@@ -21,7 +21,7 @@ from gaussian_enhancer.scene.cameras import (
     write_scene_cameras,
 )
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size, find_depth
-from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer
+from gaussian_enhancer.scene.high_resolution import UPSCALE, is_finer, own_size
 from gaussian_enhancer.scene.photos import list_images, read_header
 from gaussian_enhancer.scene.posed import ReadCoverage, ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -259,11 +259,12 @@ def _view(
     """
     header = read_header(render)
     size = header.height, header.width
-    fine = None
+    fine, fine_size = None, None
     if photo is not None:
         found = read_header(photo).height, read_header(photo).width
         if finer and is_finer(found, size):
             fine = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
+            fine_size = own_size(found, size)
         else:
             _same_size(render, size, photo, found)
     if depth is not None:
@@ -280,6 +281,7 @@ def _view(
         ReadCoverage(coverage, *size) if coverage is not None else None,
         ReadPhoto(photo, *size, background) if photo is not None else None,
         fine,
+        fine_size,
     )
 
 

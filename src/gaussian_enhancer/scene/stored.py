@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError, validate_call
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.colmap import load_colmap
 from gaussian_enhancer.scene.opensfm import load_opensfm
@@ -51,11 +51,7 @@ def read_scene_values(file: Path) -> dict[str, Any]:
         raise InputError(file, "does not exist", "give a run that `fit` made, or the scene with scene=")
     if file.stat().st_size > LARGEST:
         raise InputError(file, f"has {file.stat().st_size} bytes", f"a run's configuration has at most {LARGEST}")
-    try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        cause = " ".join(str(error).split())
-        raise InputError(file, f"is no YAML ({cause})", "give the run as `fit` wrote it") from None
+    content = read_yaml(file)
     scene = content.get("scene") if isinstance(content, dict) else None
     if not isinstance(scene, dict):
         raise InputError(file, "names no scene", "give a run that `fit` made")

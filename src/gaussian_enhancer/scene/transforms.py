@@ -135,8 +135,10 @@ def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[
             continue
         relative = listed.removesuffix(photo.suffix) + photo.suffix
         unique = relative if side is None else f"{side if side != 'neither' else 'val'}/{photo.name}"
-        pose = _pose(frame, f"{source} frame {listed}")
-        files.append(PosedFile(unique, photo, _lens({**content, **frame}, photo, source), pose, side))
+        pose = read_pose(frame, "transform_matrix", f"{source} frame {listed}")
+        header = read_header(photo)
+        lens = read_lens({**content, **frame}, header.height, header.width, source)
+        files.append(PosedFile(unique, photo, lens, pose, side))
     return files, absent
 
 
@@ -149,13 +151,25 @@ def _on_disk(folder: Path, listed: str) -> Path | None:
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
-def _pose(frame: Any, where: str) -> Float[Tensor, "4 4"]:
+def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
+    """World-to-camera with OpenCV axes (float64) of a camera-to-world matrix with OpenGL axes in a JSON object.
+
+    Args:
+        record: the object.
+        key: its member, with 3 or 4 rows of 4 numbers, or the 16 numbers row by row.
+        where: what the object is, named in errors.
+
+    Raises:
+        InputError: the matrix is missing, malformed, singular, not finite, or too far away.
+    """
     try:
-        matrix = np.array(member(frame, "transform_matrix", where), dtype=np.float64)
+        matrix = np.array(member(record, key, where), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(where, f"has a malformed transform_matrix ({error})", "give 4 rows of 4 numbers") from error
+        raise InputError(where, f"has a malformed {key} ({error})", "give 4 rows of 4 numbers") from error
+    if matrix.shape == (16,):
+        matrix = matrix.reshape(4, 4)
     if matrix.shape not in ((4, 4), (3, 4)):
-        raise InputError(where, f"has a transform_matrix of shape {matrix.shape}", "give 4 rows of 4 numbers")
+        raise InputError(where, f"has a {key} of shape {matrix.shape}", "give 4 rows of 4 numbers")
     if not np.isfinite(matrix).all():
         raise InputError(where, "has a pose with NaN or infinity", "remove the frame or calibrate again")
     if np.abs(matrix).max() > FARTHEST:
@@ -164,14 +178,23 @@ def _pose(frame: Any, where: str) -> Float[Tensor, "4 4"]:
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3] = torch.from_numpy(matrix[:3])
     if abs(float(torch.linalg.det(pose))) < 1e-6:
-        raise InputError(where, "has a singular transform_matrix", "export rigid poses")
+        raise InputError(where, f"has a singular {key}", "export rigid poses")
     return opencv_world_to_camera(pose)
 
 
-def _lens(values: dict[str, Any], photo: Path, source: Path) -> Lens:
-    """Intrinsics of one frame: focal lengths, or else fields of view; the rest by default at the middle."""
-    header = read_header(photo)
-    width, height = pixels(values, "w", source, header.width), pixels(values, "h", source, header.height)
+def read_lens(values: dict[str, Any], height: int, width: int, source: Path) -> Lens:
+    """Intrinsics of one frame: focal lengths, or else fields of view; the principal point by default at the middle.
+
+    Args:
+        values: the file's members and, over them, the frame's.
+        height: of the picture in pixels where the file states none.
+        width: likewise.
+        source: the file.
+
+    Raises:
+        InputError: a value is missing or no number, or the lens model is unknown.
+    """
+    width, height = pixels(values, "w", source, width), pixels(values, "h", source, height)
     if "fl_x" in values:
         fx = number(values, "fl_x", source)
     else:

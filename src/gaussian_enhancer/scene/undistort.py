@@ -5,8 +5,12 @@ lens model to the place in the photo where its colour lies, so that no lens mode
 The models are COLMAP's, evaluated by pycolmap. Axes: c channels, h w the photo's size, H W the ideal image's size.
 """
 
+import importlib
+import signal
+import threading
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +28,20 @@ if TYPE_CHECKING:
 IDEAL_MODELS = ("PINHOLE", "SIMPLE_PINHOLE")
 LEAST_FOCAL, LARGEST_FOCAL, FARTHEST_CENTRE = 1e-3, 1e5, 100.0
 """Of what lenses there are, in units of the longer side."""
+
+
+@cache
+def load_pycolmap() -> ModuleType:
+    """Import pycolmap, which is heavy, and give SIGTERM back to whoever had it.
+
+    glog, inside pycolmap, sets a handler for SIGTERM that prints a stack trace and allocates memory. A process that is
+    asked to end while it allocates memory itself would wait for its own lock for ever.
+    """
+    before = signal.getsignal(signal.SIGTERM)
+    module = importlib.import_module("pycolmap")
+    if threading.current_thread() is threading.main_thread() and before is not None:  # others may not set handlers
+        signal.signal(signal.SIGTERM, before)
+    return module
 
 
 @dataclass(frozen=True)
@@ -79,8 +97,7 @@ class Lens:
     @property
     def colmap(self) -> "pycolmap.Camera":
         """The lens as pycolmap's camera."""
-        import pycolmap
-
+        pycolmap = load_pycolmap()
         if self.model not in pycolmap.CameraModelId.__members__ or self.model == "INVALID":
             known = ", ".join(name for name in pycolmap.CameraModelId.__members__ if name != "INVALID")
             raise InputError(self.source, f"has camera model {self.model!r}", f"use one of {known}")
@@ -115,10 +132,7 @@ def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
         (fx, fy), (cx, cy) = lens._focal_and_centre()
         K = torch.tensor([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=torch.float64)
         return K, lens.height, lens.width
-    import pycolmap
-
-    camera = lens.colmap
-
+    pycolmap, camera = load_pycolmap(), lens.colmap
     ideal = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
     K = torch.from_numpy(ideal.calibration_matrix())
     x = torch.linspace(0.5, ideal.width - 0.5, 64, dtype=torch.float64)

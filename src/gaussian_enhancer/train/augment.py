@@ -27,6 +27,7 @@ class Augmentation:
         exposure: standard deviation of a reference's log gain beside the target's, per reference and half of it per
             channel: what colour matching leaves.
         light: standard deviation of a log gain per channel that all images of a sample share.
+        every_reference: keep all references of a sample in their order, whatever ``drop_all`` is.
     """
 
     crop: int = 128
@@ -34,6 +35,7 @@ class Augmentation:
     drop_renders: float = 0.15
     exposure: float = 0.04
     light: float = 0.1
+    every_reference: bool = False
 
     def cut(
         self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator, finer: int = 1
@@ -65,7 +67,7 @@ class Augmentation:
         fixed: int = FIXED,
         each: int = EACH,
     ) -> UInt8[np.ndarray, "q s s"]:
-        """Keep a random number of references, the better ones first more often than not.
+        """Keep a random number of references, the better ones first more often than not; all with ``every_reference``.
 
         Args:
             planes: of one crop.
@@ -73,6 +75,8 @@ class Augmentation:
             fixed: planes before the references'.
             each: planes of a reference.
         """
+        if self.every_reference:
+            return planes
         count = (len(planes) - fixed) // each
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
             return planes[:fixed]

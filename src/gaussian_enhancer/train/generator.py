@@ -56,7 +56,7 @@ class _GeneratorModule(LightningModule):
     def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
         """Stage 1's output M, the real renders R, and generators that follow from the index and the seed."""
         if batch.real is None:
-            raise InputError("data", "simulates nothing", "train the generator with data.simulated=1")
+            raise InputError("data", "simulates nothing", "train the generator with data.simulation.share=1")
         generator = torch.Generator().manual_seed(1_000_003 * self.seed + index)
         return batch.views.render, batch.real, spawn(len(batch.names), generator)
 

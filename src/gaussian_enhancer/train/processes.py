@@ -9,7 +9,7 @@ import torch
 from lightning.fabric.utilities.rank_zero import rank_zero_only
 from omegaconf import DictConfig
 
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, LostProcessError
 
 
 def started_elsewhere() -> bool:
@@ -46,6 +46,7 @@ def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: i
 
     Raises:
         InputError: the work refuses its input.
+        LostProcessError: one of the processes was killed.
     """
     if count == 1:
         return work(cfg, *given)
@@ -56,6 +57,8 @@ def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: i
     fabric: Any = Fabric(accelerator=accelerator, devices=count, strategy="ddp_spawn")
     try:
         return pickle.loads(fabric.launch(_in_a_process, pickle.dumps((work, cfg, given))))
+    except torch.multiprocessing.ProcessExitedException as error:
+        raise LostProcessError(f"one of {count} processes was killed, for want of memory perhaps") from error
     except torch.multiprocessing.ProcessRaisedException as error:
         refusal = _refusal(str(error))
         if refusal is None:

@@ -45,7 +45,9 @@ class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
 
     def __init__(self, draw: Sampler[tuple[int, int]], size: int, rank: int, ranks: int) -> None:
         if size % ranks:
-            raise InputError("data.batch_size", f"is {size} for {ranks} processes", "give a multiple of the processes")
+            raise InputError(
+                "data.loading.batch_size", f"is {size} for {ranks} processes", "give a multiple of the processes"
+            )
         self.draw, self.size, self.rank, self.ranks = draw, size, rank, ranks
 
     def __len__(self) -> int:

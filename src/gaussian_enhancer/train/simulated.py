@@ -26,17 +26,25 @@ class Simulation:
     Args:
         simulator: photos in, renders out.
         share: chance that a held-out view's crop is simulated, in (0, 1]; a training view's always is.
+        training_views: simulate on the runs' training views too. Their own renders are never used: they were fitted
+            to the photos.
+        validation: validate on simulated renders as well, as the training of a simulator does.
 
     Raises:
-        InputError: the share is out of range.
+        InputError: the share is out of range, or a simulator would be trained on training views.
     """
 
     simulator: Simulator
     share: float
+    training_views: bool = False
+    validation: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.share <= 1:
-            raise InputError("simulated", f"is {self.share}", "give a share from 0 to 1")
+            raise InputError("simulation.share", f"is {self.share}", "give a share above 0 and up to 1")
+        if self.validation and self.training_views:
+            # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
+            raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
 
     def drawn(self, seed: int) -> bool:
         """Whether the crop of a seed is simulated."""

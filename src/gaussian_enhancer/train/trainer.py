@@ -2,10 +2,11 @@
 
 import copy
 import logging
+import signal
+import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Any
 
 import torch
@@ -14,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import Run, effective
-from gaussian_enhancer.train.processes import is_first, started_elsewhere
+from gaussian_enhancer.train.processes import started_elsewhere
 
 SPAWNED = ("auto", "ddp", "ddp_spawn")
 """Strategies for which a job starts its processes by itself; any other is Lightning's own affair."""
@@ -144,19 +145,25 @@ def device_count(cfg: DictConfig) -> int:
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Wait until no other process works on a run: equal jobs of a sweep do it once, one after another.
+def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
+    """Raise KeyboardInterrupt where Ctrl-C stops a trainer.
 
-    The lock is the system's own, and goes with the process that holds it, however that ends. Processes that train
-    together are no others: the first of them holds it.
+    Lightning ends the process with exit code 1 instead, and leaves Ctrl-C without effect from then on.
 
     Args:
-        folder: the run's.
+        trainer: works inside the context.
     """
-    from filelock import FileLock
-
-    with FileLock(folder / "lock") if is_first() else nullcontext():
+    in_main = threading.current_thread() is threading.main_thread()  # no other can be interrupted
+    before = signal.getsignal(signal.SIGINT)
+    try:
         yield
+    except SystemExit:
+        if not trainer.interrupted:
+            raise
+        raise KeyboardInterrupt from None
+    finally:
+        if in_main:
+            signal.signal(signal.SIGINT, before)
 
 
 def quieten() -> None:

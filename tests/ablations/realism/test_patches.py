@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from ablations.realism.patches import Pair, cut_patches, eight_bit, patch_places
+from ablations.realism.patches import RenderPair, cut_patches, eight_bit, patch_places
 from gaussian_enhancer.errors import InputError
 
 
@@ -11,7 +11,7 @@ def image(seed, height=40, width=56):
 
 def pair(scene="s", view="v", seed=0):
     photo = image(seed)
-    return Pair(scene, view, photo, 255 - photo, photo // 2)
+    return RenderPair(scene, view, photo, 255 - photo, photo // 2)
 
 
 def test_eight_bit_rounds_to_the_nearest_step_and_clamps():
@@ -44,7 +44,7 @@ def test_plain_background_is_left_out():
         assert all(x + 16 > 30 for _, x in places)
     plain = torch.zeros(3, 40, 56, dtype=torch.uint8)
     with pytest.raises(InputError, match="no patch that shows anything"):
-        cut_patches([Pair("s", "v", plain, plain, plain)], size=16)
+        cut_patches([RenderPair("s", "v", plain, plain, plain)], size=16)
 
 
 def test_patches_of_both_kinds_come_from_the_same_places_whatever_the_renders():
@@ -55,7 +55,7 @@ def test_patches_of_both_kinds_come_from_the_same_places_whatever_the_renders():
     assert cut.views == (("a", "0"), ("b", "0"))
     assert cut.view.tolist() == [0] * 6 + [1] * 3
     assert cut.scene.tolist() == [0] * 6 + [1] * 3
-    other = cut_patches([Pair(p.scene, p.view, p.photo, p.photo, p.photo) for p in pairs], size=16, most=3)
+    other = cut_patches([RenderPair(p.scene, p.view, p.photo, p.photo, p.photo) for p in pairs], size=16, most=3)
     assert torch.equal(other.photo, cut.photo)
     assert not torch.equal(cut_patches(pairs, size=16, most=3, seed=1).photo, cut.photo)
 
@@ -70,6 +70,6 @@ def test_index_keeps_places_together():
 
 def test_refuses_other_sizes_and_too_large_patches():
     with pytest.raises(InputError, match="give images of one size"):
-        Pair("s", "v", image(0), image(0), image(0, 41))
+        RenderPair("s", "v", image(0), image(0), image(0, 41))
     with pytest.raises(InputError, match="smaller than 64"):
         cut_patches([pair()], size=64)

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ablations.realism.patches import Pair
+from ablations.realism.patches import RenderPair
 from ablations.realism.realism import (
     distances,
     finished_runs,
@@ -102,7 +102,7 @@ def test_photographs_come_with_the_splats_depth_and_opacity(runs):
 
 def test_distances_vanish_for_equal_renders_and_see_a_weaker_simulation(runs):
     pairs = list(simulated_pairs(real_renders(runs), lambda splat: Simulator(NoGate())))
-    same = distances([Pair(p.scene, p.view, p.photo, p.real, p.real) for p in pairs])
+    same = distances([RenderPair(p.scene, p.view, p.photo, p.real, p.real) for p in pairs])
     assert same["psnr_simulated_db"] == same["psnr_real_db"]
     assert all(same[name] == 0 for name in same if not name.startswith("psnr"))
     clean = distances(pairs)

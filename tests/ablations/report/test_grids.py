@@ -4,7 +4,7 @@ import pytest
 from PIL import Image, ImageChops, ImageDraw
 
 from ablations.report.grids import PHOTO, crop_box, write_grid
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from gaussian_enhancer.errors import InputError
 
 TABLE = Study(
@@ -16,7 +16,7 @@ TABLE = Study(
     "raw",
     ("psnr",),
     ("3dgs",),
-    {"tanks_temples": Dataset("Tanks & Temples", ("train", "truck"))},
+    {"tanks_temples": SceneGroup("Tanks & Temples", ("train", "truck"))},
 )
 GREEN, BLUE, RED = (0, 200, 0), (0, 0, 200), (200, 0, 0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ablations.report.stability import COLOURS, matrix_plot, order_plot, stability_page
 from ablations.stability.case import PRECISIONS
-from ablations.stability.judge import FAILED, REFUSED, WITHIN, Cell, record_of
+from ablations.stability.judge import FAILED, REFUSED, WITHIN, CaseOutcome, record_of
 from ablations.stability.order import KIND as ORDER
 from ablations.stability.order import slopes
 from gaussian_enhancer.metrics.records import Record
@@ -15,11 +15,11 @@ from support.strained_cases import case
 
 ONE = case("fine", passes=("forward", "backward"))
 CELLS = (
-    Cell(WITHIN, "", 1e-6, 1e-4),
-    Cell(WITHIN, "", 1e-6, 1e-4, "float32"),
-    Cell(REFUSED, "x: is strained; rest", tolerance=1e-4),
-    Cell(FAILED, "result is not finite", math.inf, 1e-4),
-    Cell(FAILED, "RuntimeError: no <kernel>", tolerance=1e-4),
+    CaseOutcome(WITHIN, "", 1e-6, 1e-4),
+    CaseOutcome(WITHIN, "", 1e-6, 1e-4, "float32"),
+    CaseOutcome(REFUSED, "x: is strained; rest", tolerance=1e-4),
+    CaseOutcome(FAILED, "result is not finite", math.inf, 1e-4),
+    CaseOutcome(FAILED, "RuntimeError: no <kernel>", tolerance=1e-4),
 )
 
 

@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from ablations.study.description import Dataset, Method, Study, read_description, write_description
+from ablations.study.description import Method, SceneGroup, Study, read_description, write_description
 from gaussian_enhancer.errors import InputError
 
 TABLE = Study(
@@ -14,7 +14,7 @@ TABLE = Study(
     "raw",
     ("psnr", "ssim"),
     ("3dgs",),
-    {"mip_nerf_360": Dataset("Mip-NeRF 360", ("unbounded_2000",), "procedural scenes")},
+    {"mip_nerf_360": SceneGroup("Mip-NeRF 360", ("unbounded_2000",), "procedural scenes")},
     (0, 1),
     {"3dgs": {"raw": (28.17, 0.854), "ge": None}},
 )

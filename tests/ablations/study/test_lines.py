@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ablations.study import lines as lines_
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.lines import ALL, Line, baselines
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.metrics.records import Record
@@ -92,7 +92,7 @@ def test_one_training_has_no_deviation_and_says_why() -> None:
 
 
 def test_several_datasets_get_a_line_of_all_with_the_papers_numbers() -> None:
-    datasets = {name: Dataset(name, (scene,)) for name, scene in zip(("one", "two"), SCENES, strict=True)}
+    datasets = {name: SceneGroup(name, (scene,)) for name, scene in zip(("one", "two"), SCENES, strict=True)}
     lines = table_lines(replace(QUALITY, datasets=datasets), measured())
     whole = line(lines, block="3dgs", method="ge", dataset=ALL).numbers["psnr"]
     parts = [line(lines, block="3dgs", method="ge", dataset=name).numbers["psnr"] for name in datasets]
@@ -152,7 +152,7 @@ def test_the_records_behind_a_line_are_those_of_its_block_and_row() -> None:
 
 def test_the_records_behind_a_cost_are_those_of_the_size_that_they_name() -> None:
     """A size may be the description's own, of which the paper has nothing, and stand in the record's scene."""
-    sizes = {"1k": Dataset("1K", ("1k",)), "4k": Dataset("4K", ("4k",))}
+    sizes = {"1k": SceneGroup("1K", ("1k",)), "4k": SceneGroup("4K", ("4k",))}
     table = Study("table_3", "", "cost", "", {"ge": Method("GE")}, "ge", ("milliseconds",), (), sizes, paper={"1k": {}})
     records = [Record("cost", "r", size, "", "", "ge", {"milliseconds": 1.0}, size=(64, 48)) for size in sizes]
     lines = table_lines(table, records)

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from ablations.study.description import Dataset, Method, Study
+from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import MISSING, Record
@@ -17,7 +17,7 @@ ROWS = {
     "two": Method("two", train=("b",)),
     "file": Method("file"),
 }
-TABLE = Study("t", "", "quality", "", ROWS, "raw", ("psnr",), ("3dgs",), {"d": Dataset("D", ("hill",))}, (0, 1))
+TABLE = Study("t", "", "quality", "", ROWS, "raw", ("psnr",), ("3dgs",), {"d": SceneGroup("D", ("hill",))}, (0, 1))
 
 
 def frame(method: str, seed: int | None, psnr: float | None, view: str = "a", scene: str = "hill") -> Record:
@@ -111,7 +111,7 @@ def test_costs_belong_to_the_size_that_they_name_or_have() -> None:
     results = Results(table, [named, sized, gap("two", None, "", "")])
     assert results.blocks == ("1k", "64 x 48")
     assert [results.values(block, "one", "milliseconds").mean() for block in results.blocks] == [5.0, 7.0]
-    scenes = {"1k": Dataset("1K", ("1k",)), "2k": Dataset("2K", ("2k",))}
+    scenes = {"1k": SceneGroup("1K", ("1k",)), "2k": SceneGroup("2K", ("2k",))}
     own = Results(dataclasses.replace(table, datasets=scenes), [dataclasses.replace(named, scene="1k")])
     assert (own.blocks, own.scenes_of("1k")) == (("1k", "2k"), ("1k",))
     assert own.values("2k", "one", "milliseconds").missing == {(("2k", "2k"), 0): "no record"}

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from ablations.study.sample import Sample
+from ablations.study.sample import ScoreSample
 from ablations.study.statistics import (
     holm,
     interval,
@@ -21,7 +21,7 @@ from ablations.study.statistics import (
 )
 
 
-def sample(values: dict[tuple[str, int | None], list[float]], missing: dict | None = None) -> Sample:
+def sample(values: dict[tuple[str, int | None], list[float]], missing: dict | None = None) -> ScoreSample:
     """One splat a scene; scenes and seeds in the order of their first mention."""
     units = [*values, *(missing or {})]
     pairs = tuple(dict.fromkeys((scene, "3dgs") for scene, _ in units))
@@ -31,7 +31,7 @@ def sample(values: dict[tuple[str, int | None], list[float]], missing: dict | No
         for (scene, seed), found in values.items()
     }
     reasons = {((scene, "3dgs"), seed): reason for (scene, seed), reason in (missing or {}).items()}
-    return Sample(pairs, seeds, views, reasons)
+    return ScoreSample(pairs, seeds, views, reasons)
 
 
 GAINS = sample({("a", 0): [1.0, 3.0], ("a", 1): [2.0, 4.0], ("b", 0): [0.0], ("b", 1): [1.0]})
@@ -92,7 +92,7 @@ def test_an_interval_does_not_depend_on_the_order_of_units_and_views() -> None:
     generator = np.random.default_rng(1)
     whole = sample({unit: generator.normal(size=4).tolist() for unit in product("abc", (0, 1))})
     turned = {unit: dict(reversed(list(views.items()))) for unit, views in reversed(list(whole.values.items()))}
-    assert interval(Sample(whole.pairs, whole.seeds, turned)) == interval(whole)
+    assert interval(ScoreSample(whole.pairs, whole.seeds, turned)) == interval(whole)
 
 
 @pytest.mark.parametrize("by", ["scenes", "views"])
@@ -118,8 +118,8 @@ def test_few_scenes_are_fixed_and_their_views_drawn() -> None:
 def test_views_that_several_splats_share_are_drawn_together() -> None:
     views = {f"v{i}": value for i, value in enumerate(np.random.default_rng(6).normal(size=9))}
     pairs = tuple(("fox", splat) for splat in ("2dgs", "3dgs", "mip_splatting"))
-    three = Sample(pairs, (None,), {(pair, None): views for pair in pairs})
-    one = Sample(pairs[:1], (None,), {(pairs[0], None): views})
+    three = ScoreSample(pairs, (None,), {(pair, None): views for pair in pairs})
+    one = ScoreSample(pairs[:1], (None,), {(pairs[0], None): views})
     assert interval(three) == pytest.approx(interval(one), abs=0.01)
 
 

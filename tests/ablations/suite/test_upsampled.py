@@ -93,15 +93,17 @@ def test_bicubic_enlarges_each_image_once_and_keeps_what_is_even(tmp_path, monke
     ramp = torch.linspace(0.2, 0.8, 16).expand(3, 8, 16)
     write_image(tmp_path / "in/ramp.png", ramp)
     cfg = OmegaConf.create({"runs": str(tmp_path / "runs")})
-    folder = upsampled.bicubic(cfg, tmp_path / "in", "a")
+    write_image(tmp_path / "photos/even.png", torch.full((3, 21, 27), 0.5))
+    write_image(tmp_path / "photos/ramp.png", torch.full((3, 32, 64), 0.5))
+    folder = upsampled.bicubic(cfg, tmp_path / "in", "a", tmp_path / "photos")
     even, grown = read_photo(folder / "even.png"), read_photo(folder / "ramp.png")
-    assert even.shape == (3, 20, 28)
+    assert even.shape == (3, 21, 27)  # of its photo, which rounding made miss 4 times the image's
     assert torch.equal(even, torch.full_like(even, 51 / 255))
     between = (torch.arange(64) + 0.5) / 4 - 0.5  # where the fine grid's pixels lie on the coarse one
     expected = 0.2 + 0.6 * between / 15
     assert torch.allclose(grown[0, 16, 8:-8], expected[8:-8], atol=2.5 / 255)
     monkeypatch.setattr(upsampled, "upsampled", lambda *_: pytest.fail("done before"))
-    assert upsampled.bicubic(cfg, tmp_path / "in", "a") == folder
+    assert upsampled.bicubic(cfg, tmp_path / "in", "a", tmp_path / "photos") == folder
 
 
 @pytest.mark.slow

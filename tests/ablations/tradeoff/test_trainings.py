@@ -17,7 +17,7 @@ HEAD = "epoch,gain/psnr,gain/ssim,step,time/seconds,train/total\n"
 def training(runs: Path, label: str, seed: int, log: str | None, minutes: float | None = 2.0, **own) -> None:
     folder = runs / "train" / f"{label}-{seed}{own.get('size', '')}"
     (folder / "log").mkdir(parents=True)
-    data = {"batch_size": 4, "seed": seed}
+    data = {"loading": {"batch_size": 4, "seed": seed}}
     OmegaConf.save(
         {"label": label, "seed": seed, "data": data, "trainer": {"max_steps": 200}, **own}, folder / "config.yaml"
     )

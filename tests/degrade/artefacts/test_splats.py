@@ -5,7 +5,7 @@ import torch
 
 from gaussian_enhancer.degrade.artefacts import splats as module
 from gaussian_enhancer.degrade.artefacts.splats import (
-    Splats,
+    SplatLayer,
     colour_at,
     colour_covered,
     composite,
@@ -28,7 +28,7 @@ def some_splats(height=9, width=12, batch=2, count=6, seed=1):
     generator = torch.Generator().manual_seed(seed)
     chance = torch.rand(batch, 10, count, generator=generator, dtype=torch.float64)
     centre = chance[:, 0:2].mT * torch.tensor([width, height], dtype=torch.float64)
-    return Splats(
+    return SplatLayer(
         centre, 2 * chance[:, 2:4].mT - 0.5, 3 * chance[:, 4], chance[:, 5], chance[:, 6:9].mT, 0.6 + chance[:, 9]
     )
 
@@ -89,7 +89,7 @@ def test_opacity_zero_changes_nothing_at_all(planes):
     view, splats = some_view(planes=planes), some_splats()
     for opacity in (torch.zeros(2, 6, dtype=torch.float64), torch.zeros(2, 6, dtype=torch.float64, requires_grad=True)):
         left = composite(
-            view, Splats(splats.centre, splats.log_sigma, splats.angle, opacity, splats.colour, splats.depth)
+            view, SplatLayer(splats.centre, splats.log_sigma, splats.angle, opacity, splats.colour, splats.depth)
         )
         assert torch.equal(left.image, view.image)
         for name in ("depth", "alpha"):
@@ -98,7 +98,7 @@ def test_opacity_zero_changes_nothing_at_all(planes):
 
 
 def one(depth, opacity, colour=1.0, sigma=3.0):
-    return Splats(
+    return SplatLayer(
         torch.tensor([[[2.5, 2.5]]]),
         torch.full((1, 1, 2), math.log(sigma)),
         torch.zeros(1, 1),
@@ -137,7 +137,9 @@ def test_an_empty_pixel_takes_the_depth_of_splats_that_weigh_enough():
 def test_the_nearer_splat_hides_the_farther_whatever_their_order():
     near, far = one(1.0, 1.0, 0.2), one(2.0, 1.0, 0.9)
     for first, second in ((near, far), (far, near)):
-        both = Splats(*(torch.cat([a, b], 1) for a, b in zip(vars(first).values(), vars(second).values(), strict=True)))
+        both = SplatLayer(
+            *(torch.cat([a, b], 1) for a, b in zip(vars(first).values(), vars(second).values(), strict=True))
+        )
         assert composite(View(torch.zeros(1, 3, 5, 5)), both).image[0, 0, 2, 2] == pytest.approx(0.2)
 
 
@@ -146,7 +148,7 @@ def test_a_batch_is_its_samples_and_single_precision_its_double():
     together = composite(view, splats)
     for i in range(3):
         index = torch.tensor([i])
-        alone = composite(view[index], Splats(*(part[index] for part in vars(splats).values())))
+        alone = composite(view[index], SplatLayer(*(part[index] for part in vars(splats).values())))
         torch.testing.assert_close(alone.image, together.image[index])
         torch.testing.assert_close(alone.depth, together.depth[index])
     single = composite(view.to(torch.float32), splats.to(torch.float32))
@@ -161,7 +163,7 @@ def test_gradients(profile):
     fixed = view.depth
 
     def picture(image, *parts):
-        drawn = composite(View(image, fixed, view.alpha), Splats(*parts, splats.depth), profile, extent=6.0)
+        drawn = composite(View(image, fixed, view.alpha), SplatLayer(*parts, splats.depth), profile, extent=6.0)
         return drawn.image, drawn.depth, drawn.alpha
 
     inputs = (view.image, splats.centre, splats.log_sigma, splats.angle, splats.opacity, splats.colour)
@@ -173,7 +175,9 @@ def test_gradients_are_finite_far_from_thin_splats_and_where_nothing_was_hit():
     for profile in ("gaussian", "disk"):
         thin = one(1.0, 0.5, sigma=0.3)
         sigma = thin.log_sigma.clone().requires_grad_()
-        drawn = composite(view, Splats(thin.centre, sigma, thin.angle, thin.opacity, thin.colour, thin.depth), profile)
+        drawn = composite(
+            view, SplatLayer(thin.centre, sigma, thin.angle, thin.opacity, thin.colour, thin.depth), profile
+        )
         (drawn.image.sum() + drawn.depth.sum()).backward()
         assert torch.isfinite(sigma.grad).all()
         assert torch.isfinite(view.depth.grad).all()
@@ -198,7 +202,7 @@ def test_a_disk_has_the_mean_colour_of_what_it_covers():
     disk = one(1.0, 1.0, sigma=4.0)
     right, astride = torch.tensor([[[12.0, 8.0]]]), torch.tensor([[[8.0, 8.0]]])
     for centre, expected in ((right, 1.0), (astride, 0.5)):
-        moved = Splats(centre, disk.log_sigma, disk.angle, disk.opacity, disk.colour, disk.depth)
+        moved = SplatLayer(centre, disk.log_sigma, disk.angle, disk.opacity, disk.colour, disk.depth)
         torch.testing.assert_close(
             colour_covered(View(image), moved, "disk"), torch.full((1, 1, 3), expected), atol=0.05, rtol=0
         )

@@ -11,7 +11,7 @@ from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates import adaptive
 from gaussian_enhancer.degrade.gates import gate as gates
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate
-from gaussian_enhancer.degrade.gates.gate import AllGate, NoGate, RandomGate, Step, switched_on
+from gaussian_enhancer.degrade.gates.gate import AllGate, ArtefactStep, NoGate, RandomGate, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 
@@ -99,9 +99,9 @@ def test_no_gate_and_a_gate_with_every_switch_off_let_nothing_pass():
         (lambda: RandomGate(chance=-0.1), "gate.chance"),
         (lambda: RandomGate(chance=math.nan), "gate.chance"),
         (lambda: RandomGate(regional=2.0), "gate.regional"),
-        (lambda: Step("blurr", 0.5), "step.blurr"),
-        (lambda: Step("blur", 0.0), "strength of blur"),
-        (lambda: Step("blur", 1.01), "strength of blur"),
+        (lambda: ArtefactStep("blurr", 0.5), "step.blurr"),
+        (lambda: ArtefactStep("blur", 0.0), "strength of blur"),
+        (lambda: ArtefactStep("blur", 1.01), "strength of blur"),
     ],
 )
 def test_refuses_what_is_no_type_or_out_of_range_by_name(make, named):

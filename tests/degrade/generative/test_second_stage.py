@@ -11,6 +11,7 @@ from gaussian_enhancer.degrade.generative.second_stage import (
     FactorDesign,
     FactorModel,
     PairedGenerator,
+    PairedOrDiffusedGenerator,
 )
 from gaussian_enhancer.degrade.generative.weights import load_model, save_model
 from gaussian_enhancer.errors import InputError
@@ -87,6 +88,18 @@ def test_grid_says_where():
 def test_paired_needs_real_renders():
     with pytest.raises(InputError, match="real renders"):
         PairedGenerator(model())(view(), generators())
+
+
+def test_a_real_render_is_read_where_there_is_one_and_factors_are_sampled_where_there_is_none():
+    made, real = model(), view().image.flip(3)
+    either = PairedOrDiffusedGenerator(made)
+    paired, sampled = (
+        second(view(), generators(), given).image
+        for second, given in ((PairedGenerator(made), real), (DiffusedGenerator(made), None))
+    )
+    assert torch.equal(either(view(), generators(), real).image, paired)
+    assert torch.equal(either(view(), generators()).image, sampled)
+    assert (paired - sampled).abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("choices", [{"vector": 0, "grid": 0}, {"grid": -1}, {"schedule": "steep"}])

@@ -5,7 +5,7 @@ import torch
 from test_sif import views
 
 from gaussian_enhancer.infer.weights import count_parameters
-from gaussian_enhancer.network.baselines.edvr import EDVR, Attention, Step
+from gaussian_enhancer.network.baselines.edvr import EDVR, Attention, OffsetStep
 from gaussian_enhancer.network.sif import SIF
 
 
@@ -78,7 +78,7 @@ def test_gradients_reach_every_parameter():
 
 
 def test_offsets_are_bounded_and_zero_at_birth():
-    step, found = Step(8, groups=2, reach=3.0, informed=False), torch.rand(1, 4, 6, 6)
+    step, found = OffsetStep(8, groups=2, reach=3.0, informed=False), torch.rand(1, 4, 6, 6)
     offset, mask = step.moves(found)
     assert torch.equal(offset, torch.zeros(1, 36, 6, 6))
     assert torch.equal(mask, torch.ones(1, 18, 6, 6))
@@ -89,7 +89,7 @@ def test_offsets_are_bounded_and_zero_at_birth():
 
 
 def test_a_step_moves_features_by_its_offsets():
-    step = Step(4, groups=1, reach=2.0, informed=False)
+    step = OffsetStep(4, groups=1, reach=2.0, informed=False)
     torch.nn.init.zeros_(step.mix.weight)
     step.mix.weight.data[:, :, 1, 1] = torch.eye(4)
     torch.nn.init.zeros_(step.mix.bias)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import Splats, colour_covered, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_covered, composite, depth_level
 from gaussian_enhancer.degrade.artefacts.view import View
 
 BANDS = 12
@@ -48,7 +48,7 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
 
     share = 0.35 + 0.3 * chance[:, 4]
     depth = depth_level(view, 0.6) * 0.9 * (1 + 0.05 * (far - 0.5) + 0.002 * step)
-    disks = Splats(
+    disks = SplatLayer(
         torch.stack([centre_x, centre_y], dim=2),
         sigma.clamp_min(0.5).log(),
         lean.expand(-1, BANDS),

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import Splats, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, depth_level
 from gaussian_enhancer.degrade.artefacts.view import View
 
 VEILS = 5
@@ -39,4 +39,4 @@ def cloudy(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     colour = mean + (0.3 + 0.7 * chance[:, 5])[..., None] * (grey - mean)
     opacity = strength[:, None] * there * (0.12 + 0.28 * chance[:, 6])
     depth = depth_level(view) * (0.2 + 0.5 * chance[:, 7])
-    return composite(view, Splats(centre, sigma.log(), math.pi * chance[:, 8], opacity, colour.clamp(0, 1), depth))
+    return composite(view, SplatLayer(centre, sigma.log(), math.pi * chance[:, 8], opacity, colour.clamp(0, 1), depth))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import Splats, colour_at, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, composite, depth_level
 from gaussian_enhancer.degrade.artefacts.view import View
 
 FLOATERS = 6
@@ -44,4 +44,4 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     colour = torch.where(kind < 0.8, borrowed, torch.where(kind < 0.9, 0.15 * tone, 0.8 + 0.2 * tone))
     opacity = strength[:, None] * there * (0.15 + 0.75 * chance[:, 8].square())
     depth = depth_level(view) * (0.1 + 0.3 * chance[:, 9])
-    return composite(view, Splats(centre, sigma.log(), math.pi * chance[:, 10], opacity, colour, depth))
+    return composite(view, SplatLayer(centre, sigma.log(), math.pi * chance[:, 10], opacity, colour, depth))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
-from gaussian_enhancer.degrade.artefacts.splats import Splats, colour_at, composite, depth_at
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, composite, depth_at
 from gaussian_enhancer.degrade.artefacts.view import View
 
 AREA = 340
@@ -64,4 +64,4 @@ def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     there = chance[:, 7] < 0.3 + 0.7 * crowd[:, 3]
     opacity = strength[:, None] * there * (0.5 + 0.45 * chance[:, 8])
     depth = depth_at(view, centre) * (0.88 + 0.11 * chance[:, 9])
-    return composite(view, Splats(centre, sigma.log(), angle, opacity, colour, depth))
+    return composite(view, SplatLayer(centre, sigma.log(), angle, opacity, colour, depth))

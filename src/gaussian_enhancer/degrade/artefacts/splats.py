@@ -33,7 +33,7 @@ STRIP = 2**18
 
 
 @dataclass(frozen=True)
-class Splats(Movable):
+class SplatLayer(Movable):
     """The same number of splats for each sample; those of opacity 0 are not there.
 
     Args:
@@ -52,10 +52,10 @@ class Splats(Movable):
     colour: Float[Tensor, "b k 3"]
     depth: Float[Tensor, "b k"]
 
-    def taken(self, index: Int64[Tensor, "b n"]) -> "Splats":
+    def taken(self, index: Int64[Tensor, "b n"]) -> "SplatLayer":
         """The splats of each sample that an index names, in its order."""
         pairs = index[..., None].expand(-1, -1, 2)
-        return Splats(
+        return SplatLayer(
             self.centre.gather(1, pairs),
             self.log_sigma.gather(1, pairs),
             self.angle.gather(1, index),
@@ -66,7 +66,7 @@ class Splats(Movable):
 
 
 def falloff(
-    splats: Splats, y: Float[Tensor, " r"], x: Float[Tensor, " w"], profile: Profile
+    splats: SplatLayer, y: Float[Tensor, " r"], x: Float[Tensor, " w"], profile: Profile
 ) -> Float[Tensor, "b k r w"]:
     """What remains of each splat's opacity at rows y and columns x, in pixels: 1 at its centre."""
     right = (x - splats.centre[..., :1])[..., None, :]
@@ -82,7 +82,7 @@ def falloff(
     return torch.exp(-0.5 * square)
 
 
-def composite(view: View, splats: Splats, profile: Profile = "gaussian", extent: float = EXTENT) -> View:
+def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", extent: float = EXTENT) -> View:
     """Draw splats over a view, front to back.
 
     alpha_k = opacity_k g_k s_k, with g_k the `falloff` and s_k = clamp((1 - depth_k / depth) / SOFTNESS, 0, 1) the
@@ -113,7 +113,7 @@ def composite(view: View, splats: Splats, profile: Profile = "gaussian", extent:
     )
 
 
-def _rows(view: View, splats: Splats, top: int, bottom: int, profile: Profile, extent: float) -> View:
+def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile, extent: float) -> View:
     """The rows of a view from ``top`` to below ``bottom``, with sorted splats over them."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
@@ -131,7 +131,7 @@ def _rows(view: View, splats: Splats, top: int, bottom: int, profile: Profile, e
     return _over(strip, splats, alphas)
 
 
-def _touching(splats: Splats, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
+def _touching(splats: SplatLayer, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
     """Indices of the splats that reach into rows, in their order; filled up with others to equal numbers."""
     along, across = splats.log_sigma.exp().unbind(2)
     tall = reach * torch.hypot(along * splats.angle.sin(), across * splats.angle.cos())
@@ -144,7 +144,7 @@ def _touching(splats: Splats, top: int, bottom: int, reach: float) -> Int64[Tens
     return chosen.sort(dim=1).values
 
 
-def _over(view: View, splats: Splats, alphas: Float[Tensor, "b k h w"]) -> View:
+def _over(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"]) -> View:
     """Composite sorted splats of known opacity at every pixel."""
     through = torch.ones_like(alphas[:, 0])
     weights = []
@@ -206,7 +206,7 @@ def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
     return y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
 
 
-def colour_covered(view: View, splats: Splats, profile: Profile) -> Float[Tensor, "b k 3"]:
+def colour_covered(view: View, splats: SplatLayer, profile: Profile) -> Float[Tensor, "b k 3"]:
     """Mean colours of what splats cover, on at most 16 x 16 cells; the image's where they cover next to nothing."""
     height, width = view.image.shape[-2:]
     coarse = F.adaptive_avg_pool2d(view.image, (min(height, 16), min(width, 16)))

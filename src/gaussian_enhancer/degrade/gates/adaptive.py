@@ -14,7 +14,7 @@ from torch import Tensor
 from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates.calibration import responses, solved
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
-from gaussian_enhancer.degrade.gates.gate import Gate, Step, drawn, known_types, probability, switched_on
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate, drawn, known_types, probability, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, number, read_json
@@ -79,11 +79,11 @@ class AdaptiveGate:
             if value == 0:
                 raise InputError(f"gate.limits.{name}", "is 0", "give a number above 0, or a chance of 0")
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps whose lot fell below their chance, in random order."""
         on = switched_on(self.types)
         return tuple(
-            Step(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
+            ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
             for entry in drawn(generator)
             if entry.type in on and entry.lot < self.chances.get(entry.type, 0.0)
         )
@@ -150,7 +150,7 @@ class MixedGate:
         if not self.gates:
             raise InputError("gate.file", "names no file", "give at least one")
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps of one of the gates."""
         return self.gates[int(torch.randint(len(self.gates), (), generator=generator))].draw(generator)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from gaussian_enhancer.degrade.artefacts.rng import named, spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.fingerprint import energies
-from gaussian_enhancer.degrade.gates.gate import Step
+from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import quantised
@@ -98,7 +98,7 @@ def responses(
 def _response(photo: Float[Tensor, "3 h w"], name: str, regional: bool, seed: int) -> Float[Tensor, "s e"]:
     """Energies at each strength for one draw; colours are rounded to 8 bits as the simulator's are."""
     count = len(STRENGTHS)
-    steps = [(Step(name, strength, regional),) for strength in STRENGTHS]
+    steps = [(ArtefactStep(name, strength, regional),) for strength in STRENGTHS]
     generators = [spawn(1, torch.Generator().manual_seed(seed))[0] for _ in range(count)]
     degraded = degrade(View(photo.float().expand(count, *photo.shape)), steps, generators).image
     return torch.stack([energies(one, photo) for one in quantised(degraded)])

@@ -12,7 +12,7 @@ from gaussian_enhancer.errors import InputError
 
 
 @dataclass(frozen=True)
-class Step:
+class ArtefactStep:
     """One artefact that a gate let through.
 
     Args:
@@ -38,7 +38,7 @@ class Step:
 class Gate(Protocol):
     """Decides, sample by sample, which artefacts are applied."""
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps of one sample, in the order in which they are applied.
 
         Args:
@@ -89,7 +89,7 @@ def probability(where: str, value: object) -> None:
 class NoGate:
     """Nothing passes: stage 1 returns the photo."""
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """No steps."""
         return ()
 
@@ -107,10 +107,10 @@ class AllGate:
     def __post_init__(self) -> None:
         switched_on(self.types)
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """All steps in random order, over the whole image."""
         on = switched_on(self.types)
-        return tuple(Step(entry.type, entry.strength) for entry in drawn(generator) if entry.type in on)
+        return tuple(ArtefactStep(entry.type, entry.strength) for entry in drawn(generator) if entry.type in on)
 
 
 @dataclass(frozen=True)
@@ -143,11 +143,11 @@ class RandomGate:
         for name, value in self.chances.items():
             probability(f"gate.chances.{name}", value)
 
-    def draw(self, generator: torch.Generator) -> tuple[Step, ...]:
+    def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps whose lot fell below their chance, in random order."""
         on = switched_on(self.types)
         return tuple(
-            Step(entry.type, entry.strength, entry.place < self.regional)
+            ArtefactStep(entry.type, entry.strength, entry.place < self.regional)
             for entry in drawn(generator)
             if entry.type in on and entry.lot < self.chances.get(entry.type, self.chance)
         )

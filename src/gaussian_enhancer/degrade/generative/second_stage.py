@@ -158,6 +158,18 @@ class DiffusedGenerator:
         return _refined(self, manual, generators, lambda: self.model.sample(manual.image, self.sampler, generators))
 
 
+class PairedOrDiffusedGenerator(DiffusedGenerator):
+    """Stage 2 as in the paper: z from M and a real render R where there is one, sampled given M elsewhere."""
+
+    def __call__(
+        self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
+    ) -> View:
+        """Bring manually degraded views closer to real renders; depth and opacity stay."""
+        if real is None:
+            return super().__call__(manual, generators)
+        return _refined(self, manual, generators, lambda: self.model.extractor(manual.image, real))
+
+
 def _refined(
     second: PairedGenerator | DiffusedGenerator,
     manual: View,

@@ -24,6 +24,7 @@ from gaussian_enhancer.degrade.generative.second_stage import (
     FactorDesign,
     FactorModel,
     PairedGenerator,
+    PairedOrDiffusedGenerator,
 )
 from gaussian_enhancer.errors import InputError
 
@@ -91,8 +92,22 @@ def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) 
         weights: a .safetensors file, or the name of weights in the package.
         sampler: how; the default one where None.
     """
-    fast = torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
-    return DiffusedGenerator(load_model(weights).model, sampler, fast)
+    return DiffusedGenerator(load_model(weights).model, sampler, _fast())
+
+
+def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> PairedOrDiffusedGenerator:
+    """The second stage that learns z from real renders where they are known, and samples it where they are not.
+
+    Args:
+        weights: a .safetensors file, or the name of weights in the package.
+        sampler: how; the default one where None.
+    """
+    return PairedOrDiffusedGenerator(load_model(weights).model, sampler, _fast())
+
+
+def _fast() -> torch.dtype:
+    """The type that the processor convolves fastest in."""
+    return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
 
 
 def _design(values: Mapping[str, Any]) -> FactorDesign:

@@ -113,8 +113,8 @@ class PyramidAlignment(nn.Module):
 
     def __init__(self, channels: int, groups: int, reach: float) -> None:
         super().__init__()
-        self.levels = nn.ModuleList(Step(channels, groups, reach, informed) for informed in (True, True, False))
-        self.cascade = Step(channels, groups, reach, informed=False)
+        self.levels = nn.ModuleList(OffsetStep(channels, groups, reach, informed) for informed in (True, True, False))
+        self.cascade = OffsetStep(channels, groups, reach, informed=False)
 
     def forward(
         self, references: Sequence[Float[Tensor, "f c _ _"]], targets: Sequence[Float[Tensor, "f c _ _"]]
@@ -127,7 +127,7 @@ class PyramidAlignment(nn.Module):
         return leaky(self.cascade(coarser[1], targets[0], None)[1])
 
 
-class Step(nn.Module):
+class OffsetStep(nn.Module):
     """One modulated deformable convolution, told where to read by comparing the two and by the coarser level.
 
     Args:

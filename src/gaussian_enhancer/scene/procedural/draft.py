@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural.atlas import Texture
-from gaussian_enhancer.scene.procedural.mesh import MeshBuilder, Part
+from gaussian_enhancer.scene.procedural.mesh import MeshBuilder, SurfacePart
 
 Number = float | int
 Vector = tuple[Number, Number, Number]
@@ -124,7 +124,7 @@ class Draft:
         self.materials.append(Material(index, (1 / u, 1 / v), **looks))  # type: ignore[arg-type]
         return len(self.materials) - 1
 
-    def add(self, part: Part, material: int, *, casts: bool = True) -> None:
+    def add(self, part: SurfacePart, material: int, *, casts: bool = True) -> None:
         """Put a part into the world."""
         self.builder.add(part, material, casts=casts)
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from gaussian_enhancer.scene.procedural import shapes
 from gaussian_enhancer.scene.procedural.draft import Vector
-from gaussian_enhancer.scene.procedural.mesh import Part, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
 from gaussian_enhancer.scene.procedural.palette import Palette
 
 
@@ -24,7 +24,7 @@ def flat_print(
     part = shapes.quad(origin, right, down)
     u, v, w, h = window
     span = part.uvs.max(0)
-    p.draft.add(Part(part.positions, part.normals, part.uvs / span * [w, h] + [u, v], part.faces), p(name))
+    p.draft.add(SurfacePart(part.positions, part.normals, part.uvs / span * [w, h] + [u, v], part.faces), p(name))
 
 
 def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height: float, material: str = "wood") -> None:
@@ -71,10 +71,10 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
     """A sofa of rounded cushions in one cloth, with two of another."""
     rng = p.draft.rng
 
-    def cushion(x: float, y: float, z: float) -> Part:
+    def cushion(x: float, y: float, z: float) -> SurfacePart:
         part = shapes.ellipsoid((1.0, 1.0, 1.0), 24)
         squared = np.sign(part.positions) * np.abs(part.positions) ** 0.38
-        return Part(squared * np.array([x, y, z]) / 2, part.normals, part.uvs * 0.4, part.faces)
+        return SurfacePart(squared * np.array([x, y, z]) / 2, part.normals, part.uvs * 0.4, part.faces)
 
     seats = int(rng.integers(2, 4))
     each = length / seats
@@ -104,12 +104,14 @@ def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26
         thick, tall, deep = rng.uniform(0.018, 0.05), height * rng.uniform(0.65, 1.0), rng.uniform(0.13, 0.19)
         lean = float(rng.uniform(0.0, 0.12)) if rng.random() < 0.15 else 0.0
         body = shapes.box((thick, deep, tall)).placed((x + thick / 2, deep / 2, 0), tilt=0.0)
-        body = Part(body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces)
+        body = SurfacePart(
+            body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces
+        )
         p.draft.add(body.placed(at, yaw=yaw), p("page 2" if rng.random() < 0.3 else "cloth 5"))
         k = int(rng.integers(32))
         spine = shapes.quad((x + lean * tall, -0.002, tall), (thick, 0, 0), (-lean * tall, 0, -tall))
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [0.94 / 32, 1.0] + [(k + 0.03) / 32, 0]
-        p.draft.add(Part(spine.positions, spine.normals, uv, spine.faces).placed(at, yaw=yaw), p("spines"))
+        p.draft.add(SurfacePart(spine.positions, spine.normals, uv, spine.faces).placed(at, yaw=yaw), p("spines"))
         x += thick + 0.002 + lean * tall
 
 
@@ -201,7 +203,7 @@ def lattice(
     p.draft.add(joined(parts).placed(at, yaw=yaw), p(material))
 
 
-def wheel(radius: float, spokes: int, tyre: float) -> tuple[Part, Part]:
+def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, SurfacePart]:
     """A wheel in the xz plane about the origin: (tyre, rim with spokes)."""
     angle = np.linspace(0, 2 * np.pi, 41)
     ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
@@ -251,7 +253,7 @@ def bicycle(p: Palette, at: Vector, yaw: float) -> None:
     p.draft.add(shapes.ellipsoid((0.14, 0.07, 0.035)).placed((-0.24, 0, 0.97)).placed(at, yaw=yaw), p("rubber"))
 
 
-def knot(rng: np.random.Generator, radius: float, thick: float) -> Part:
+def knot(rng: np.random.Generator, radius: float, thick: float) -> SurfacePart:
     """A torus knot."""
     a, b = [(2, 3), (3, 2), (3, 4), (2, 5)][int(rng.integers(4))]
     t = np.linspace(0, 2 * np.pi, 220)

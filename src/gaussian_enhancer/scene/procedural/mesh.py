@@ -17,7 +17,7 @@ Vector = tuple[float | int, float | int, float | int]
 
 
 @dataclass(frozen=True)
-class Part:
+class SurfacePart:
     """A piece of surface, before it is placed."""
 
     positions: Float[np.ndarray, "v 3"]
@@ -32,18 +32,18 @@ class Part:
         yaw: float = 0.0,
         tilt: float = 0.0,
         scale: float = 1.0,
-    ) -> "Part":
+    ) -> "SurfacePart":
         """The part scaled, tilted about x, turned about z (radians) and moved."""
         c, s, ct, st = np.cos(yaw), np.sin(yaw), np.cos(tilt), np.sin(tilt)
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ np.array([[1.0, 0, 0], [0, ct, -st], [0, st, ct]])
         moved = self.positions * scale @ turn.T + np.asarray(at, dtype=float)
-        return Part(moved, self.normals @ turn.T, self.uvs * scale, self.faces)
+        return SurfacePart(moved, self.normals @ turn.T, self.uvs * scale, self.faces)
 
 
-def joined(parts: list[Part]) -> Part:
+def joined(parts: list[SurfacePart]) -> SurfacePart:
     """Several parts as one."""
     starts = np.cumsum([0] + [len(part.positions) for part in parts])
-    return Part(
+    return SurfacePart(
         np.concatenate([part.positions for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.uvs for part in parts]),
@@ -78,11 +78,11 @@ class Mesh(Movable):
 class MeshBuilder:
     """Collects placed parts with their materials."""
 
-    parts: list[Part] = field(default_factory=list)
+    parts: list[SurfacePart] = field(default_factory=list)
     materials: list[int] = field(default_factory=list)
     casts: list[bool] = field(default_factory=list)
 
-    def add(self, part: Part, material: int, *, casts: bool = True) -> None:
+    def add(self, part: SurfacePart, material: int, *, casts: bool = True) -> None:
         """Put a part into the world."""
         self.parts.append(part)
         self.materials.append(material)

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from gaussian_enhancer.scene.procedural import furniture, nature, shapes
 from gaussian_enhancer.scene.procedural.daylight import daylight
 from gaussian_enhancer.scene.procedural.draft import Draft, SkySpec, Vector
-from gaussian_enhancer.scene.procedural.mesh import Part, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
 from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import walk
 
@@ -235,17 +235,17 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
     _trimmings(p, at, yaw, length, half, hood, top)
 
 
-def _cap(ring: Float[np.ndarray, "k 3"]) -> Part:
+def _cap(ring: Float[np.ndarray, "k 3"]) -> SurfacePart:
     """The flat side of a loft, as a fan about its middle."""
     positions = np.concatenate([ring.mean(0)[None], ring])
     normals = np.tile([0.0, np.sign(ring[0, 1]), 0.0], (len(positions), 1))
     index = np.arange(1, len(ring))
     faces = np.stack([np.zeros_like(index), index, index + 1], axis=1)
-    return Part(positions, normals, positions[:, [0, 2]] * [1.0, -1.0], faces)
+    return SurfacePart(positions, normals, positions[:, [0, 2]] * [1.0, -1.0], faces)
 
 
 def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, hood: float, top: float) -> None:
-    def put(part: Part, material: str) -> None:
+    def put(part: SurfacePart, material: str) -> None:
         p.draft.add(part.placed(at, yaw=yaw), p(material))
 
     for s in (-1, 1):
@@ -274,7 +274,7 @@ def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, h
         sign = 1.0 if x > 0 else -1.0
         plate = shapes.quad((x * length + sign * 0.055, -0.26, 0.54), (0, 0.52, 0), (0, 0, -0.12))
         p.draft.add(
-            Part(plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces).placed(
+            SurfacePart(plate.positions, plate.normals, plate.uvs / plate.uvs.max(0) * [0.6, 0.25], plate.faces).placed(
                 at, yaw=yaw
             ),
             p("sign"),

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from gaussian_enhancer.scene.procedural.mesh import Part, joined
+from gaussian_enhancer.scene.procedural.mesh import SurfacePart, joined
 
 Number = float | int
 Vector = tuple[Number, Number, Number]
 
 
-def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> Part:
+def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> SurfacePart:
     """A parallelogram from its upper left corner; texture u grows to the right and v downwards, from `uv0`."""
     o, r, d = (np.asarray(value, dtype=float) for value in (origin, right, down))
     normal = np.cross(d, r)
@@ -22,10 +22,10 @@ def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number]
     width, height = np.linalg.norm(r), np.linalg.norm(d)
     positions = np.stack([o, o + r, o + r + d, o + d])
     uvs = np.array([[0, 0], [width, 0], [width, height], [0, height]]) + np.asarray(uv0)
-    return Part(positions, np.tile(normal, (4, 1)), uvs, np.array([[0, 1, 2], [0, 2, 3]]))
+    return SurfacePart(positions, np.tile(normal, (4, 1)), uvs, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def box(size: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> Part:
+def box(size: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> SurfacePart:
     """A box standing on the origin: centred in x and y, from 0 to its height in z."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     return joined(
@@ -40,7 +40,7 @@ def box(size: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> Part:
     )
 
 
-def triangle(a: Vector, b: Vector, c: Vector) -> Part:
+def triangle(a: Vector, b: Vector, c: Vector) -> SurfacePart:
     """One triangle; its texture runs along its first side."""
     positions = np.array([a, b, c], dtype=float)
     along = positions[1] - positions[0]
@@ -49,10 +49,10 @@ def triangle(a: Vector, b: Vector, c: Vector) -> Part:
     normal = np.cross(along, positions[2] - positions[0])
     normal /= np.linalg.norm(normal)
     local = (positions - positions[0]) @ np.stack([along, -np.cross(normal, along)], axis=1)
-    return Part(positions, np.tile(normal, (3, 1)), local, np.array([[0, 1, 2]]))
+    return SurfacePart(positions, np.tile(normal, (3, 1)), local, np.array([[0, 1, 2]]))
 
 
-def beam(start: Vector, end: Vector, width: float, depth: float) -> Part:
+def beam(start: Vector, end: Vector, width: float, depth: float) -> SurfacePart:
     """A straight square bar between two points."""
     a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     w = (b - a) / np.linalg.norm(b - a)
@@ -61,10 +61,10 @@ def beam(start: Vector, end: Vector, width: float, depth: float) -> Part:
     v = np.cross(w, u)
     part = box((width, depth, float(np.linalg.norm(b - a))))
     frame = np.stack([u, v, w], axis=1)
-    return Part(part.positions @ frame.T + a, part.normals @ frame.T, part.uvs, part.faces)
+    return SurfacePart(part.positions @ frame.T + a, part.normals @ frame.T, part.uvs, part.faces)
 
 
-def sheet(positions: np.ndarray, uvs: np.ndarray) -> Part:
+def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     """A smooth surface through a grid of (rows, columns) points."""
     rows, columns = positions.shape[:2]
     along_row = np.gradient(positions, axis=1)
@@ -74,20 +74,20 @@ def sheet(positions: np.ndarray, uvs: np.ndarray) -> Part:
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+    return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
 
 
-def _round(positions: np.ndarray, uvs: np.ndarray) -> Part:
+def _round(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
     """A sheet whose last column meets its first: its normals are made to agree along the seam."""
     part = sheet(positions, uvs)
     normals = part.normals.reshape(positions.shape).copy()
     seam = normals[:, 0] + normals[:, -1]
     seam /= np.maximum(np.linalg.norm(seam, axis=1, keepdims=True), 1e-12)
     normals[:, 0] = normals[:, -1] = seam
-    return Part(part.positions, normals.reshape(-1, 3), part.uvs, part.faces)
+    return SurfacePart(part.positions, normals.reshape(-1, 3), part.uvs, part.faces)
 
 
-def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0, depth: float = 0.0) -> Part:
+def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0, depth: float = 0.0) -> SurfacePart:
     """A solid of revolution about z from (radius, height) pairs, optionally with flutes cut `depth` (relative) deep."""
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     radius = profile[:, :1] * (1 - depth * (0.5 + 0.5 * np.cos(flutes * angle))[None])
@@ -112,7 +112,7 @@ def smooth_profile(points: list[tuple[float, float]], count: int = 24) -> Float[
     return np.stack([np.maximum(curve[:, 0], 0.0), curve[:, 1]], axis=1)
 
 
-def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"] | None = None) -> Part:
+def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"] | None = None) -> SurfacePart:
     """An ellipsoid about the origin; `bumps` are waves that make a stone or a bush of it."""
     polar = np.linspace(0, np.pi, segments // 2 + 1)[:, None]
     angle = np.linspace(0, 2 * np.pi, segments + 1)[None]
@@ -128,7 +128,7 @@ def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"]
     return _round(positions, uvs)
 
 
-def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"], sides: int = 8) -> Part:
+def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"], sides: int = 8) -> SurfacePart:
     """A round tube along a path, with a radius that may vary: wires, poles, branches, frames."""
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
@@ -148,12 +148,12 @@ def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"]
     return _round(path[:, None] + r * ring, uvs)
 
 
-def rod(start: Vector, end: Vector, radius: float, sides: int = 8) -> Part:
+def rod(start: Vector, end: Vector, radius: float, sides: int = 8) -> SurfacePart:
     """A straight tube between two points."""
     return tube(np.array([start, end], dtype=float), radius, sides)
 
 
-def wire(start: Vector, end: Vector, sag: float, radius: float, sides: int = 4, count: int = 14) -> Part:
+def wire(start: Vector, end: Vector, sag: float, radius: float, sides: int = 4, count: int = 14) -> SurfacePart:
     """A hanging wire."""
     t = np.linspace(0, 1, count)[:, None]
     path = np.asarray(start) * (1 - t) + np.asarray(end) * t
@@ -165,20 +165,20 @@ def terrain(
     xs: Float[np.ndarray, " columns"],
     ys: Float[np.ndarray, " rows"],
     height: Callable[[np.ndarray, np.ndarray], np.ndarray],
-) -> Part:
+) -> SurfacePart:
     """Ground over a grid of x and y, at the heights that a function gives."""
     x, y = np.meshgrid(xs, ys)
     return sheet(np.stack([x, y, height(x, y)], axis=-1), np.stack([x, y], axis=-1))
 
 
-def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> Part:
+def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> SurfacePart:
     """A hanging cloth in the xz plane that waves in y."""
     x, z = np.meshgrid(np.linspace(0, width, columns), np.linspace(height, 0, 6))
     y = depth * np.sin(2 * np.pi * folds * x / width + 0.3 * np.sin(3 * x)) * (0.6 + 0.4 * (1 - z / height))
     return sheet(np.stack([x, y, z], axis=-1), np.stack([x * 1.3, height - z], axis=-1))
 
 
-def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5) -> Part:
+def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5) -> SurfacePart:
     """Randomly turned square cards, one a centre, for leaf textures with holes; `lift` 0 stands them upright."""
     n = len(centres)
     yaw, pitch = rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi / 2, np.pi / 2, n) * lift
@@ -194,10 +194,10 @@ def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: flo
     uvs = np.broadcast_to(np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * size, (n, 4, 2))
     start = 4 * np.arange(n)[:, None, None]
     faces = (start + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+    return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
 
 
-def blades(rng: np.random.Generator, roots: Float[np.ndarray, "n 3"], height: float, width: float) -> Part:
+def blades(rng: np.random.Generator, roots: Float[np.ndarray, "n 3"], height: float, width: float) -> SurfacePart:
     """Grass: one slender bent blade of two triangles a root."""
     n = len(roots)
     yaw, lean = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
@@ -212,4 +212,4 @@ def blades(rng: np.random.Generator, roots: Float[np.ndarray, "n 3"], height: fl
     uv = np.array([[0, 1], [0.1, 1], [0.08, 0.45], [0.05, 0.0]]) * height
     uvs = uv[None] + rng.uniform(0, 4, (n, 1, 2))
     faces = (4 * np.arange(n)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-    return Part(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+    return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)

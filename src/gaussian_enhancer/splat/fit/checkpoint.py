@@ -8,6 +8,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.input_files import refuse_larger_archive
 
 NAME = "checkpoint.pt"
 
@@ -42,6 +43,7 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
     path = folder / NAME
     if not path.is_file():
         return None
+    refuse_larger_archive(path)
     try:
         values: dict[str, Any] = torch.load(path, weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError) as error:

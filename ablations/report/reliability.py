@@ -1,0 +1,223 @@
+"""The page of what was done to break things, from the records of the campaigns: tried, handled, failed, by class."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
+from ablations.study.markdown import frame, markdown, plain
+from gaussian_enhancer.metrics.records import Record, read_records
+
+Row = Mapping[str, Any]
+
+ABOUT = """\
+What happens to files that are damaged, to jobs that are killed, to disks that are full and to numbers that are extreme.
+Every number here is counted from a committed record. A case is *handled* where nothing wrong comes of it: a file is
+refused in one line or read rightly, a job comes to the result of one that was not disturbed, a number stays within its
+tolerance or is refused. Everything else has *failed*.
+"""
+
+FUZZ = """\
+A seeded generator damages small real files: bytes are cut, flipped, deleted, repeated and filled, fields of known
+formats are set to extremes, words and values are replaced. Each case runs with limits of time and memory. *Read* means
+that everything which must hold of a file holds of what was read. `nox -s fuzz` runs all of it, a slice runs with the
+tests.
+
+Not covered: damage that leaves a plausible file, such as a camera moved by a centimetre. Image codecs are Pillow's own.
+"""
+
+COVERAGE = """\
+A fuzzer that is guided by coverage (atheris, libFuzzer) keeps inputs that reach new code and changes them further. It
+begins with the same real files. Inputs are those that were tried, edges the branches of the code that they reached.
+`nox -s fuzz -- --coverage` runs it.
+
+Not covered: compiled code inside NumPy, Pillow, zstandard and safetensors, which is not watched.
+"""
+
+KILL = """\
+Jobs at the smallest scale get a signal at seeded moments, then the same command runs again. Half of the moments are
+writes: files opened, moved and removed. The others are shares of the processor's time. The result must be that of a job
+which was not disturbed, bit for bit but for times, on one thread. In between, no file that can be seen may be cut, and
+no run may be marked as done that is not. `nox -s kill` runs all of it, a slice runs with the tests.
+
+Not covered: a machine that loses power, where the system itself may lose what was written. GPUs. Trainings on several
+processes and tables on several workers have tests of their own. Jobs that write no run: `report`, `dashboard`.
+"""
+
+TWO = """\
+One process is stopped in the middle of its writes, another begins in the same folder, then the first goes on. The
+second must wait, or be refused in one line.
+"""
+
+FULL = """\
+From the first write of each sort of file onwards, the system lets no file grow. The job must end in one line, leave
+nothing that is cut, and come to the same result once there is room. A sort of file is a path without its numbers.
+
+Not covered: a disk that fails to read.
+"""
+
+STABILITY = """\
+Extreme inputs in five precisions against float64, forward and backward: [the matrix](results/stability.md).
+"""
+
+
+def reliability_page(
+    fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], cells: Sequence[Record]
+) -> str:
+    """The whole page.
+
+    Args:
+        fuzz: rows of ``fuzz.jsonl``.
+        coverage: rows of ``fuzz_coverage.jsonl``.
+        kills: rows of ``kill.jsonl``.
+        cells: of the stability matrix.
+    """
+    damaged = [row for row in fuzz if "reader" in row and "case" not in row]
+    kinds = {
+        name: [row for row in kills if row.get("class") == name] for name in ("kill", "two processes", "full disk")
+    }
+    counts = [
+        ("damaged files", *_counts((row["cases"], row["verdict"] in ("refused", "right")) for row in damaged)),
+        ("inputs guided by coverage", *_guided(coverage)),
+        ("kills", *_counts(map(_one, kinds["kill"]))),
+        ("two processes on one folder", *_counts(map(_one, kinds["two processes"]))),
+        ("full disk", *_counts(map(_one, kinds["full disk"]))),
+        ("extreme numbers", *_counts((1, cell.variant != FAILED) for cell in cells)),
+    ]
+    counts = [line if line[1] != "0" else (line[0], "not run yet", "", "") for line in counts]
+    parts = ["# Reliability\n", ABOUT, "## In short\n", _table(("class", "tried", "handled", "failed"), counts)]
+    parts += ["## Damaged files\n", FUZZ, _readers(damaged)]
+    parts += ["## Damaged files, guided by coverage\n", COVERAGE, _covered(coverage)]
+    parts += ["## Kills\n", KILL, _by_signal(kinds["kill"])]
+    parts += ["## Two processes on one folder\n", TWO, _two(kinds["two processes"])]
+    parts += ["## Full disk\n", FULL, _by_job(kinds["full disk"])]
+    parts += ["## Extreme numbers\n", STABILITY, _families(cells)]
+    parts += ["## What has failed\n", _failed(fuzz, coverage, kills, cells)]
+    parts += ["## Where the numbers come from\n", _sources(cells)]
+    return "\n".join(parts)
+
+
+def read_page(results: Path) -> str:
+    """The page as the records of a folder have it.
+
+    Args:
+        results: the folder of committed records.
+
+    Raises:
+        InputError: the records of the matrix are missing or damaged.
+    """
+    fuzz, coverage, kills = (_rows(results / f"{name}.jsonl") for name in ("fuzz", "fuzz_coverage", "kill"))
+    cells = [record for record in read_records(results / "stability.jsonl") if record.kind == KIND]
+    return reliability_page(fuzz, coverage, kills, cells)
+
+
+def _rows(path: Path) -> list[Row]:
+    """The lines of a campaign's record; none where it was not run."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
+
+
+def _one(row: Row) -> tuple[int, bool]:
+    return 1, row["verdict"] == "handled"
+
+
+def _counts(cases: Iterable[tuple[int, bool]]) -> tuple[str, str, str]:
+    """Tried, handled, failed, of pairs of a count and whether it was handled."""
+    found: Counter[bool] = Counter()
+    for count, handled in cases:
+        found[handled] += count
+    return tuple(f"{number:,}" for number in (found.total(), found[True], found[False]))  # type: ignore[return-value]
+
+
+def _guided(coverage: Sequence[Row]) -> tuple[str, str, str]:
+    """A reader's fuzzing ends at its first bad input, so that one has failed at most."""
+    tried, failed = sum(row["inputs"] for row in coverage), sum(row["verdict"] == "failed" for row in coverage)
+    return f"{tried:,}", f"{tried - failed:,}", f"{failed:,}"
+
+
+def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    found = list(lines)
+    return markdown(frame(heads, found)) if found else "Not run yet.\n"
+
+
+def _readers(damaged: Sequence[Row]) -> str:
+    found: Counter[tuple[str, str]] = Counter()
+    for row in damaged:
+        found[row["reader"], row["verdict"]] += row["cases"]
+    verdicts = ("refused", "right", "wrong", "crashed")
+    names = sorted({reader for reader, _ in found})
+    lines = [(f"`{name}`", *(str(found[name, verdict]) for verdict in verdicts)) for name in names]
+    return _table(("reader", "refused", "read", "wrong", "crashed"), lines)
+
+
+def _covered(coverage: Sequence[Row]) -> str:
+    lines = [
+        (f"`{row['reader']}`", f"`{row['file']}`", f"{row['seconds']}", f"{row['inputs']:,}", f"{row['edges']:,}")
+        for row in coverage
+    ]
+    return _table(("reader", "file", "seconds", "inputs", "edges"), lines)
+
+
+def _by_signal(kills: Sequence[Row]) -> str:
+    names = list(dict.fromkeys((row["job"], row["signal"]) for row in kills))
+    lines = []
+    for job, signal in sorted(names):
+        own = [row for row in kills if (row["job"], row["signal"]) == (job, signal)]
+        writes = sum("write" in row["moment"] for row in own)
+        lines.append((f"`{job}`", signal, str(writes), str(len(own) - writes), *_counts(map(_one, own))[1:]))
+    return _table(("job", "signal", "at a write", "at any time", "handled", "failed"), lines)
+
+
+def _two(rows: Sequence[Row]) -> str:
+    lines = [(f"`{row['job']}`", row["moment"], row["how"], row["verdict"]) for row in rows]
+    return _table(("job", "the second runs", "what it did", "verdict"), lines)
+
+
+def _by_job(rows: Sequence[Row]) -> str:
+    jobs = list(dict.fromkeys(row["job"] for row in rows))
+    own = {job: [row for row in rows if row["job"] == job] for job in jobs}
+    lines = [(f"`{job}`", *_counts(map(_one, own[job])), _named(own[job])) for job in jobs]
+    return _table(("job", "sorts of files", "handled", "failed", "which"), lines)
+
+
+def _named(rows: Sequence[Row]) -> str:
+    return ", ".join(f"`{row['moment']}`" for row in rows)
+
+
+def _families(cells: Sequence[Record]) -> str:
+    found = Counter((cell.run, cell.variant) for cell in cells)
+    lines = [
+        (family, *(str(found[family, outcome]) for outcome in (WITHIN, REFUSED, FAILED)))
+        for family in dict.fromkeys(cell.run for cell in cells)
+    ]
+    return _table(("family", WITHIN, REFUSED, "failed"), lines)
+
+
+def _failed(fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], cells: Sequence[Record]) -> str:
+    """Every case that has failed, with what happened."""
+    lines = [(row["case"], row["verdict"], row.get("detail", "")) for row in fuzz if "case" in row]
+    lines += [
+        (f"{row['reader']} {row['file']}", "failed", row["detail"]) for row in coverage if row["verdict"] == "failed"
+    ]
+    lines += [
+        (f"{row['job']}, {row['class']}, {row['signal']}, {row['moment']}", "failed", row.get("detail", ""))
+        for row in kills
+        if row.get("verdict") == "failed"
+    ]
+    lines += [
+        (f"{cell.scene} {cell.splat} {cell.view}", "failed", cell.reasons.get("outcome", ""))
+        for cell in cells
+        if cell.variant == FAILED
+    ]
+    return "".join(f"- {plain(case)}: {verdict}; {plain(words)}\n" for case, verdict, words in lines) or "Nothing.\n"
+
+
+def _sources(cells: Sequence[Record]) -> str:
+    names = ("fuzz", "fuzz_coverage", "kill", "stability")
+    files = ", ".join(f"`docs/results/{name}.jsonl`" for name in names)
+    machines = ", ".join(sorted({cell.machine for cell in cells}))
+    return (
+        f"{files}. `python -m ablations.pages --write` makes this page from them. "
+        f"The matrix was computed on {machines}.\n"
+    )

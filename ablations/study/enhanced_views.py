@@ -1,0 +1,93 @@
+"""Held-out views of a fit, enhanced by several methods and measured against their photos.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Aligned
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.metrics.lpips import PerceptualDistance
+from gaussian_enhancer.metrics.pair import Measured, measure_pair
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What a method makes of a view.
+
+    Args:
+        image: the enhanced view, of the render's size.
+        aligned: the references that it was given.
+        measured: the image against the photo.
+    """
+
+    image: Float[Tensor, "3 h w"]
+    aligned: Aligned
+    measured: Measured
+
+
+@dataclass(frozen=True)
+class EnhancedView:
+    """A held-out view, enhanced.
+
+    Args:
+        view: as the run has it.
+        render: the raw render.
+        photo: the truth.
+        raw: the render against the photo.
+        results: by method.
+    """
+
+    view: RenderedView
+    render: Float[Tensor, "3 h w"]
+    photo: Float[Tensor, "3 h w"]
+    raw: Measured
+    results: Mapping[str, MethodResult]
+
+    def gains(self, method: str) -> dict[str, float]:
+        """How much each metric that is known exceeds the raw render's."""
+        after = self.results[method].measured.metrics
+        known = {name: (before, after.get(name)) for name, before in self.raw.metrics.items()}
+        return {name: b - a for name, (a, b) in known.items() if a is not None and b is not None}
+
+
+def enhanced_views(
+    rendered: RenderedSet,
+    enhancers: Mapping[str, SetEnhancer],
+    distances: Sequence[PerceptualDistance] = (),
+    every: int = 1,
+) -> Iterator[EnhancedView]:
+    """Enhance and measure the targets of a set; methods that prepare references alike share them.
+
+    Args:
+        rendered: held-out renders and training views.
+        enhancers: by method, at the render's own resolution.
+        distances: LPIPS distances to measure as well.
+        every: take every n-th target.
+
+    Raises:
+        InputError: a target has no photo.
+    """
+    pool = Pool(rendered.references)
+    for view in rendered.targets[::every]:
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
+        target, photo = read_target(view), view.read_photo()
+        prepared: list[tuple[ReferenceConfig, Aligned]] = []
+        results: dict[str, MethodResult] = {}
+        for name, enhancer in enhancers.items():
+            config = enhancer.reference_config
+            aligned = next((known for other, known in prepared if other == config), None)
+            if aligned is None:
+                aligned = config.align(target, view, pool)
+                prepared.append((config, aligned))
+            image = enhancer.enhance(join(target, aligned))[0]
+            results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
+        yield EnhancedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

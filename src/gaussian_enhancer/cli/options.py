@@ -1,0 +1,349 @@
+"""The types and bounds of every job's own options, checked before the job begins.
+
+Groups (scene, splat, fusion, ...) are checked against the signatures of what they build (`runs.arguments`).
+"""
+
+import os
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NotRequired, get_type_hints
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from pydantic import AfterValidator, Field, with_config
+from typing_extensions import TypedDict
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.typed import STRICT, check_plain
+
+LONGEST_NAME, LONGEST_PATH = 255, 4095
+"""Bytes that systems allow of a file's name and of a path."""
+
+
+def _usable(path: str) -> str:
+    names = [os.fsencode(name) for name in path.split("/")]
+    if any(len(name) > LONGEST_NAME for name in names) or len(os.fsencode(path)) > LONGEST_PATH:
+        raise ValueError(f"a path of at most {LONGEST_PATH} bytes, with names of at most {LONGEST_NAME}")
+    if "\0" in path:
+        raise ValueError("a path without zero bytes")
+    return path
+
+
+Place = Annotated[str, AfterValidator(_usable)]
+Places = list[Place]
+Word = str | int | float
+Group = dict[str, Any]
+Count = Annotated[int, Field(ge=1)]
+Size = Annotated[int, Field(ge=0)]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@with_config(STRICT)
+class Runtime(TypedDict):
+    """Options below ``runtime``."""
+
+    device: str
+    threads: Count | None
+    keep_memory: bool
+    progress: bool
+    processes: NotRequired[Count]
+
+
+class Options:
+    """Options of every job."""
+
+    runs: Place
+    output: Place | None
+    runtime: Runtime
+
+
+class Demo(Options):
+    """Options of the job ``demo``."""
+
+    scene: Group
+    splat: Group
+    settings: Group
+    weights: Place
+    lpips: list[str] | None
+    backbones: Place | None
+
+
+class Fit(Options):
+    """Options of the job ``fit``."""
+
+    scene: Group
+    splat: Group
+    settings: Group
+    profile: bool
+
+
+class Simulate(Options):
+    """Options of the job ``simulate``."""
+
+    gate: Group
+    generator: Group
+    image: Place | None
+    depth: Place | None
+    depth_scale: Positive
+    run: Place | None
+    view: Word | None
+    step: Size | None
+    seed: Seed
+    draws: Count
+
+
+class Enhance(Options):
+    """Options of the job ``enhance``."""
+
+    scene: Group | None
+    plan: Group
+    dry_run: bool
+    run: Place | None
+    step: Size | None
+    every: Count
+    gaussians: Place | None
+    invalid: str
+    method: str
+    views: str
+    renders: Place | None
+    photos: Place | None
+    references: Place | None
+    cameras: Place | None
+    depth: Place | None
+    depth_scale: Positive
+    depth_kind: str
+    budget_ms: Positive | None
+    weights: Place
+    max_references: Size | None
+    strength: Share | None
+    colour_clamping: Size
+    temporal_smoothing: Share
+    precision: str
+    tile: Count
+
+
+@with_config(STRICT)
+class Trainer(TypedDict):
+    """Options below ``trainer`` that decide what is trained; Lightning checks the others."""
+
+    max_steps: Annotated[int, Field(ge=-1)]
+    log_every_n_steps: NotRequired[Size]
+    gradient_clip_val: NotRequired[NonNegative | None]
+
+
+class Training(Options):
+    """Options of the trainings."""
+
+    label: Word
+    study: Word
+    seed: Seed
+    save_every: Count
+    card: dict[str, Any]
+    data: Group
+    trainer: Trainer
+
+
+class Train(Training):
+    """Options of the job ``train``."""
+
+    fusion: Group
+    loss: Group
+    optimizer: Group
+    lr_scheduler: Group
+    reference_config: Group
+    initial: Place | dict[str, Place] | None
+    bad_share: Share
+    coarse: NonNegative
+
+
+class TrainGenerator(Training):
+    """Options of the job ``train_generator``."""
+
+    design: Group
+    generator_loss: Group
+    sampler: Group
+    paired: Group
+    diffused: Group
+
+
+class Measure(Options):
+    """Options of the job ``measure``."""
+
+    images: Place | None
+    photos: Place | None
+    raw: Place | None
+    run: Place | None
+    step: Size | None
+    masks: Place | None
+    variant: Word
+    scene_name: Word | None
+    splat_name: Word | None
+    unmatched: str
+    background: list[Any]
+    lpips: list[str] | None
+    backbones: Place | None
+
+
+class Report(Options):
+    """Options of the job ``report``."""
+
+    measured: Place
+    title: Word | None
+    most_pictured: Size
+    contact_sheet: bool
+
+
+class Download(Options):
+    """Options of the job ``download``."""
+
+    dataset: Group
+    folder: Place
+    dry_run: bool
+    keep_archives: bool
+    retries: Size
+    timeout: Positive
+
+
+class Dashboard(Options):
+    """Options of the job ``dashboard``."""
+
+    folder: Place
+    title: Word | None
+    studies: dict[str, Any]
+    images_per_scene: Size
+
+
+class PlanStudy(Options):
+    """Options of the job ``plan_study``."""
+
+    worlds: Group
+    weights: Place
+    repeats: Count
+    fit_missing: bool
+    records_only: bool
+    lpips: list[str]
+    backbones: Place | None
+    baseline: str
+    shown: str
+    faster: Positive
+    slower: Positive
+    allowed: NonNegative
+    results: Place
+    markdown: Place
+
+
+class Quality(Options):
+    """Options of the job ``quality``."""
+
+    scenes: list[str] | None
+    splats: list[str]
+    fit: list[str]
+    fit_missing: bool
+    records_only: bool
+    lpips: list[str]
+    backbones: Place | None
+    groups: Group
+    tables: Group
+    markdown: Place
+    records: Place
+
+
+class Stability(Options):
+    """Options of the job ``stability``."""
+
+    families: list[str] | None
+    cases: list[str] | None
+    records_only: bool
+    records: Place
+    markdown: Place
+
+
+class Status(Options):
+    """Options of the job ``status``."""
+
+    scale: Group
+    table: Word | list[Word] | None
+    states: list[str] | None
+    backbones: Place | None
+
+
+class Tables(Options):
+    """Options of the job ``tables``."""
+
+    scale: Group
+    table: Word | list[Word]
+    dry_run: bool
+    workers: Count | None
+    scheduler: str | None
+    records_only: bool
+    fit_missing: bool
+    train_missing: bool
+    results: Place
+    backbones: Place | None
+
+
+class Tradeoff(Options):
+    """Options of the job ``tradeoff``."""
+
+    kind: Literal["quality", "training", "numerics", "all"]
+    records_only: bool
+    fit_missing: bool
+    train_missing: bool
+    lpips: list[str]
+    backbones: Place | None
+    minutes: Positive
+    studies: list[str] | None
+    settings: Place | None
+    markdown: Place
+    results: Place
+
+
+OPTIONS: Mapping[str, type[Options]] = {
+    "demo": Demo,
+    "fit": Fit,
+    "simulate": Simulate,
+    "enhance": Enhance,
+    "train": Train,
+    "train_generator": TrainGenerator,
+    "measure": Measure,
+    "quality": Quality,
+    "tradeoff": Tradeoff,
+    "stability": Stability,
+    "plan_study": PlanStudy,
+    "tables": Tables,
+    "status": Status,
+    "report": Report,
+    "dashboard": Dashboard,
+    "download": Download,
+}
+"""The options by job."""
+
+
+def check_options(job: str, cfg: DictConfig) -> None:
+    """Refuse a configuration with an option of another type, or out of bounds. Values not given (``???``) pass.
+
+    Args:
+        job: the job's name.
+        cfg: its whole configuration.
+
+    Raises:
+        InputError: an option is missing, of another type or out of bounds, or refers to what is not there.
+    """
+    for name, kind in get_type_hints(OPTIONS.get(job, Options), include_extras=True).items():
+        if kind == Group | None and name not in cfg:
+            continue  # a group of which nothing is chosen
+        if name not in cfg and not OmegaConf.is_missing(cfg, name):
+            raise InputError(name, f"was taken out of the configuration of {job}", f"leave ~{name} out")
+        if not OmegaConf.is_missing(cfg, name):
+            check_plain(_value(cfg, name), kind, name)
+
+
+def _value(cfg: DictConfig, name: str) -> Any:
+    try:
+        value = cfg[name]
+        return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+    except OmegaConfBaseException as error:
+        cause = str(error).splitlines()[0]
+        raise InputError(error.full_key or name, f"cannot be resolved: {cause}", "set what it refers to") from error

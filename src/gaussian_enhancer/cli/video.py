@@ -1,0 +1,96 @@
+"""The job ``video``: render a splat along a camera path, enhance every frame, and encode them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from gaussian_enhancer.infer.time_budget import within_budget
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.run import open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.video import Output, film, read_output, ready, run_configuration
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.video.ahead import ahead
+from gaussian_enhancer.video.encode import VideoWriter
+from gaussian_enhancer.video.film import Film, Frame
+from gaussian_enhancer.video.frames import FrameFolder, frame_name
+
+STOPPED = 130
+"""Exit code of a program that Ctrl-C ended."""
+
+
+def run(cfg: DictConfig) -> None:
+    """Make a video, or a folder of frames. Enhanced frames are kept in the run's folder, so that none is made twice.
+
+    Args:
+        cfg: see ``conf/video.yaml``.
+
+    Raises:
+        InputError: the input cannot be used, an option is out of range, or a file cannot be written.
+        SystemExit: the user pressed Ctrl-C.
+    """
+    console = Console(stderr=True)
+    read_output(cfg)
+    device = start(cfg.runtime)
+    cfg = within_budget(cfg, ready, device, console)
+    filmed = film(cfg, device)
+    output = read_output(cfg, filmed.path.fps)
+    for line in filter(None, (filmed.task.note, *filmed.found.lacks)):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    rendered = filmed.task.rendered
+    job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
+    planner = filmed.found.planner(build(cfg.plan))
+    folder = FrameFolder(job.folder / "frames")
+    frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)
+    hidden = not (cfg.runtime.progress and console.is_terminal)
+    try:
+        written = _write(frames, output, job.folder, console, hidden)
+    except KeyboardInterrupt:
+        made = sum(folder.has(index) for index in range(len(rendered.targets)))
+        told = f"stopped with {made} of {len(rendered.targets)} frames made; the same command goes on from there"
+        console.print(f"{job.folder}: {told}", highlight=False, soft_wrap=True)
+        raise SystemExit(STOPPED) from None
+    job.finish()
+    height, width = output.layout.size(*frames.size)
+    told = f"{len(rendered.targets)} frames of {width}x{height}"
+    if output.encoding is not None:
+        told += f", {len(rendered.targets) / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
+    fresh = frames.stored.count(False)
+    kept = "" if fresh == len(rendered.targets) else f"; {fresh} were made now, the others before"
+    console.print(f"{written}: {told}{kept}", highlight=False, soft_wrap=True)
+
+
+def _write(frames: Film, output: Output, folder: Path, console: Console, hidden: bool) -> Path:
+    """Write all frames as they are made, and return the video, or the folder of images."""
+    layout, count = output.layout, len(frames.stored)
+    if output.encoding is None:
+        place = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
+        for frame in _made(frames, console, hidden):
+            if place != frames.folder.folder:
+                shown = layout(frames.shown_render(frame), frame.enhanced, frame.index / count)
+                write_image(place / frame_name(frame.index), shown)
+        return place
+    container = output.encoding.container
+    with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*frames.size)) as writer:
+        for frame in _made(frames, console, hidden):
+            writer.write(layout(frames.shown_render(frame), frame.enhanced, frame.index / count))
+    place = output.place or folder / f"{layout.kind}.{container}"
+    writer.finish(place)
+    return place
+
+
+def _made(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
+    """The frames, written to their folder where they are fresh; enhanced in a thread while earlier ones are encoded."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    fresh = frames.stored.count(False)
+    with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
+        task = progress.add_task("enhancing" if fresh else "encoding", total=fresh or len(frames.stored))
+        for frame in ahead(frames):
+            if not frame.stored:
+                frames.folder.write(frame.index, frame.enhanced, frame.candidates)
+            yield frame
+            if not (fresh and frame.stored):  # the time left is that of frames to be made
+                progress.advance(task)

@@ -1,0 +1,141 @@
+"""The paper's SSIF-LR (algorithm 3): fusion at 1/4, 1/2 and 1 of the render's resolution.
+
+Axes: b batch, r references, c channels, h height, w width; i and j half of a scale's height and width.
+"""
+
+from collections.abc import Sequence
+from typing import cast
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.deform import Deformable
+from gaussian_enhancer.network.network import CachesReferences
+from gaussian_enhancer.network.paper.stages import (
+    DeformableConv,
+    FeatureFusion,
+    ImageEncoder,
+    LearnedCombine,
+    depth_planes,
+    halved_visibility,
+    zeroed,
+)
+from gaussian_enhancer.network.pyramid import padded, shrunk
+from gaussian_enhancer.network.stem import Choice
+from gaussian_enhancer.types import NetworkInput
+
+FACTORS = (4, 2, 1)
+
+
+class PaperSSIFLR(CachesReferences):
+    """GaussianEnhancer++'s SSIF-LR (algorithm 3), coarse to fine.
+
+    At each scale s: F_fused = DeformableConv(F[G t-1], F[L], F[G t+1]) and T = Decoder(F_fused (+) F[D]). At 1/4,
+    E = DeformableConv(T, F[G t-1], F[G t+1]). At 1/2, E = Combine(T, up2 E(1/4)). At 1, E = Fuse(T, up4 E(1/4),
+    up2 E(1/2)). No scale shares weights with another. Untrained, every scale returns its render.
+
+    Args:
+        widths: channels of each scale's decoder at 1/2, 1/4, 1/8, ... of the scale's resolution.
+        blocks: residual blocks at each of these levels.
+        encoder_blocks: residual blocks of the encoders.
+        refine: the deformable convolution.
+    """
+
+    def __init__(
+        self,
+        widths: Sequence[int] = (32, 64, 96),
+        blocks: Sequence[int] = (2, 2, 3),
+        encoder_blocks: int = 1,
+        refine: Choice = Deformable(reach=None),  # noqa: B008  (frozen values)
+    ) -> None:
+        super().__init__()
+        self.describe(locals())
+        widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
+        self.stride = FACTORS[0] * 2 ** max(len(widths), 2)
+        self.scales = nn.ModuleList(Scale(widths, blocks, encoder_blocks, refine) for _ in FACTORS)
+        self.encode_coarsest = ImageEncoder(3, widths[0], encoder_blocks)
+        self.align_again = DeformableConv(widths[0], refine, 12)
+        zeroed(self.align_again.join)
+        self.combine = LearnedCombine(1, widths[0])
+        self.fuse = LearnedCombine(2, widths[0])
+
+    def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
+        """Features of the references at each scale."""
+        pyramid = self._pyramid(views)
+        return tuple(self._scale(k).encode_reference.each(seen.references - 0.5) for k, seen in enumerate(pyramid))
+
+    def forward(
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> Float[Tensor, "b 3 h w"]:
+        """Enhance renders of any size with two references or fewer.
+
+        Args:
+            views: what is known of the targets.
+            encoded: what `encode` gave for these references.
+        """
+        return self.stages(views, encoded)[-1]
+
+    def stages(
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
+    ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """E at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up."""
+        height, width = views.render.shape[-2:]
+        pyramid = self._pyramid(views)
+        references = self.encode(views) if encoded is None else encoded
+        quarter = self._scale(0)(pyramid[0], references[0])
+        quarter = self._aligned_again(quarter, pyramid[0], references[0])
+        half = self.combine(self._scale(1)(pyramid[1], references[1]), quarter)
+        whole = self.fuse(self._scale(2)(pyramid[2], references[2]), quarter, half)
+        scales = zip((quarter, half, whole), FACTORS, strict=True)
+        return tuple(image[..., : -(-height // factor), : -(-width // factor)] for image, factor in scales)
+
+    def _aligned_again(
+        self, image: Float[Tensor, "b 3 h w"], views: NetworkInput, references: Float[Tensor, "b r c i j"]
+    ) -> Float[Tensor, "b 3 h w"]:
+        """E(1/4) = DeformableConv(T(1/4), F[G t-1], F[G t+1]), read as a change of T."""
+        target = self.encode_coarsest(image - 0.5)
+        change = self.align_again(target, references.to(target.dtype), halved_visibility(views))
+        return image + nn.functional.pixel_shuffle(change, 2).to(image.dtype)
+
+    def _pyramid(self, views: NetworkInput) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
+        """The views at 1/4, 1/2 and 1."""
+        whole = padded(views, self.stride)
+        half = shrunk(whole, 2)
+        return shrunk(half, 2), half, whole
+
+    def _scale(self, level: int) -> "Scale":
+        return cast(Scale, self.scales[level])
+
+
+class Scale(nn.Module):
+    """T = Decoder(DeformableConv(F[G t-1], F[L], F[G t+1]) (+) F[D]) at one scale, with weights of its own.
+
+    Args:
+        widths: channels of the decoder.
+        blocks: residual blocks of the decoder.
+        encoder_blocks: residual blocks of the encoders.
+        refine: the deformable convolution.
+    """
+
+    def __init__(self, widths: Sequence[int], blocks: Sequence[int], encoder_blocks: int, refine: Choice) -> None:
+        super().__init__()
+        channels = widths[0]
+        self.encode_reference = ImageEncoder(3, channels, encoder_blocks)
+        self.encode_target = ImageEncoder(3, channels, encoder_blocks)
+        self.encode_depth = ImageEncoder(2, channels, encoder_blocks)
+        self.fuse = DeformableConv(channels, refine, channels)
+        self.join_depth = FeatureFusion(channels, 2)
+        self.decode = Decoder(widths, blocks, 3)
+
+    def forward(self, views: NetworkInput, references: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b 3 h w"]:
+        """T of this scale.
+
+        Args:
+            views: at this scale.
+            references: features of the references at this scale.
+        """
+        target = self.encode_target(views.render - 0.5)
+        depth = self.encode_depth(depth_planes(views))
+        fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))
+        return views.render + self.decode(self.join_depth(fused, depth)).to(views.render.dtype)

@@ -1,0 +1,67 @@
+"""The values of a configuration checked against the signature of what it builds."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any, get_type_hints
+
+from hydra.utils import get_object
+from omegaconf import DictConfig, OmegaConf
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.typed import check_plain
+
+OURS = ("gaussian_enhancer.", "ablations.")
+"""Packages whose signatures state types that hold; other packages check their arguments themselves, or do not."""
+
+
+def check_arguments(node: DictConfig) -> None:
+    """Refuse an argument that a target of ours does not take, or of another type than its signature states.
+
+    Args:
+        node: configuration with ``_target_`` and its parameters; nested targets are checked, too.
+
+    Raises:
+        InputError: an argument is unknown, or its value is of another type; both are named as on the command line.
+    """
+    values = OmegaConf.to_container(node, resolve=True)
+    if isinstance(values, dict):
+        _check({str(name): value for name, value in values.items()}, str(node._get_full_key(None) or ""))
+
+
+def _check(values: Mapping[str, Any], place: str) -> None:
+    target = values.get("_target_")
+    if isinstance(target, str) and target.startswith(OURS) and not values.get("_partial_"):
+        _check_target(target, values, place)
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _check(value, f"{place}.{name}" if place else name)
+
+
+def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
+    called = get_object(target)
+    parameters = inspect.signature(called).parameters
+    hints = _hints(called)
+    open_ended = any(one.kind == inspect.Parameter.VAR_KEYWORD for one in parameters.values())
+    for name, value in values.items():
+        if name.startswith("_"):
+            continue
+        subject = f"{place}.{name}" if place else name
+        if name not in parameters and not open_ended:
+            raise InputError(subject, f"is no option of {target.rsplit('.', 1)[1]}", f"choose {', '.join(parameters)}")
+        if name in hints and not _built(value):
+            check_plain(value, hints[name], subject)
+
+
+def _hints(called: Any) -> dict[str, Any]:
+    """The types that a signature states; empty where a name in it is not known at run time."""
+    try:
+        return get_type_hints(called.__init__ if inspect.isclass(called) else called, include_extras=True)
+    except NameError:
+        return {}
+
+
+def _built(value: Any) -> bool:
+    """Whether a value is built first, or holds what is."""
+    if isinstance(value, Mapping):
+        return "_target_" in value or any(map(_built, value.values()))
+    return isinstance(value, list) and any(map(_built, value))

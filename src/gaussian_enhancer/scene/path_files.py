@@ -1,0 +1,122 @@
+"""Camera paths that other programs wrote.
+
+nerfstudio's viewer writes ``camera_path.json`` (``camera_path``, ``render_height``, ``render_width``, ``fps``), whose
+poses are camera-to-world with OpenGL axes and whose field of view is vertical, in degrees.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.scene.cameras import read_cameras
+from gaussian_enhancer.scene.colmap import camera_pose, read_model
+from gaussian_enhancer.scene.json_file import mapping, number, pixels, read_json
+from gaussian_enhancer.scene.posed import rigid
+from gaussian_enhancer.scene.transforms import read_lens, read_pose
+from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
+from gaussian_enhancer.types import Camera
+
+KNOWN = "a camera_path.json of nerfstudio, a transforms.json, a cameras.json, or a folder with a COLMAP model"
+MOST_FRAMES = 1_000_000
+
+
+@dataclass(frozen=True)
+class FilePath:
+    """A camera path from a file.
+
+    Args:
+        cameras: in the file's order; of a COLMAP model sorted by the images' names.
+        fps: frames a second; None where the file does not say.
+    """
+
+    cameras: tuple[Camera, ...]
+    fps: float | None = None
+
+
+@reader
+def read_path(path: str | Path, height: int, width: int) -> FilePath:
+    """The cameras of a path file. A distorted lens becomes the pinhole that its photos are undistorted to.
+
+    Args:
+        path: nerfstudio's ``camera_path.json``, a ``transforms.json``, a ``cameras.json`` as 3DGS writes it, a folder
+            with a COLMAP model, or that model's images file. Photos are not needed.
+        height: of the frames in pixels where a ``transforms.json`` states none.
+        width: likewise.
+
+    Raises:
+        InputError: the file is missing or none of these, or a camera in it is unusable.
+    """
+    file = Path(path)
+    if file.is_dir():
+        return _from_colmap(file)
+    if file.name in ("images.bin", "images.txt"):
+        return _from_colmap(file.parent)
+    if file.suffix.lower() != ".json":
+        known = "does not exist" if not file.exists() else "is no camera path"
+        raise InputError(path, known, f"choose interpolate, orbit, spiral, or give {KNOWN}")
+    content = read_json(file)
+    if isinstance(content, list):
+        return FilePath(tuple(entry.camera for entry in read_cameras(file)))
+    if isinstance(content, dict) and "camera_path" in content:
+        return _from_nerfstudio(content, file)
+    if isinstance(content, dict) and "frames" in content:
+        return _from_transforms(content, file, height, width)
+    raise InputError(path, "is no camera path", f"give {KNOWN}")
+
+
+def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
+    height, width = pixels(content, "render_height", source), pixels(content, "render_width", source)
+    kind = content.get("camera_type", "perspective")
+    if kind != "perspective":
+        raise InputError(source, f"has camera_type {shown(kind)}", "render a perspective path")
+    cameras = []
+    for index, entry in enumerate(_entries(content, "camera_path", source)):
+        where = f"{source} camera {index}"
+        angle = number(entry, "fov", where)
+        if not 0 < angle < 180:
+            raise InputError(where, f"has fov = {angle:g}", "give degrees above 0 and below 180")
+        focal = height / (2 * math.tan(math.radians(angle) / 2))
+        lens = Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2), where)
+        cameras.append(_camera(lens, read_pose(entry, "camera_to_world", where), where))
+    fps = number(content, "fps", source) if content.get("fps") is not None else None
+    return FilePath(tuple(cameras), fps)
+
+
+def _from_transforms(content: dict[str, Any], source: Path, height: int, width: int) -> FilePath:
+    cameras = []
+    for index, frame in enumerate(_entries(content, "frames", source)):
+        where = f"{source} frame {index}"
+        lens = read_lens({**content, **frame}, height, width, source)
+        cameras.append(_camera(lens, read_pose(frame, "transform_matrix", where), where))
+    return FilePath(tuple(cameras))
+
+
+def _from_colmap(folder: Path) -> FilePath:
+    model = read_model(folder)
+    images = sorted(model.images, key=lambda image: image.name)
+    if not images:
+        raise InputError(folder, "lists no images", "give a model with the path's cameras")
+    return FilePath(tuple(_camera(model.cameras[i.camera], camera_pose(i), f"{folder} {i.name}") for i in images))
+
+
+def _entries(content: dict[str, Any], key: str, source: Path) -> Sequence[Any]:
+    entries = content[key]
+    if not isinstance(entries, list) or not entries:
+        raise InputError(source, f"has {key} = {shown(entries)}", "give a list with one entry for each camera")
+    if len(entries) > MOST_FRAMES:
+        raise InputError(source, f"lists {len(entries)} cameras", f"give at most {MOST_FRAMES}")
+    for index in range(len(entries)):
+        mapping({key: entries[index]}, key, f"{source} entry {index}")
+    return entries
+
+
+def _camera(lens: Lens, world_to_camera: Float[Tensor, "4 4"], where: str) -> Camera:
+    K, height, width = ideal_pinhole(lens)
+    return Camera(K.float(), rigid(world_to_camera, where).float(), height, width)

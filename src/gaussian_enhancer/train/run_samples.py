@@ -1,0 +1,104 @@
+"""Fitted runs as samples: which renders of a run are taken, and their warped references."""
+
+import dataclasses
+import glob
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.train.non_finite import BAD_SHARE
+from gaussian_enhancer.train.samples import Sample, prepare_samples, training_targets
+
+Finer = Callable[[Path, RenderedSet], RenderedSet]
+
+
+@dataclass(frozen=True)
+class RunSamples:
+    """How a fitted run becomes samples.
+
+    Args:
+        reference_config: how references are aligned; each (target, reference) pair is warped once and cached.
+        cache: folder for prepared samples.
+        snapshots: take the renders of all of a run's snapshots (weak fits teach most), or of the last alone.
+        views_per_run: at most so many held-out views of each run, spread evenly; None takes all.
+        finer: gives the views of a run their photos 4 times as fine, where the reference configuration asks for them.
+        bad_share: share of all samples that may be left out for not being finite.
+        progress: show a bar while samples are prepared.
+
+    Raises:
+        InputError: fine photos are asked for and nothing gives them, or the number of views is not positive.
+    """
+
+    reference_config: ReferenceConfig
+    cache: str | Path
+    snapshots: bool = True
+    views_per_run: int | None = None
+    finer: Finer | None = None
+    bad_share: float = BAD_SHARE
+    progress: bool = True
+
+    def __post_init__(self) -> None:
+        if self.reference_config.fine and self.finer is None:
+            raise InputError("reference_config.fine", "is asked for", "tell with finer= where fine photos come from")
+        if self.views_per_run is not None and self.views_per_run < 1:
+            raise InputError("views_per_run", f"is {self.views_per_run}", "give at least 1")
+
+    def held_out(self, run: Path, threads: int, advance: Callable[[], None]) -> list[Sample]:
+        """The held-out views of a run.
+
+        Args:
+            run: its folder.
+            threads: that prepare samples.
+            advance: called after each sample.
+        """
+        steps, found = run_steps(run), []
+        for step in steps if self.snapshots else steps[-1:]:
+            views, identity = self._thinned(self._read(run, step), _identity(run, step))
+            found += self._prepared(views, identity, True, threads, advance)
+        return found
+
+    def training_views(self, run: Path, threads: int, advance: Callable[[], None]) -> list[Sample]:
+        """Training views with the depth of the last snapshot; the photos of all snapshots are the same."""
+        step = run_steps(run)[-1]
+        views = training_targets(self._read(run, step))
+        return self._prepared(views, _identity(run, step), False, threads, advance)
+
+    def _read(self, run: Path, step: int) -> RenderedSet:
+        views = read_run(run, step)
+        return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
+
+    def _thinned(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
+        """The views that a run gives, and what tells them from another choice of them."""
+        count, most = len(views.targets), self.views_per_run
+        if most is None or count <= most:
+            return views, identity
+        chosen = tuple(views.targets[(2 * i + 1) * count // (2 * most)] for i in range(most))
+        return dataclasses.replace(views, targets=chosen), f"{identity} {most} views"
+
+    def _prepared(
+        self, views: RenderedSet, identity: str, held_out: bool, threads: int, advance: Callable[[], None]
+    ) -> list[Sample]:
+        return prepare_samples(views, self.reference_config, Path(self.cache), identity, threads, advance, held_out)
+
+
+def _identity(run: Path, step: int) -> str:
+    return f"{run.resolve()} {step} {(run / f'test/ours_{step}/renders').stat().st_mtime_ns}"
+
+
+def find_runs(pattern: str) -> list[Path]:
+    """The run folders with held-out renders that a pattern names, sorted.
+
+    Raises:
+        InputError: there is none, or one of them is a fit that was not finished.
+    """
+    runs = sorted(Path(found) for found in glob.glob(pattern, recursive=True) if run_steps(Path(found)))
+    if not runs:
+        raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
+    for run in runs:
+        if (run / "config.yaml").is_file() and not (run / "done").is_file():
+            raise InputError(run, "is a fit that was not finished", "start the same fit again, or delete the folder")
+    return runs

@@ -1,0 +1,189 @@
+"""Encoding of frames by PyAV, which brings FFmpeg's libraries.
+
+Axes: h height, w width.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import unwritable, whole_file
+
+CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
+"""The encoder of each container."""
+BT709 = 1
+"""FFmpeg's number for the colours of ITU-R BT.709, which players assume of videos that do not say."""
+LIMITED = 1
+"""FFmpeg's number for luma from 16 to 235."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How frames are encoded.
+
+    Args:
+        container: "mp4" (H.264) or "webm" (VP9).
+        fps: frames a second, above 0 to 1,000.
+        quality: constant rate factor: lower is better and larger; 0 to 51 for mp4, 0 to 63 for webm.
+
+    Raises:
+        InputError: a value is out of range.
+    """
+
+    container: str = "mp4"
+    fps: int | float = 30
+    quality: int = 18
+
+    def __post_init__(self) -> None:
+        if self.container not in CODECS:
+            raise InputError("format", f"is {self.container!r}", f"choose {', '.join(CODECS)} or frames")
+        if isinstance(self.fps, bool) or not isinstance(self.fps, int | float) or not 0 < self.fps <= 1000:
+            raise InputError("fps", f"is {self.fps!r}", "give frames a second, above 0 to 1000")
+        most = 51 if self.container == "mp4" else 63
+        whole = isinstance(self.quality, int) and not isinstance(self.quality, bool)
+        if not whole or not 0 <= self.quality <= most:
+            raise InputError("quality", f"is {self.quality!r}", f"give a whole number from 0 (best) to {most}")
+
+    def check(self) -> None:
+        """Look for the encoder before anything is rendered.
+
+        Raises:
+            InputError: PyAV is not installed, or its FFmpeg has no such encoder.
+        """
+        library = _library()
+        name = CODECS[self.container]
+        try:
+            library.codec.Codec(name, "w")
+        except (ValueError, library.error.FFmpegError) as error:
+            other = ", ".join(one for one in CODECS if one != self.container)
+            received = f"needs the encoder {name}, which this build of PyAV lacks"
+            raise InputError(f"format={self.container}", received, f"choose format={other} or frames") from error
+
+
+class VideoWriter:
+    """Writes frames to a video file as they come; a context manager.
+
+    The file is written in fragments of about two seconds. Where the process is killed, what was written plays; where
+    the block ends early, by an error or Ctrl-C, every frame that was handed over does. `finish` makes an ordinary file
+    of it.
+
+    Args:
+        path: the file that is written in fragments; an old one is replaced.
+        encoding: container, frames a second, quality.
+        height: of the frames in pixels, even.
+        width: likewise.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, encoding: Encoding, height: int, width: int) -> None:
+        library = _library()
+        self.path, self.encoding = path, encoding
+        options = {"movflags": "frag_keyframe+empty_moov+default_base_moof"} if encoding.container == "mp4" else {}
+        self._frames = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._container = library.open(str(path), "w", format=encoding.container, options=options)
+        except OSError as error:
+            raise unwritable(path, error) from error
+        rate = Fraction(encoding.fps).limit_denominator(1001)
+        stream: Any = self._container.add_stream(CODECS[encoding.container], rate=rate)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        context = stream.codec_context
+        context.gop_size = max(1, round(2 * encoding.fps))
+        context.colorspace = context.color_primaries = context.color_trc = BT709
+        context.color_range = LIMITED
+        context.options = {"crf": str(encoding.quality), **_speed(encoding.container)}
+        self._stream = stream
+
+    def __enter__(self) -> "VideoWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._guarded(self._close)
+
+    def write(self, frame: Float[Tensor, "3 h w"]) -> None:
+        """Add a frame.
+
+        Args:
+            frame: its colours, [0, 1].
+
+        Raises:
+            InputError: the disk is full, or the file cannot be written.
+        """
+        values = np.ascontiguousarray((frame.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+        self._guarded(lambda: self._encode(values))
+
+    def finish(self, path: Path) -> None:
+        """Make an ordinary, seekable file of the fragments, which are removed; after the block has ended.
+
+        Args:
+            path: the file to write, whole or not at all.
+
+        Raises:
+            InputError: the disk is full, or the file cannot be written.
+        """
+        library = _library()
+        options = {"movflags": "faststart"} if self.encoding.container == "mp4" else {}
+        with whole_file(path) as temporary:
+            try:
+                with (
+                    library.open(str(self.path)) as source,
+                    library.open(str(temporary), "w", format=self.encoding.container, options=options) as target,
+                ):
+                    given = source.streams.video[0]
+                    stream = target.add_stream_from_template(given)
+                    for packet in source.demux(given):
+                        if packet.dts is not None:
+                            packet.stream = stream
+                            target.mux(packet)
+            except OSError as error:
+                raise unwritable(path, error) from error
+        self.path.unlink(missing_ok=True)
+
+    def _encode(self, values: np.ndarray) -> None:
+        picture: Any = _library().VideoFrame.from_ndarray(values, format="rgb24")
+        picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        picture.pts, self._frames = self._frames, self._frames + 1
+        self._container.mux(self._stream.encode(picture))
+
+    def _close(self) -> None:
+        try:
+            self._container.mux(self._stream.encode(None))
+        finally:
+            self._container.close()
+
+    def _guarded(self, work: Any) -> None:
+        try:
+            work()
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+
+def _speed(container: str) -> dict[str, str]:
+    """VP9's own defaults take seconds a frame."""
+    return {"b:v": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"} if container == "webm" else {}
+
+
+def _library() -> Any:
+    """PyAV, which is an extra.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        remedy = 'install it with pip install "gaussian-enhancer[video]", or choose format=frames'
+        raise InputError("video", f"needs PyAV, which cannot be imported ({error})", remedy) from error
+    return av

@@ -1,0 +1,138 @@
+"""Enhancing the frames of a path one after the other, each once.
+
+Axes: h height, w width, H, W the same times the network's scale.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.path_references import PathReferences
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
+from gaussian_enhancer.network.network import CachesReferences
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.scene.in_memory import held
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import quantised
+from gaussian_enhancer.video.ahead import ahead
+from gaussian_enhancer.video.frames import FrameFolder
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a path.
+
+    Args:
+        index: 0 for the first.
+        enhanced: the enhanced view in 8 bits, as it is kept on disk.
+        render: the render; None where neither the frame nor the next one needs it.
+        candidates: names of the references that were considered.
+        stored: whether the enhanced view was on disk already.
+    """
+
+    index: int
+    enhanced: Float[Tensor, "3 H W"]
+    render: Float[Tensor, "3 h w"] | None
+    candidates: tuple[str, ...]
+    stored: bool
+
+
+class Film:
+    """The frames of a path. Those that are on disk are not made again, and not rendered unless they are shown.
+
+    Temporal smoothing takes over from the frame before as it is on disk, in 8 bits. So an interrupted film goes on as
+    if it had not been interrupted.
+
+    Args:
+        enhancer: with a `PathReferences` for its references; its ``temporal_smoothing`` is applied along the path.
+        rendered: the path's frames as targets, and the references.
+        planner: decides what a frame does not need; None enhances every pixel.
+        pool: the references.
+        folder: of frames that are on disk. The consumer writes fresh frames to it.
+        show_renders: render every frame, also those whose enhanced view is on disk.
+    """
+
+    def __init__(
+        self,
+        enhancer: SetEnhancer,
+        rendered: RenderedSet,
+        planner: Planner | None,
+        pool: Pool,
+        folder: FrameFolder,
+        show_renders: bool = False,
+    ) -> None:
+        self.enhancer, self.rendered, self.planner, self.pool = enhancer, rendered, planner, pool
+        self.folder, self.show_renders = folder, show_renders
+        self.stored = tuple(folder.has(index) for index in range(len(rendered.targets)))
+        network = enhancer.network
+        self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the enhanced frames in pixels."""
+        camera = self.rendered.targets[0].camera
+        if camera is None:
+            raise InputError(self.rendered.targets[0].name, "has no camera", "render the path from a splat")
+        return camera.height * self.enhancer.network.scale, camera.width * self.enhancer.network.scale
+
+    def shown_render(self, frame: Frame) -> Float[Tensor, "3 H W"] | None:
+        """A frame's render at the enhanced view's size; enlarged bicubically where that is larger."""
+        if frame.render is None:
+            return None
+        return upsampled(frame.render[None], self.enhancer.network.scale)[0].clamp(0, 1)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Render, enhance and smooth each frame. Rendering is one frame ahead, in a thread of its own.
+
+        Raises:
+            InputError: a frame on disk is damaged, or a reference cannot be read.
+        """
+        before: PreviousChange | None = None
+        for index, view in enumerate(ahead(self._drawn(), 1)):
+            target = read_target(view) if self._draws(index) else None
+            if self.stored[index]:
+                image, candidates = self.folder.read(index), self.folder.candidates(index)
+                self._go_on_from(candidates)
+            else:
+                image = self._enhanced(view, before)
+                candidates = self._candidates()
+            smoothing = self.enhancer.temporal_smoothing > 0 and target is not None
+            before = PreviousChange(image - target.image, target) if smoothing and target is not None else None
+            render = None if target is None else target.image
+            yield Frame(index, image, render, candidates, self.stored[index])
+
+    def _drawn(self) -> Iterator[RenderedView]:
+        for index, view in enumerate(self.rendered.targets):
+            kept = held(view)
+            if self._draws(index):
+                read_target(kept)
+            yield kept
+
+    def _draws(self, index: int) -> bool:
+        """Whether a frame is rendered: to be enhanced, to be shown, or to carry its change to the next one."""
+        follows = index + 1 < len(self.stored) and not self.stored[index + 1]
+        return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and follows)
+
+    def _enhanced(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
+        alone = replace(self.rendered, targets=(view,))
+        (one,) = self.enhancer(alone, self.planner, self.pool, self._features)
+        share, image = self.enhancer.temporal_smoothing, one.image
+        if share > 0:
+            image, _ = smoothed_over_time(image, read_target(view), before, share)
+        return quantised(image)
+
+    def _candidates(self) -> tuple[str, ...]:
+        config = self.enhancer.reference_config
+        return tuple(config.kept) if isinstance(config, PathReferences) else ()
+
+    def _go_on_from(self, candidates: tuple[str, ...]) -> None:
+        config = self.enhancer.reference_config
+        if isinstance(config, PathReferences):
+            config.kept[:] = candidates

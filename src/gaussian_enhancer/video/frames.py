@@ -1,0 +1,84 @@
+"""Enhanced frames on disk, from which an interrupted video goes on.
+
+Axes: h height, w width.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image, PngImagePlugin
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.scene.photos import read_photo
+
+CANDIDATES = "candidates"
+"""Name of the text in a frame's PNG that lists the references that were considered for it."""
+
+
+def frame_name(index: int) -> str:
+    """The file name of a frame.
+
+    Args:
+        index: 0 for the first.
+    """
+    return f"frame_{index:06d}.png"
+
+
+@dataclass(frozen=True)
+class FrameFolder:
+    """A folder of enhanced frames, each written whole or not at all, with the references considered for it.
+
+    Args:
+        folder: where they lie; it need not exist.
+    """
+
+    folder: Path
+
+    def has(self, index: int) -> bool:
+        """Whether a frame is there."""
+        return (self.folder / frame_name(index)).is_file()
+
+    def write(self, index: int, image: Float[Tensor, "3 h w"], candidates: Sequence[str] = ()) -> None:
+        """Write a frame in 8 bits.
+
+        Args:
+            index: of the frame.
+            image: its colours, [0, 1].
+            candidates: names of the references that were considered for it.
+
+        Raises:
+            InputError: the disk is full, or the folder cannot be written.
+        """
+        values = np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+        told = PngImagePlugin.PngInfo()
+        told.add_text(CANDIDATES, json.dumps(list(candidates)))
+        with whole_file(self.folder / frame_name(index)) as temporary:
+            Image.fromarray(values).save(temporary, compress_level=3, pnginfo=told)
+
+    def read(self, index: int) -> Float[Tensor, "3 h w"]:
+        """A frame.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        return read_photo(self.folder / frame_name(index))
+
+    def candidates(self, index: int) -> tuple[str, ...]:
+        """Names of the references that were considered for a frame.
+
+        Raises:
+            InputError: the frame does not say.
+        """
+        path = self.folder / frame_name(index)
+        try:
+            with Image.open(path) as image:
+                found = json.loads(str(image.info[CANDIDATES]))
+        except (OSError, KeyError, ValueError) as error:
+            raise InputError(path, f"is no frame of an enhanced video ({error})", "delete it") from error
+        return tuple(map(str, found))

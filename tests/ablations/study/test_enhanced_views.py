@@ -1,0 +1,66 @@
+"""Views of a run, enhanced by several methods: metrics are those of the images, and equal preparations are shared."""
+
+import dataclasses
+
+import pytest
+import torch
+from test_sif import small
+
+from ablations.study.enhanced_views import enhanced_views
+from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.metrics.pair import measure_pair
+from gaussian_enhancer.scene.renders import read_run
+
+
+def brighter(shift: float, config: ReferenceConfig) -> SetEnhancer:
+    """An enhancer that adds about half of a number."""
+    network = small()
+    with torch.no_grad():
+        network.decode.head.bias[:12] = shift
+    return SetEnhancer(network, config, precision="float32")
+
+
+@pytest.fixture
+def enhancers() -> dict[str, SetEnhancer]:
+    """Two methods whose references are prepared alike, and one that sees fewer."""
+    configs = {"same": ReferenceConfig(), "brighter": ReferenceConfig(), "fewer": ReferenceConfig(references=1)}
+    return {name: brighter(0.2 * (name == "brighter"), config) for name, config in configs.items()}
+
+
+def test_images_are_the_enhancers_and_metrics_the_images(plane_run, enhancers):
+    rendered = read_run(plane_run)
+    found = list(enhanced_views(rendered, enhancers))
+    assert [one.view.name for one in found] == [view.name for view in rendered.targets]
+    for name, enhancer in enhancers.items():
+        for one, made in zip(found, enhancer(rendered), strict=True):
+            result = one.results[name]
+            torch.testing.assert_close(result.image, made.image)
+            assert result.measured == measure_pair(result.image, one.photo)
+    for one in found:
+        assert set(one.gains("same").values()) == {0.0}
+        assert (
+            one.gains("brighter")["psnr"] == one.results["brighter"].measured.metrics["psnr"] - one.raw.metrics["psnr"]
+        )
+        assert one.gains("brighter")["psnr"] < 0
+
+
+def test_references_are_aligned_once_for_methods_that_prepare_them_alike(plane_run, enhancers, monkeypatch):
+    align, aligned = ReferenceConfig.align, []
+
+    def counted(self, target, view, pool: Pool):
+        aligned.append((view.name, self.references))
+        return align(self, target, view, pool)
+
+    monkeypatch.setattr(ReferenceConfig, "align", counted)
+    (one,) = enhanced_views(read_run(plane_run), enhancers, every=100)
+    assert aligned == [(one.view.name, 3), (one.view.name, 1)]
+    assert one.results["same"].aligned is one.results["brighter"].aligned
+
+
+def test_a_view_without_a_photo_is_refused(plane_run, enhancers):
+    rendered = read_run(plane_run)
+    blind = dataclasses.replace(rendered, targets=(dataclasses.replace(rendered.targets[0], read_photo=None),))
+    with pytest.raises(InputError, match="no photo to compare with"):
+        list(enhanced_views(blind, enhancers))

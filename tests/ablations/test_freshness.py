@@ -1,0 +1,94 @@
+"""Pages are stale once what they were made with changes, and false where they claim otherwise."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from ablations.freshness import INPUTS, PAGES, Page, age, pages
+from support.paths import ROOT
+
+WEIGHTS, NETWORK = "src/gaussian_enhancer/weights/lr.safetensors", "src/gaussian_enhancer/network/sif.py"
+PAGE = Page("page.md", ("page.jsonl",), ("weights", "network"))
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """A repository with weights, a network, and a page that was made at its first commit."""
+    _run(tmp_path, "init", "-q")
+    for path in (WEIGHTS, NETWORK):
+        (tmp_path / path).parent.mkdir(parents=True)
+        _changed(tmp_path, path)
+    (tmp_path / "page.jsonl").write_text(json.dumps({"commit": _commit(tmp_path)}) + "\n")
+    (tmp_path / "page.md").write_text("Made with weights as shipped.\n")
+    return tmp_path
+
+
+def _run(folder: Path, *arguments: str) -> str:
+    own = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
+    command = ["git", "-C", str(folder), *own, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def _changed(folder: Path, path: str) -> None:
+    with (folder / path).open("a", encoding="utf-8") as file:
+        file.write("more\n")
+
+
+def _commit(folder: Path) -> str:
+    _run(folder, "add", "-A")
+    _run(folder, "commit", "-q", "--no-verify", "-m", "more")
+    return _run(folder, "rev-parse", "--short=10", "HEAD")
+
+
+def test_a_page_is_fresh_until_an_input_changes(repository: Path) -> None:
+    _commit(repository)
+    assert not age(repository, PAGE).stale
+    _changed(repository, NETWORK)
+    _commit(repository)
+    found = age(repository, PAGE)
+    assert dict(found.changed) == {"network": (NETWORK,)}
+    assert found.behind == 2
+    assert found.stale
+    assert not found.false
+    assert str(found) == "stale  page.md: network (1 files); 2 commits behind"
+
+
+def test_a_change_that_is_not_committed_counts(repository: Path) -> None:
+    _changed(repository, NETWORK)
+    assert age(repository, PAGE).stale
+
+
+def test_a_page_that_claims_shipped_weights_is_false_once_they_change(repository: Path) -> None:
+    _changed(repository, WEIGHTS)
+    assert age(repository, PAGE).false
+    (repository / "page.md").write_text("Made with the weights of that commit.\n")
+    assert age(repository, PAGE).stale
+    assert not age(repository, PAGE).false
+
+
+@pytest.mark.parametrize(("line", "told"), [({"commit": "0123456789"}, "unknown commit 0123456789"), ({}, "no commit")])
+def test_what_cannot_be_told_is_stale(repository: Path, line: dict[str, str], told: str) -> None:
+    (repository / "page.jsonl").write_text(json.dumps(line) + "\n")
+    found = age(repository, PAGE)
+    assert found.stale
+    assert found.false
+    assert told in str(found)
+
+
+def test_every_page_and_its_records_and_inputs_are_there() -> None:
+    for page in pages(ROOT):
+        assert (ROOT / page.path).is_file()
+        assert all((ROOT / file).is_file() for file in page.records)
+        assert set(page.inputs) <= INPUTS.keys()
+    assert len(pages(ROOT)) > len(PAGES)
+    for specs in INPUTS.values():
+        for spec in specs:
+            assert list(ROOT.glob(spec)), spec
+
+
+def test_no_committed_page_claims_what_is_no_longer_so() -> None:
+    if not (ROOT / ".git").exists():
+        pytest.skip("no history")
+    assert [str(one) for one in (age(ROOT, page) for page in pages(ROOT)) if one.false] == []

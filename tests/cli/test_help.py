@@ -1,0 +1,52 @@
+"""The help of a job shows each option with its comment and default."""
+
+import sys
+
+import pytest
+from omegaconf import OmegaConf
+
+from gaussian_enhancer.cli import main as cli
+from gaussian_enhancer.cli.help import help_text
+from support import paths
+
+CONF = paths.ROOT / "conf"
+
+
+@pytest.mark.parametrize("job", cli.JOBS)
+def test_every_option_is_shown_with_its_default_and_comment(job):
+    shown = help_text(job, [], CONF).splitlines()
+    hidden = {"defaults", "this_run", "hydra"}
+    lines = [*(CONF / f"{job}.yaml").read_text().splitlines(), *(CONF / "base.yaml").read_text().splitlines()]
+    own = [line for line in lines if ":" in line and line[0].isalpha() and line.partition(":")[0] not in hidden]
+    assert own
+    for line in own:
+        assert f"  {line}" in shown
+
+
+def test_groups_are_shown_with_their_choices_and_the_options_of_the_one_that_is_taken():
+    shown = help_text("fit", ["scene=transforms", "settings.steps=2"], CONF)
+    assert "splat=3dgs\n      of 2dgs, 3dgs, mip_splatting" in shown
+    assert "options of scene=transforms:" in shown
+    assert "plan=auto  # auto: leave out what the scene does not need; full: leave nothing out" in help_text(
+        "enhance", [], CONF
+    )
+    assert "a folder of your own choice" in shown
+    assert "_target_" not in shown
+
+
+@pytest.mark.parametrize("word", ["--help", "-h"])
+def test_the_command_line_prints_it(word, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["gaussian-enhancer"])
+    cli.main(["enhance", word])
+    assert "strength: null  # share of the network's change" in capsys.readouterr().out
+
+
+def test_every_job_explains_its_options():
+    """Names that speak for themselves, and parts whose options are explained within, need no comment."""
+    plain = {"title", "about", "markdown", "records", "lpips", "kind", "groups", "tables"}
+    for job in cli.JOBS:
+        values = OmegaConf.load(CONF / f"{job}.yaml")
+        for line in (CONF / f"{job}.yaml").read_text().splitlines():
+            name = line.partition(":")[0]
+            if line[:1].isalpha() and name in values and name not in {*plain, "defaults", "this_run"}:
+                assert "#" in line or OmegaConf.is_config(values._get_node(name)), f"{job}: {name}"

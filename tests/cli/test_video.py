@@ -1,0 +1,218 @@
+"""The job video on a small run of a textured plane, whose splat is a sheet of coloured Gaussians."""
+
+import itertools
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.cli import video as job
+from gaussian_enhancer.cli.video import run
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.types import Gaussians
+from gaussian_enhancer.video.film import Film
+from support import paths
+from support.synthetic_runs import plane_camera
+
+av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
+FRAMES = 5
+
+
+def configured(*overrides: str):
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(paths.CONF, version_base="1.3"):
+        return compose("video", [*overrides, "runtime.progress=false", "runtime.threads=1", "runtime.device=cpu"])
+
+
+@pytest.fixture(scope="module")
+def fitted(plane_run, tmp_path_factory) -> Path:
+    """The plane's run with a splat: a sheet of 24x24 Gaussians."""
+    folder = tmp_path_factory.mktemp("fitted") / "plane"
+    shutil.copytree(plane_run, folder)
+    y, x = torch.meshgrid(torch.linspace(-2, 2, 24), torch.linspace(-2, 2, 24), indexing="ij")
+    means = torch.stack([x, y, torch.full_like(x, 3.0)], -1).reshape(-1, 3)
+    count = len(means)
+    scales = torch.tensor([0.09, 0.09, 0.01]).log().repeat(count, 1)
+    turns = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
+    colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(0))
+    write_ply(folder / "splat.ply", Gaussians(means, scales, turns, torch.full((count,), 4.0), colours))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    """A network that brightens what it sees."""
+    path = tmp_path_factory.mktemp("weights") / "bright.safetensors"
+    torch.manual_seed(0)
+    network = SIF((8, 8, 8), (1, 1, 1))
+    torch.nn.init.constant_(network.decode.head.bias, 0.1)
+    save_weights(path, network, ReferenceConfig(), {"strength": 1.0})
+    return path
+
+
+@pytest.fixture
+def words(fitted, weights, tmp_path) -> tuple[str, ...]:
+    return f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", f"frames={FRAMES}"
+
+
+def images(folder: Path) -> dict[str, torch.Tensor]:
+    return {path.name: read_photo(path) for path in sorted(folder.iterdir())}
+
+
+def folder_of(tmp_path: Path) -> Path:
+    (folder,) = (tmp_path / "runs" / "video").iterdir()
+    return folder
+
+
+def decoded(path: Path) -> list[torch.Tensor]:
+    with av.open(str(path)) as source:
+        return [
+            torch.from_numpy(one.to_ndarray(format="rgb24")).permute(2, 0, 1) / 255 for one in source.decode(video=0)
+        ]
+
+
+def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(words, tmp_path, monkeypatch):
+    run(configured(*words))
+    folder = folder_of(tmp_path)
+    assert sorted(path.name for path in folder.iterdir()) == ["config.yaml", "done", "enhanced.mp4", "frames"]
+    made = images(folder / "frames")
+    assert len(made) == FRAMES
+    shown = decoded(folder / "enhanced.mp4")
+    assert len(shown) == FRAMES
+    for frame, image in zip(shown, made.values(), strict=True):
+        assert frame.shape == image.shape == (3, 48, 64)
+        assert float((frame - image).abs().mean()) < 0.04
+    assert min(float((a - b).abs().mean()) for a, b in itertools.pairwise(shown)) > 0
+
+    monkeypatch.setattr(Film, "_enhanced", lambda *_: pytest.fail("a frame was made again"))
+    run(configured(*words, "layout=side_by_side", f"output={tmp_path / 'beside.webm'}", "fps=10"))
+    assert folder_of(tmp_path) == folder
+    wide = decoded(tmp_path / "beside.webm")
+    assert [frame.shape for frame in wide] == [(3, 48, 128)] * FRAMES
+    render, enhanced = wide[2].chunk(2, dim=-1)
+    assert float(enhanced.mean()) > float(render.mean()) + 0.02
+    assert not list(folder.glob("*.part.*"))
+
+
+def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_path, monkeypatch, capsys):
+    run(configured(*words, "format=frames", "layout=wipe", f"output={tmp_path / 'whole'}"))
+    whole = images(folder_of(tmp_path) / "frames")
+    written = images(tmp_path / "whole")
+    assert list(written) == list(whole)
+    assert torch.equal(written["frame_000001.png"][..., 34:], whole["frame_000001.png"][..., 34:])
+    assert not torch.equal(written["frame_000001.png"][..., :30], whole["frame_000001.png"][..., :30])
+
+    shutil.rmtree(tmp_path / "runs")
+    enhanced, count = Film._enhanced, 0
+
+    def interrupted(*args):
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        return enhanced(*args)
+
+    monkeypatch.setattr(Film, "_enhanced", interrupted)
+    with pytest.raises(SystemExit) as stop:
+        run(configured(*words))
+    assert stop.value.code == job.STOPPED
+    assert f"2 of {FRAMES} frames made; the same command goes on" in capsys.readouterr().err
+    folder = folder_of(tmp_path)
+    assert len(images(folder / "frames")) == 2
+    assert len(decoded(folder / "enhanced.part.mp4")) == 2
+    assert not (folder / "done").exists()
+    run(configured(*words))
+    assert count == FRAMES + 1  # the third was begun twice
+    resumed = images(folder / "frames")
+    assert all(torch.equal(resumed[name], whole[name]) for name in whole)
+    assert len(decoded(folder / "enhanced.mp4")) == FRAMES
+
+
+def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(fitted, weights, tmp_path, monkeypatch):
+    photos = tuple(
+        Photo(view.name, plane_camera(index, 48, 64), view.read_photo)  # type: ignore[arg-type]
+        for index, view in enumerate(read_run(fitted).references)
+    )
+    capture = Scene("capture", photos, tuple(range(len(photos))), ())
+    monkeypatch.setattr("gaussian_enhancer.runs.video.build", lambda _: capture)
+    flipped = torch.diag(torch.tensor([1.0, -1, -1, 1]))
+    poses = [torch.linalg.inv(plane_camera(index, 48, 64).world_to_camera) @ flipped for index in range(3)]
+    entries = [{"camera_to_world": pose.flatten().tolist(), "fov": 50, "aspect": 1.5} for pose in poses]
+    content = {"render_height": 33, "render_width": 40, "fps": 12, "camera_path": entries}
+    (tmp_path / "path.json").write_text(json.dumps(content))
+    words = f"gaussians={fitted / 'splat.ply'}", "scene=capture", "scene.path=x", f"path={tmp_path / 'path.json'}"
+    cfg = configured(*words, f"weights={weights}", f"runs={tmp_path / 'runs'}", f"output={tmp_path / 'clip.mp4'}")
+    run(cfg)
+    assert [frame.shape for frame in decoded(tmp_path / "clip.mp4")] == [(3, 32, 40)] * 3
+    with av.open(str(tmp_path / "clip.mp4")) as source:
+        assert source.streams.video[0].average_rate == 12
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_another_path_of_the_same_name_is_another_run(fitted, weights, tmp_path):
+    words = f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "format=frames"
+    for count in (1, 2):
+        frames = [
+            {"transform_matrix": (torch.linalg.inv(plane_camera(i, 48, 64).world_to_camera)
+                                  @ torch.diag(torch.tensor([1.0, -1, -1, 1]))).tolist()}
+            for i in range(count)
+        ]  # fmt: skip
+        content = {"w": 64, "h": 48, "fl_x": 64.0, "frames": frames}
+        (tmp_path / "transforms.json").write_text(json.dumps(content))
+        run(configured(*words, f"path={tmp_path / 'transforms.json'}"))
+    found = sorted(len(images(one / "frames")) for one in (tmp_path / "runs/video").iterdir())
+    assert found == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (["run=null"], "video: was given nothing to render; give one of run="),
+        (["gaussians=a.ply"], "was given run and gaussians"),
+        (["run=null", "gaussians=a.ply"], "comes without its capture; add scene=capture"),
+        (["format=avi"], "format: is 'avi'; choose mp4, webm, frames"),
+        (["layout=beside"], "layout: is 'beside'"),
+        (["output=a.mkv"], r"a\.mkv: does not end in \.mp4"),
+        (["output=a.webm", "format=mp4"], r"a\.webm: does not end in \.mp4"),
+        (["path=orbti"], "orbti: does not exist; choose interpolate, orbit, spiral"),
+        (["path=orbit"], "cameras do not look at one point"),
+        (["path=spiral", "radius=30"], "path=spiral: leaves the capture"),
+        (["frames=1"], "frames"),
+        (["fps=0"], "fps: is 0"),
+        (["quality=99"], "quality: is 99"),
+        (["height=1"], "height: is 1; give pixels"),
+        (["temporal_smoothing=1"], "temporal_smoothing: is 1"),
+        (["weights=none_such"], "is neither a file nor a shipped name"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(words, tmp_path, monkeypatch, more, told):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=told):
+        run(configured(*words, *more))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_without_its_splat_is_refused(plane_run, weights, tmp_path):
+    with pytest.raises(InputError, match=r"holds neither splat\.ply nor point_cloud"):
+        run(configured(f"run={plane_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_latest_splat_of_original_output_is_taken(tmp_path):
+    from gaussian_enhancer.runs.video import splat_file
+
+    for step in (7000, 30000, 900):
+        file = tmp_path / f"point_cloud/iteration_{step}/point_cloud.ply"
+        file.parent.mkdir(parents=True)
+        file.write_bytes(b"")
+    assert splat_file(tmp_path).parent.name == "iteration_30000"

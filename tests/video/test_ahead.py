@@ -1,0 +1,62 @@
+import threading
+
+import pytest
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.video.ahead import ahead
+
+
+def test_items_come_in_their_order_from_another_thread():
+    threads = set()
+
+    def items():
+        for index in range(7):
+            threads.add(threading.get_ident())
+            yield index
+
+    assert list(ahead(items(), 3)) == list(range(7))
+    assert len(threads) == 1
+    assert threading.get_ident() not in threads
+
+
+def test_the_next_item_is_made_while_one_is_in_use():
+    made = threading.Event()
+
+    def items():
+        yield 0
+        made.set()
+        yield 1
+
+    stages = ahead(items(), 1)
+    assert next(stages) == 0
+    assert made.wait(60)
+    assert list(stages) == [1]
+
+
+def test_no_more_is_made_than_asked_for_and_none_after_an_early_end():
+    begun = []
+
+    def items():
+        for index in range(100):
+            begun.append(index)
+            yield index
+
+    stages = ahead(items(), 2)
+    assert next(stages) == 0
+    stages.close()
+    assert len(begun) <= 3
+
+
+def test_an_error_comes_in_its_turn():
+    def items():
+        yield 0
+        raise InputError("frame 1", "is damaged", "delete it")
+
+    stages = ahead(items(), 3)
+    assert next(stages) == 0
+    with pytest.raises(InputError, match="frame 1"):
+        next(stages)
+
+
+def test_stages_can_be_chained():
+    assert list(ahead((2 * one for one in ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
