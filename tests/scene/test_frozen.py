@@ -9,6 +9,7 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.frozen import is_frozen, refuse_frozen
 from gaussian_enhancer.train.data import RunsData
+from gaussian_enhancer.train.run_samples import RunSamples
 
 
 @pytest.mark.parametrize("name", ["fox-3dgs-1a2b", "monstree-2dgs-1a2b", "object_2000-3dgs-1a", "indoor_3000-3dgs-1a"])
@@ -37,7 +38,7 @@ def found(folder, name):
 @pytest.mark.parametrize(("train", "validation"), [("fox-3dgs-1", "plane"), ("plane", "object_2000-3dgs-1")])
 def test_a_training_that_names_one_is_refused_before_anything_is_read(tmp_path, train, validation):
     sides = [found(tmp_path, train)], [found(tmp_path, validation)]
-    data = RunsData(*sides, ReferenceConfig(), tmp_path / "samples")
+    data = RunsData(*sides, RunSamples(ReferenceConfig(), tmp_path / "samples"))
     with pytest.raises(InputError, match="frozen test scene"):
         data.prepare_data()
 

@@ -1,7 +1,7 @@
 """What Hydra says of a command line that it refuses, in one line."""
 
+import io
 import traceback
-from typing import TextIO
 
 from hydra.errors import MissingConfigException, OverrideParseException
 
@@ -15,7 +15,7 @@ class WithoutOverrides:
         stream: standard error.
     """
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: io.TextIOBase) -> None:
         self.stream = stream
 
     def write(self, text: str) -> int:

@@ -7,6 +7,7 @@ for jobs of the experiment suite. Everything after the job's name is Hydra's: ov
 
 import errno
 import importlib
+import io
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -135,7 +136,7 @@ def launch(job: str, arguments: Sequence[str]) -> None:
 
     sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here as they are; Hydra would print them, and end the process
-    quiet = cast(Any, WithoutOverrides(sys.stderr))
+    quiet = cast(Any, WithoutOverrides(cast(io.TextIOBase, sys.stderr)))
     try:
         with redirect_stderr(quiet):
             hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()

@@ -87,6 +87,7 @@ class Simulate(Options):
     image: Place | None
     depth: Place | None
     depth_scale: Positive
+    background: list[Share]
     run: Place | None
     view: Word | None
     step: Size | None
@@ -122,6 +123,45 @@ class Enhance(Options):
     temporal_smoothing: Share
     precision: str
     tile: Count
+
+
+class Video(Options):
+    """Options of the job ``video``."""
+
+    scene: Group | None
+    plan: Group
+    run: Place | None
+    gaussians: Place | None
+    invalid: str
+    method: str
+    path: Place
+    frames: Count | None
+    cameras: Count | None
+    turns: float | None
+    radius: Positive
+    height: Count | None
+    format: str | None
+    layout: str
+    wipe: Share | None
+    fps: Positive | None
+    quality: Size
+    budget_ms: Positive | None
+    weights: Place
+    max_references: Size | None
+    depth_kind: str
+    strength: Share | None
+    colour_clamping: Size
+    temporal_smoothing: Share | None
+    precision: str
+    tile: Count
+
+
+class Export(Options):
+    """Options of the job ``export``."""
+
+    weights: Place
+    format: str
+    references: Count | None
 
 
 @with_config(STRICT)
@@ -305,6 +345,8 @@ OPTIONS: Mapping[str, type[Options]] = {
     "fit": Fit,
     "simulate": Simulate,
     "enhance": Enhance,
+    "video": Video,
+    "export": Export,
     "train": Train,
     "train_generator": TrainGenerator,
     "measure": Measure,
