@@ -212,7 +212,7 @@ def fuzz(session: nox.Session) -> None:
     words = [word for word in session.posargs if word != "--coverage"]
     if len(words) < len(session.posargs):
         install(session, "test", "fuzz")
-        session.run("python", "tests/fuzz/coverage.py", "--record", "docs/results/fuzz_coverage.jsonl", *words)
+        session.run("python", "tests/fuzz/coverage_guided.py", "--record", "docs/results/fuzz_coverage.jsonl", *words)
         return
     install(session, "test")
     record = ("--cases", "1500", "--record", "docs/results/fuzz.jsonl")

@@ -48,7 +48,8 @@ def _steps(cfg: DictConfig) -> int:
 def _kind(cfg: DictConfig) -> str:
     """The digest of what trainings that differ in their seed alone share."""
     values = plain(cfg)
-    values["data"] = {key: value for key, value in values["data"].items() if key != "seed"}
+    if "loading" in values["data"]:
+        values["data"]["loading"].pop("seed", None)
     return digest_of({key: value for key, value in values.items() if key != "seed"})
 
 

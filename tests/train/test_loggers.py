@@ -76,7 +76,7 @@ def test_wandb_keeps_the_run_with_its_content_and_group(by_wandb):
     updates = [one.config.update for one in found if one.WhichOneof("record_type") == "config"]
     config = {item.key: json.loads(item.value_json) for items in updates for item in items}
     assert config["seed"] == 0
-    assert config["data"]["batch_size"] == 2
+    assert config["data"]["loading"]["batch_size"] == 2
     assert "study" not in config
 
 

@@ -50,6 +50,9 @@ NEEDING = (*LAB, "demo")
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
 """System errors that writing causes: full disk, quota, file-size limit, read-only file system, a name too long."""
 
+SWEEPS = ("-m", "--multirun")
+"""Words that start a sweep."""
+
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
@@ -134,7 +137,9 @@ def launch(job: str, arguments: Sequence[str]) -> None:
 
     from gaussian_enhancer.cli.hydra_messages import WithoutOverrides, raised_by_hydra, refusal
 
-    sys.argv = [f"gaussian-enhancer {job}", *("dry_run=true" if word == "--dry-run" else word for word in arguments)]
+    sweeps = [word for word in arguments if word in SWEEPS]  # first, since Hydra refuses overrides on both sides of -m
+    words = ["dry_run=true" if word == "--dry-run" else word for word in arguments if word not in SWEEPS]
+    sys.argv = [f"gaussian-enhancer {job}", *sweeps, *words]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here as they are; Hydra would print them, and end the process
     quiet = cast(Any, WithoutOverrides(cast(io.TextIOBase, sys.stderr)))
     try:

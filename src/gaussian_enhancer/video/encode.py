@@ -87,7 +87,9 @@ class VideoWriter:
     def __init__(self, path: Path, encoding: Encoding, height: int, width: int) -> None:
         library = _library()
         self.path, self.encoding = path, encoding
-        options = {"movflags": "frag_keyframe+empty_moov+default_base_moof"} if encoding.container == "mp4" else {}
+        options = {"flush_packets": "1"}  # to the file as they come: a fragment torn at its end would not play
+        if encoding.container == "mp4":
+            options["movflags"] = "frag_keyframe+empty_moov+default_base_moof"
         self._frames = 0
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -27,7 +27,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     network = SIF((8, 8), (1, 1))
     torch.nn.init.constant_(network.decode.head.bias, 0.2)
     save_weights(tmp_path / "w.safetensors", network, ReferenceConfig(), {})
-    fit = write_plane_run(tmp_path / "plane-3dgs-0", views=8, size=(32, 48))
+    fit = write_plane_run(tmp_path / "fit/plane-3dgs-0", views=8, size=(32, 48))
 
     def fitted(cfg: DictConfig, cell) -> Path:
         if cell.scene != "plane":

@@ -99,7 +99,7 @@ def test_a_dry_run_writes_and_computes_nothing_and_knows_what_is_done(tmp_path, 
     started("table=10", "dry_run=true")
     told = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    assert "12 runs: 12 not started" in told
+    assert "20 runs: 20 not started" in told
     assert "about 0 minutes" not in told
     monkeypatch.chdir(made)
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}

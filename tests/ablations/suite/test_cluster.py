@@ -200,7 +200,7 @@ def test_two_workers_make_the_tables_of_one(made, tmp_path, monkeypatch, capsys)
     monkeypatch.chdir(tmp_path)
     started("table=10", "workers=2")
     told = capsys.readouterr().err
-    assert all(f"{number} of 12: " in told for number in range(1, 13))
+    assert all(f"{number} of 20: " in told for number in range(1, 21))
     assert content(tmp_path) == content(made)
     for name in ("table_10.json", "table_10.csv"):
         assert (tmp_path / "results/tiny" / name).read_bytes() == (made / "results/tiny" / name).read_bytes()
@@ -220,7 +220,7 @@ def test_a_run_that_fails_is_told_once_and_what_needs_it_is_missing_with_its_rea
     told = [line for line in capsys.readouterr().err.splitlines() if line]
     ended = [line.split(": ")[1] for line in told if " of 3: " in line]
     assert sorted(name.split("-")[0] for name in ended) == ["row object", "row object", "train ge"]
-    reason = f"runs/train/{training.name}/config.yaml: cannot be written"
+    reason = f"runs/train/{training.name}: cannot be written"
     assert [reason in entry[7]["row"] for entry in content(copied) if entry[3] == "ge"] == [True]
     assert sum(reason in line for line in told) == 2  # as it fails, and as its method is missing
     assert {r.kind for r in read_records(copied / "results/tiny/table_10.jsonl") if r.variant != "ge"} == {"quality"}

@@ -1,6 +1,6 @@
 """The readers under a fuzzer that is guided by coverage (atheris): inputs that reach new code are kept and changed on.
 
-    python tests/fuzz/coverage.py --seconds 60 --record docs/results/fuzz_coverage.jsonl
+    python tests/fuzz/coverage_guided.py --seconds 60 --record docs/results/fuzz_coverage.jsonl
 
 It needs the dependency group ``fuzz``. Every reader has a process of its own, that begins with a small real file. A
 process ends at the first input that is neither refused by an `InputError` of one line nor read as something that holds:

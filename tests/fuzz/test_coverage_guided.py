@@ -1,6 +1,6 @@
 """What the coverage-guided campaign makes of libFuzzer's words; `nox -s fuzz -- --coverage` runs it."""
 
-from fuzz.coverage import outcome
+from fuzz.coverage_guided import outcome
 
 WELL = "#2048\tpulse  cov: 311 ft: 420\nDone 5120 runs in 61 second(s)\nstat::number_of_executed_units: 5120\n"
 BADLY = """\
