@@ -196,8 +196,8 @@ def _trained(
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
-        colour_clamping = torch.cat([_evidence(network, held_out, kind, conditional) for kind in ("simulated", "real")])
-        judged = _loss(colour_clamping).item()
+        evidence = torch.cat([_evidence(network, held_out, kind, conditional) for kind in ("simulated", "real")])
+        judged = _loss(evidence).item()
         since += 1
         if judged < best_loss:
             best, best_loss, since = copy.deepcopy(network.state_dict()), judged, 0
@@ -224,11 +224,11 @@ def _run(network: Classifier, inputs: Float[Tensor, "m c s s"]) -> Float[Tensor,
         return network(inputs.contiguous(memory_format=torch.channels_last)).float()
 
 
-def _loss(colour_clamping: Float[Tensor, " m"]) -> Float[Tensor, ""]:
+def _loss(evidence: Float[Tensor, " m"]) -> Float[Tensor, ""]:
     """Cross entropy of patches whose first half is simulated and whose second half is real."""
-    half = len(colour_clamping) // 2
-    label = torch.cat([torch.ones(half), torch.zeros(half)]).to(colour_clamping)
-    return F.binary_cross_entropy_with_logits(colour_clamping, label)
+    half = len(evidence) // 2
+    label = torch.cat([torch.ones(half), torch.zeros(half)]).to(evidence)
+    return F.binary_cross_entropy_with_logits(evidence, label)
 
 
 @torch.no_grad()

@@ -1,10 +1,11 @@
 """Gain against the age of a splat: every snapshot of fits is enhanced and measured, frame by frame and block by block.
 
-    python -m ablations.scripts.convergence WEIGHTS[@STRENGTH] [...] --runs RUN [RUN ...] --records FILE
+    python -m ablations.scripts.convergence WEIGHTS[@STRENGTH][:plain] [...] --runs RUN [RUN ...] --records FILE
         [--lpips FOLDER] [--page FILE]
 
-A run is a folder of the job ``fit`` with several snapshots (``settings.snapshots``). Without WEIGHTS the page is made
-again from the records. Blocks are 16x16 pixels; one is harmed where it loses more than 0.5 dB.
+A run is a folder of the job ``fit`` with several snapshots (``settings.snapshots``). ``:plain`` leaves colour
+completion out. Without WEIGHTS the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it
+loses more than 0.5 dB.
 """
 
 import argparse
@@ -60,18 +61,27 @@ def enhancers(methods: Sequence[str]) -> dict[str, tuple[str, SetEnhancer]]:
     """Digest of the weights and enhancer, by what a method is called.
 
     Args:
-        methods: weights, and a strength behind an @.
+        methods: weights, a strength behind an @, and ":plain" where colour completion is left out.
 
     Raises:
         InputError: weights cannot be read.
     """
     made = {}
     for method in methods:
-        name, _, strength = method.partition("@")
+        chosen, _, extra = method.partition(":")
+        if extra not in ("", "plain"):
+            raise InputError(method, f"ends in :{extra}", "leave it out, or write :plain")
+        name, _, strength = chosen.partition("@")
         pretrained = load_weights(name)
         share = float(strength) if strength else pretrained.strength
-        enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=share, pass_through=True)
-        made[f"{Path(name).stem}@{share:g}"] = checkpoint_digest(find_checkpoint(name)), enhancer
+        enhancer = SetEnhancer(
+            pretrained.network,
+            pretrained.reference_config,
+            strength=share,
+            pass_through=True,
+            colour_completion=not extra,
+        )
+        made[f"{Path(name).stem}@{share:g}{extra and ' plain'}"] = checkpoint_digest(find_checkpoint(name)), enhancer
     return made
 
 

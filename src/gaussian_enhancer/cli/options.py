@@ -120,6 +120,7 @@ class Enhance(Options):
     max_references: Size | None
     strength: Share | None
     colour_clamping: Size
+    colour_completion: bool
     temporal_smoothing: Share
     precision: str
     tile: Count
@@ -151,6 +152,7 @@ class Video(Options):
     depth_kind: str
     strength: Share | None
     colour_clamping: Size
+    colour_completion: bool
     temporal_smoothing: Share | None
     precision: str
     tile: Count

@@ -16,6 +16,7 @@ from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
@@ -72,6 +73,8 @@ class SetEnhancer:
         colour_clamping: side in pixels of the window to whose colours, the render's and the warped references', an
             enhanced pixel is clamped (`clamp_to_references`); 0 sets no limit. Super-resolution, and references that
             are not warped, set none.
+        colour_completion: where no reference is visible, put the smooth change of colour that visible pixels predict in
+            place of the network's own (`complete_change`). It works where colour_clamping does.
         pass_through: return the render of a view in which no reference is visible, at the render's own resolution. A
             network that was trained with references and sees none can only guess.
 
@@ -91,6 +94,7 @@ class SetEnhancer:
         temporal_smoothing: float = 0.0,
         colour_clamping: int = 3,
         pass_through: bool = False,
+        colour_completion: bool = True,
     ) -> None:
         for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
             check_value(share, float, name)
@@ -116,6 +120,7 @@ class SetEnhancer:
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength, self.temporal_smoothing = tile, halo, strength, temporal_smoothing
         self.colour_clamping, self.pass_through = colour_clamping, pass_through
+        self.colour_completion = colour_completion
 
     def __call__(
         self,
@@ -224,12 +229,14 @@ class SetEnhancer:
             else:
                 enhanced = enhance_tiled(self.network, views, self.tile, self.halo, scale=self.network.scale)
         enhanced = enhanced.float()
+        if isinstance(self.reference_config.warp, Reprojected) and self.network.scale == 1:
+            if self.colour_clamping:
+                enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
+            if self.colour_completion:
+                enhanced = complete_change(enhanced, views)
         if self.strength < 1:
             start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
-        warped = isinstance(self.reference_config.warp, Reprojected)
-        if self.colour_clamping and warped and self.network.scale == 1:
-            enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
         return enhanced.clamp(0, 1).cpu()
 
 

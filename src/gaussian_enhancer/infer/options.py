@@ -26,6 +26,7 @@ class EnhancementOptions:
         strength: share of the network's change that is applied, 0 (the render) to 1; None takes the weights' own.
         colour_clamping: side in pixels of the windows within whose colours, the render's and the warped
             references', an enhanced pixel stays; odd, 0 for no limit.
+        colour_completion: where no reference is visible, carry on the smooth change of colour that is seen elsewhere.
         temporal_smoothing: for frames along a path: share of the change that a frame takes over from the frame before
             it, 0 to below 1. It needs cameras and depth.
         precision: of the network's convolutions: "auto", "float32", "bfloat16" or "float16".
@@ -45,6 +46,7 @@ class EnhancementOptions:
     precision: str = "auto"
     tile: int = 1024
     plan: Rules | str = "auto"
+    colour_completion: bool = True
 
     def __post_init__(self) -> None:
         if self.depth_kind not in ("auto", *SEARCHES):
@@ -100,6 +102,7 @@ class EnhancementOptions:
             strength=pretrained.strength if self.strength is None else float(self.strength),
             temporal_smoothing=float(self.temporal_smoothing),
             colour_clamping=int(self.colour_clamping),
+            colour_completion=self.colour_completion,
             pass_through=pretrained.reference_config.references > 0 and self.max_references != 0,
         )
         check_tiles(enhancer.tile, enhancer.halo)

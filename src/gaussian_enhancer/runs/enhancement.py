@@ -31,6 +31,7 @@ def options_of(cfg: DictConfig) -> EnhancementOptions:
         cfg.precision,
         cfg.tile,
         build(cfg.plan),
+        cfg.colour_completion,
     )
 
 

@@ -1,0 +1,104 @@
+"""Carrying a network's change of colour on to where no reference reaches.
+
+A network corrects a render where warped photos show it. Where none does, it hardly changes anything. A haze that is
+taken away in one half of an image then ends in an outline. Here the smooth part of the change is modelled from the
+pixels that references see, and the model's prediction takes its place elsewhere. The model is the guided filter's (He
+et al., "Guided Image Filtering", TPAMI 2013): within a window, the change is an affine function of the render's colour.
+
+Axes: b batch, h height, w width, i j cells of a coarse grid, c output channel, k input channel.
+"""
+
+from collections.abc import Callable
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.types import NetworkInput
+
+GRID = 100
+"""Cells of the coarse grid along an image's longer side."""
+WINDOW, SMOOTH, EDGE = 6.0, 2.0, 1.0
+"""Standard deviations, in cells, of the model's window, of what counts as smooth, and of the border between what
+references see and what they do not."""
+REGULARISATION = 1e-3
+"""Variance of colour below which the model does not follow it: He et al.'s epsilon."""
+PRIOR = 0.01
+"""Share of a window that references have to see, for its own model to count as much as the whole image's."""
+
+OPAQUE = 0.5
+"""Opacity from which a pixel is treated as a surface; towards 0 it is more and more left as it is."""
+
+
+def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
+    """The enhanced image, with the smooth change that its seen pixels predict in place of its own where none is seen.
+
+    Nothing changes where references are visible, where the render's opacity is zero, and in images of which no
+    reference shows anything.
+
+    Args:
+        enhanced: what the network made of the render, in [0, 1].
+        views: the render, the visibility of its references and its opacity.
+
+    Returns:
+        Colours that may leave [0, 1] slightly.
+    """
+    seen = views.visibility.amax(1).float() if views.visibility.shape[1] else torch.zeros_like(views.render[:, :1])
+    if not bool((seen > 0).any()):
+        return enhanced
+    size = enhanced.shape[-2:]
+    cells = [max(1, round(side * min(1.0, GRID / max(size)))) for side in size]
+    render, change, weight = (
+        F.interpolate(image.float(), cells, mode="area") for image in (views.render, enhanced - views.render, seen)
+    )
+    matrix, offset = _colour_model(render, change, weight)
+    unseen = 1 - F.interpolate(_blurred(weight, EDGE), size, mode="bilinear", align_corners=False)
+    unseen = unseen * (seen.flatten(1).amax(1) > 0)[:, None, None, None]
+    if views.alpha is not None:
+        unseen = unseen * (views.alpha / OPAQUE).clamp(max=1)
+    smooth = _blurred(change, SMOOTH)
+    completed = []
+    for channel in range(3):  # one by one, so that large images need little memory
+        model = torch.cat([matrix[:, channel], offset[:, channel, None], smooth[:, channel, None]], dim=1)
+        fine = F.interpolate(model, size, mode="bilinear", align_corners=False)
+        predicted = (fine[:, :3] * views.render).sum(1) + fine[:, 3]
+        completed.append(enhanced[:, channel] + unseen[:, 0] * (predicted - fine[:, 4]))
+    return torch.stack(completed, dim=1)
+
+
+def _colour_model(
+    render: Float[Tensor, "b 3 i j"], change: Float[Tensor, "b 3 i j"], weight: Float[Tensor, "b 1 i j"]
+) -> tuple[Float[Tensor, "b 3 3 i j"], Float[Tensor, "b 3 i j"]]:
+    """Matrix and offset that give each window's change from the colour, the image's own where little is seen."""
+    mass = _blurred(weight, WINDOW)
+    matrix, offset = _affine(render, change, weight, lambda image: _blurred(image, WINDOW))
+    whole = _affine(render, change, weight, lambda image: image.mean((2, 3), keepdim=True))
+    local = mass / (mass + PRIOR)
+    return local[:, None] * matrix + (1 - local[:, None]) * whole[0], local * offset + (1 - local) * whole[1]
+
+
+def _affine(
+    render: Tensor, change: Tensor, weight: Tensor, averaged: Callable[[Tensor], Tensor]
+) -> tuple[Float[Tensor, "b 3 3 i j"], Float[Tensor, "b 3 i j"]]:
+    """The weighted least-squares fit of the change by the render's colour, over the windows of an average."""
+    mass = averaged(weight).clamp_min(1e-6)
+    colour, moved = averaged(render * weight) / mass, averaged(change * weight) / mass
+    pairs = torch.cat([render, change], dim=1)[:, :, None] * render[:, None]
+    second = averaged((pairs * weight[:, None]).flatten(1, 2)).unflatten(1, (6, 3)) / mass[:, None]
+    covariance = second[:, :3] - colour[:, :, None] * colour[:, None]
+    cross = second[:, 3:] - moved[:, :, None] * colour[:, None]
+    regular = covariance.permute(0, 3, 4, 1, 2) + REGULARISATION * torch.eye(3).to(covariance)
+    matrix = torch.linalg.solve(regular, cross.permute(0, 3, 4, 2, 1)).permute(0, 4, 3, 1, 2)
+    return matrix, moved - (matrix * colour[:, None]).sum(2)
+
+
+def _blurred(image: Float[Tensor, "b c i j"], deviation: float) -> Float[Tensor, "b c i j"]:
+    """The image under a Gaussian, continued by its border."""
+    reach = int(3 * deviation)
+    place = torch.arange(-reach, reach + 1, dtype=image.dtype, device=image.device)
+    window = torch.exp(-place.square() / (2 * deviation**2))
+    window = (window / window.sum()).expand(image.shape[1], 1, 1, -1)
+    padded = F.pad(image, (reach, reach, reach, reach), mode="replicate")
+    rows = F.conv2d(padded, window, groups=image.shape[1])
+    return F.conv2d(rows, window.transpose(2, 3), groups=image.shape[1])
