@@ -69,8 +69,8 @@ class Age:
 
     @property
     def false(self) -> bool:
-        """Whether it claims shipped weights that have changed since."""
-        return self.claims and ("weights" in self.changed or bool(self.unknown) or not self.commits)
+        """Whether it claims shipped weights that have changed since; in a shallow clone that may be unknown."""
+        return self.claims and "weights" in self.changed
 
     def __str__(self) -> str:
         if not self.stale:

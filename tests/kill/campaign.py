@@ -358,7 +358,7 @@ def slice_of_all(root: Path) -> list[dict[str, Any]]:
     """A few cases of the quickest job, at moments that do not depend on the machine's speed."""
     campaign = Campaign("fit", root)
     last = len(campaign.writes) - 1
-    moments = ((last // 4, "SIGKILL"), (last // 2, "SIGTERM"), (last, "SIGKILL"))
+    moments = ((last // 4, "SIGKILL"), (last // 2, "SIGTERM"), (3 * last // 4, "SIGINT"), (last, "SIGKILL"))
     found = [campaign.killed_at_write(number, name) for number, name in moments]
     return [*found, campaign.disk_full(kinds(campaign.writes)[-1])]
 
