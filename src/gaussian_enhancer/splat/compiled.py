@@ -50,6 +50,20 @@ def inner(function: Callable[..., Any]) -> Any:
     return njit(**_OPTIONS)(inspect.unwrap(function))
 
 
+def exact_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a parallel function without ``fastmath``.
+
+    Code that was just compiled and code from the cache order and contract sums differently under ``fastmath``. Where
+    the result decides between alternatives, a difference in the last bit can decide otherwise.
+    """
+    return njit(parallel=True, **(_OPTIONS | {"fastmath": False}))(inspect.unwrap(function))
+
+
+def exact_inner(function: Callable[..., Any]) -> Any:
+    """Compile a function that exact kernels call, without ``fastmath``."""
+    return njit(**(_OPTIONS | {"fastmath": False}))(inspect.unwrap(function))
+
+
 _F = np.float32
 _LOWEST = _F(-126.0)
 _HALF = _F(0.5)

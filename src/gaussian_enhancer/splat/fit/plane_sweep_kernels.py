@@ -9,13 +9,13 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.splat.compiled import exact_inner, exact_kernel
 
 UNSEEN = np.float32(0.5)
 """Cost of a pixel that a neighbour does not see: that of a bad match, so that seen depths are preferred."""
 
 
-@inner
+@exact_inner
 @no_type_check
 def _difference(image, other, homography, out):
     """Mean absolute difference over channels of the view and a neighbour warped by one plane's homography."""
@@ -41,7 +41,7 @@ def _difference(image, other, homography, out):
             out[y, x] = min(UNSEEN, total / np.float32(3))
 
 
-@inner
+@exact_inner
 @no_type_check
 def _box(values, radius, out):
     """Mean over a window that is cut at the borders, by running sums."""
@@ -63,7 +63,7 @@ def _box(values, radius, out):
                 out[y, x] += rows[k, x] / np.float32(high - low)
 
 
-@kernel
+@exact_kernel
 @no_type_check
 def cost_volume(image, others, homographies, radius, volume):
     """Windowed absolute differences, averaged over the better half of the neighbours: the rest may be occluded.
@@ -91,7 +91,7 @@ def cost_volume(image, others, homographies, radius, volume):
                 volume[y, x, plane] = least[:kept].sum() / kept
 
 
-@inner
+@exact_inner
 @no_type_check
 def _step(previous, cost, small, large, out):
     """One pixel of a semi-global path: stay, move by one plane for ``small``, jump for ``large``."""
@@ -106,7 +106,7 @@ def _step(previous, cost, small, large, out):
         out[d] = cost[d] + value - least
 
 
-@kernel
+@exact_kernel
 @no_type_check
 def smooth(volume, image, small, large, total):
     """Semi-global sums along rows and columns, both ways; a jump is cheaper across an edge of the image.
@@ -139,7 +139,7 @@ def smooth(volume, image, small, large, total):
                     previous[d] = current[d]
 
 
-@kernel
+@exact_kernel
 @no_type_check
 def best_plane(volume, index):
     """The cheapest plane of each pixel, between planes by a parabola through its neighbours."""
