@@ -217,10 +217,17 @@ class Campaign:
         Args:
             words: more words of the other's command; none: the same command.
         """
-        folder, output = self.folder(), ("output=out",) if words else ()
+        output = ("output=out",) if words else ()
         number = len(self.writes) // 2
-        first = start((*self.job.words, *output), folder, number, "SIGSTOP")
-        os.waitid(os.P_PID, first.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+        while True:
+            folder = self.folder()
+            first = start((*self.job.words, *output), folder, number, "SIGSTOP")
+            os.waitid(os.P_PID, first.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+            if not _ended_yet(first) or number == 1:
+                break
+            wait(first)  # with output= there are fewer writes
+            self.done(folder)
+            number //= 2
         second = start((*self.job.words, *output, *words), folder)
         how = _waits(second)
         os.kill(first.pid, signal.SIGCONT)

@@ -81,7 +81,7 @@ def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
     group = [node for node in cfg.get("callbacks", {}).values() if node is not None]
     built = []
     for node in (*group, *(cfg.trainer.get("callbacks") or ())):
-        kept = node._target_.endswith("ModelCheckpoint") and node.get("dirpath") is None
+        kept = node._target_.endswith("Checkpoint") and node.get("dirpath") is None
         built.append(build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if kept else {})))
     return [one for one in built if cfg.runtime.progress or not isinstance(one, ProgressBar)]
 
