@@ -236,14 +236,23 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def picture(session: nox.Session) -> None:
-    """Make the README's picture: fit the validation capture plush for 1,000 steps, enhance, measure, draw."""
+    """Make the README's picture: fit the validation capture plush for 10,000 steps (half an hour), enhance, draw."""
     install(session)
     data = os.environ.get("GAUSSIAN_ENHANCER_DATA")
     if not data:
         session.error("GAUSSIAN_ENHANCER_DATA names no folder: it must hold captures/plush and lpips")
     own = "runs=runs/picture"
     scene = ("scene=capture", f"scene.path={data}/captures/plush", "scene.downscale=4")
-    session.run("gaussian-enhancer", "fit", own, *scene, "splat=3dgs", "settings.steps=1000")
+    split = ("scene.split.test_every=5", "++scene.split.test_offset=0")
+    settings = (
+        "settings.steps=10000",
+        "settings.max_gaussians=80000",
+        "settings.sh_degree=3",
+        "settings.snapshots=[0.5]",
+    )
+    start = ("+settings.start_gaussians=30000", "+densification=gradient")
+    growth = ("+settings.densification.pull=2e-4", "+settings.densification.opacity=0.005")
+    session.run("gaussian-enhancer", "fit", own, *scene, *split, "splat=3dgs", *settings, *start, *growth)
     (fit,) = Path("runs/picture/fit").glob("plush-3dgs-*")
     session.run("gaussian-enhancer", "enhance", own, f"run={fit}")
     (enhanced,) = Path("runs/picture/enhance").glob("plush-3dgs-*")
