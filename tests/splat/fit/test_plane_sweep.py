@@ -1,6 +1,9 @@
 """Plane sweep: the depth of a textured plane that cameras see from several places."""
 
 import math
+import os
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -58,3 +61,26 @@ def test_cameras_at_one_place_are_refused():
     photo, camera = view_of_plane(0.0, 0.0, 0.0, 4.0)
     with pytest.raises(InputError, match="one place"):
         sweep_points([photo, photo], [camera, camera])
+
+
+SMOOTHED = """
+import hashlib
+import numpy as np
+from gaussian_enhancer.splat.fit.plane_sweep_kernels import best_plane, smooth
+generator = np.random.default_rng(0)
+volume, image = generator.random((24, 32, 16), np.float32), generator.random((24, 32, 3), np.float32)
+total, index = np.zeros_like(volume), np.empty((24, 32), np.float32)
+smooth(volume, image, np.float32(0.05), np.float32(0.4), total)
+best_plane(total, index)
+print(hashlib.sha256(total.tobytes() + index.tobytes()).hexdigest(), sum(smooth.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.slow
+def test_compiled_and_cached_kernels_give_the_same_planes(tmp_path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", SMOOTHED]
+    said = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True) for _ in range(2)]
+    (first, compiled), (second, cached) = (one.stdout.split() for one in said)
+    assert (compiled, cached) == ("0", "1")
+    assert first == second
