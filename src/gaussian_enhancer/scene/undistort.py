@@ -101,7 +101,11 @@ class Lens:
         if self.model not in pycolmap.CameraModelId.__members__ or self.model == "INVALID":
             known = ", ".join(name for name in pycolmap.CameraModelId.__members__ if name != "INVALID")
             raise InputError(self.source, f"has camera model {self.model!r}", f"use one of {known}")
-        return pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+        camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+        if not list(camera.focal_length_idxs()):  # asked for its focal length, pycolmap would end the process
+            remedy = "cut pictures of a pinhole camera out of the panorama first"
+            raise InputError(self.source, f"has camera model {self.model}, which has no focal length", remedy)
+        return camera
 
     @property
     def distorted(self) -> bool:
