@@ -95,7 +95,7 @@ def test_resized_lens_sees_the_same_rays():
         ("PINHOLE", (float("nan"), FY, CX, CY), "finite"),
         ("PINHOLE", (FX, FY, CX), "3 parameters for PINHOLE"),
         ("PANORAMA", HEAD, "PANORAMA"),
-        ("EQUIRECTANGULAR", (WIDTH, HEIGHT), "no focal length"),
+        ("EQUIRECTANGULAR", (64.0, 48.0), "no focal length"),
     ],
 )
 def test_impossible_lenses_are_refused(model, params, message):
