@@ -30,6 +30,8 @@ def watch(log: Path, at: int | None = None, action: str = "") -> None:
 
     def seen(event: str, arguments: tuple[Any, ...]) -> None:
         nonlocal count
+        if action == FULL and at is not None and count > at:  # the log has no room either
+            return
         if event == "fcntl.flock":
             lines.write("flock\n")
             return
