@@ -39,8 +39,8 @@ ROOM = 1 << 20
 """Bytes of a process's output that are kept."""
 LONGEST = 600
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGINT")
-SHARES = {"fit": 32, "train": 28, "enhance": 28, "tables": 12}
-"""Of 100 kills, by job."""
+SHARES = {"fit": 32, "train": 28, "enhance": 28, "tables": 12, "video": 20}
+"""Kills by job, in percent of ``--moments``."""
 
 
 # Processes -------------------------------------------------------------------------------------------------------
@@ -402,7 +402,7 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Run the campaign, write its record, and fail where a case ended badly."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moments", type=int, default=100, help="kills in all")
+    parser.add_argument("--moments", type=int, default=100, help="kills; each job has its share")
     parser.add_argument("--jobs", nargs="*", default=list(SHARES))
     parser.add_argument("--slice", action="store_true", help="the few cases that run with the tests")
     parser.add_argument("--record", type=Path)

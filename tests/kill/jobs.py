@@ -16,6 +16,8 @@ from safetensors.torch import load_file
 
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.splat.io.open import read_splat
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.types import Gaussians
 from support.captures_on_disk import write_transforms
 from support.synthetic_runs import write_plane_run
 
@@ -74,6 +76,18 @@ def make_captures(folder: Path) -> None:
         write_transforms(folder / name)
 
 
+def make_filmed(folder: Path) -> None:
+    """The first run, with a splat: a sheet of coloured Gaussians."""
+    make_planes(folder)
+    y, x = torch.meshgrid(torch.linspace(-2, 2, 12), torch.linspace(-2, 2, 12), indexing="ij")
+    means = torch.stack([x, y, torch.full_like(x, 3.0)], -1).reshape(-1, 3)
+    count = len(means)
+    scales = torch.tensor([0.18, 0.18, 0.01]).log().repeat(count, 1)
+    turns = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
+    colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(0))
+    write_ply(folder / "first/splat.ply", Gaussians(means, scales, turns, torch.full((count,), 4.0), colours))
+
+
 JOBS: dict[str, Job] = {
     "fit": Job(
         (
@@ -91,6 +105,7 @@ JOBS: dict[str, Job] = {
     "train": Job(("train", *TRAINING, *QUIET), make_planes, ("seed=1",)),
     "enhance": Job(("enhance", "run=first", *QUIET), make_planes, ("strength=0.5",)),
     "tables": Job(("tables", *TABLE, *QUIET), make_captures),
+    "video": Job(("video", "run=first", "frames=6", *QUIET), make_filmed),
 }
 
 
