@@ -221,7 +221,7 @@ def fuzz(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def kill(session: nox.Session) -> None:
-    """Kill fit, train, enhance, tables, video at 120 moments, double them, fill their disk; goes on where it was stopped."""
+    """Kill jobs at 120 moments, start two in one folder, fill the disk; goes on where it was stopped."""
     install(session, "test")
     session.run("python", "tests/kill/campaign.py", "--record", "docs/results/kill.jsonl", *session.posargs)
 
