@@ -8,6 +8,7 @@ from test_ssif_lr import trained as trained_scales
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer, choose_precision
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
@@ -60,10 +61,16 @@ def test_colours_stay_within_what_is_shown_where_references_are_warped(plane_run
     (view, *_), pool = rendered.targets, Pool(rendered.references)
     target = read_target(view)
     seen = join(target, ReferenceConfig().align(target, view, pool))
-    free, near = (
-        SetEnhancer(network, ReferenceConfig(), precision="float32", colour_clamping=n).enhance(seen) for n in (0, 3)
-    )
+
+    def enhanced(clamping: int, completion: bool, strength: float = 1.0) -> torch.Tensor:
+        options = {"precision": "float32", "colour_clamping": clamping, "colour_completion": completion}
+        return SetEnhancer(network, ReferenceConfig(), strength=strength, **options).enhance(seen)
+
+    free, near = enhanced(0, False), enhanced(3, False)
     assert torch.equal(near, clamp_to_references(free, seen, 3))
+    completed = complete_change(near, seen)
+    assert torch.equal(enhanced(3, True), completed.clamp(0, 1))
+    assert torch.allclose(enhanced(3, True, 0.5), (0.5 * (seen.render + completed)).clamp(0, 1), atol=1e-6)
     assert not torch.equal(near, free)
     unwarped = ReferenceConfig(Unwarped())
     beside = join(target, unwarped.align(target, view, pool))

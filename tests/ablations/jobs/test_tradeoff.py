@@ -127,10 +127,8 @@ def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size
     assert raw.view == two.view == view.targets[0].name
     assert raw.metrics["psnr"] == measure_pair(view.targets[0].read(), photo).metrics["psnr"]
     found = load_weights("lr_tiny")
-    (image,) = [
-        one.image
-        for one in SetEnhancer(found.network, replace(found.reference_config, references=2, candidates=5))(view)
-    ]
+    config = replace(found.reference_config, references=2, candidates=5)
+    (image,) = [one.image for one in SetEnhancer(found.network, config, strength=found.strength)(view)]
     assert two.metrics["psnr"] == pytest.approx(measure_pair(image, photo).metrics["psnr"], abs=1e-6)
     assert two.metrics["psnr"] > raw.metrics["psnr"]
 
