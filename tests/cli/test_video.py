@@ -18,10 +18,9 @@ from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
-from gaussian_enhancer.types import Gaussians
 from gaussian_enhancer.video.film import Film
 from support import paths
-from support.synthetic_runs import plane_camera
+from support.synthetic_runs import coloured_sheet, plane_camera
 
 av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
 FRAMES = 5
@@ -39,13 +38,7 @@ def fitted(plane_run, tmp_path_factory) -> Path:
     """The plane's run with a splat: a sheet of 24x24 Gaussians."""
     folder = tmp_path_factory.mktemp("fitted") / "plane"
     shutil.copytree(plane_run, folder)
-    y, x = torch.meshgrid(torch.linspace(-2, 2, 24), torch.linspace(-2, 2, 24), indexing="ij")
-    means = torch.stack([x, y, torch.full_like(x, 3.0)], -1).reshape(-1, 3)
-    count = len(means)
-    scales = torch.tensor([0.09, 0.09, 0.01]).log().repeat(count, 1)
-    turns = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
-    colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(0))
-    write_ply(folder / "splat.ply", Gaussians(means, scales, turns, torch.full((count,), 4.0), colours))
+    write_ply(folder / "splat.ply", coloured_sheet(24))
     return folder
 
 

@@ -17,9 +17,8 @@ from safetensors.torch import load_file
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import write_ply
-from gaussian_enhancer.types import Gaussians
 from support.captures_on_disk import write_transforms
-from support.synthetic_runs import write_plane_run
+from support.synthetic_runs import coloured_sheet, write_plane_run
 
 QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu")
 SMALL = (
@@ -79,13 +78,7 @@ def make_captures(folder: Path) -> None:
 def make_filmed(folder: Path) -> None:
     """The first run, with a splat: a sheet of coloured Gaussians."""
     make_planes(folder)
-    y, x = torch.meshgrid(torch.linspace(-2, 2, 12), torch.linspace(-2, 2, 12), indexing="ij")
-    means = torch.stack([x, y, torch.full_like(x, 3.0)], -1).reshape(-1, 3)
-    count = len(means)
-    scales = torch.tensor([0.18, 0.18, 0.01]).log().repeat(count, 1)
-    turns = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
-    colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(0))
-    write_ply(folder / "first/splat.ply", Gaussians(means, scales, turns, torch.full((count,), 4.0), colours))
+    write_ply(folder / "first/splat.ply", coloured_sheet(12))
 
 
 JOBS: dict[str, Job] = {

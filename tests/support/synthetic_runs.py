@@ -9,7 +9,7 @@ from PIL import Image
 
 from gaussian_enhancer.scene.cameras import write_cameras
 from gaussian_enhancer.scene.rendered import RenderedView
-from gaussian_enhancer.types import Camera, identity_camera
+from gaussian_enhancer.types import Camera, Gaussians, identity_camera
 
 
 def plane_camera(index: int, height: int, width: int) -> Camera:
@@ -56,6 +56,17 @@ def write_plane_run(
     write_cameras(folder / "cameras.json", views_, sides)
     (folder / "done").write_text("{}")
     return folder
+
+
+def coloured_sheet(side: int) -> Gaussians:
+    """A sheet of ``side`` x ``side`` Gaussians of random colours at depth 3, from -2 to 2."""
+    y, x = torch.meshgrid(torch.linspace(-2, 2, side), torch.linspace(-2, 2, side), indexing="ij")
+    means = torch.stack([x, y, torch.full_like(x, 3.0)], -1).reshape(-1, 3)
+    count = len(means)
+    scales = torch.tensor([2.16 / side, 2.16 / side, 0.01]).log().repeat(count, 1)
+    turns = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
+    colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(0))
+    return Gaussians(means, scales, turns, torch.full((count,), 4.0), colours)
 
 
 def _write(path: Path, image: torch.Tensor) -> None:

@@ -94,7 +94,7 @@ def _affine(
 
 
 def _blurred(image: Float[Tensor, "b c i j"], deviation: float) -> Float[Tensor, "b c i j"]:
-    """The image under a Gaussian, continued by its border."""
+    """The image under a Gaussian, continued by its border. Kornia has the same, but takes 0.7 s to import."""
     reach = int(3 * deviation)
     place = torch.arange(-reach, reach + 1, dtype=image.dtype, device=image.device)
     window = torch.exp(-place.square() / (2 * deviation**2))

@@ -60,12 +60,18 @@ class CachesReferences(Network):
         """Features of the references at all scales; each depends on its reference alone."""
 
     @abc.abstractmethod
+    def stages(
+        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r _ _ _"], ...] | None = None
+    ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
+        """Enhanced images of all the network's scales, coarse to fine; the last is the result."""
+
     def forward(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r _ _ _"], ...] | None = None
     ) -> Float[Tensor, "b 3 H W"]:
-        """Enhance.
+        """Enhance renders of any size.
 
         Args:
             views: what is known of the targets.
             encoded: what `encode` gave for these references, in this order.
         """
+        return self.stages(views, encoded)[-1]

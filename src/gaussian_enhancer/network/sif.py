@@ -60,20 +60,11 @@ class SIF(CachesReferences):
         """Features of the references, for `forward` to use again with other targets where they are not warped."""
         return (self.gather.encode(padded(views, self.stride)),)
 
-    def forward(
+    def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
-    ) -> Float[Tensor, "b 3 h w"]:
-        """Enhance renders of any size with any number of references, none included.
-
-        Args:
-            views: what is known of the targets.
-            encoded: what `encode` gave for these references.
-        """
+    ) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+        """The enhanced image alone: there is one scale. Any number of references is taken, none included."""
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)
         features, trust = self.gather(views, None if encoded is None else encoded[0])
-        return self.output(self.decode(features), views, trust)[..., :height, :width]
-
-    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
-        """The enhanced image alone: there is one scale."""
-        return (self(views),)
+        return (self.output(self.decode(features), views, trust)[..., :height, :width],)

@@ -85,17 +85,6 @@ class SSIFLR(CachesReferences):
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
         return tuple(self._gather(level).encode(seen) for level, seen in enumerate(self._pyramid(views)))
 
-    def forward(
-        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
-    ) -> Float[Tensor, "b 3 h w"]:
-        """Enhance renders of any size with any number of references, none included.
-
-        Args:
-            views: what is known of the targets.
-            encoded: what `encode` gave for these references.
-        """
-        return self.stages(views, encoded)[-1]
-
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:

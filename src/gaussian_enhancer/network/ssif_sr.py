@@ -78,21 +78,10 @@ class SSIFSR(CachesReferences):
         views = padded(views, self.stride)
         return self._encode(views, pooled(views))
 
-    def forward(
-        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
-    ) -> Float[Tensor, "b 3 H W"]:
-        """Enhance renders of any size with any number of references, none included.
-
-        Args:
-            views: what is known of the targets; without fine references, detail comes from the render alone.
-            encoded: what `encode` gave for these references.
-        """
-        return self.stages(views, encoded)[-1]
-
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """Enhanced images of 1, 2 and 4 times the render's size."""
+        """Enhanced images of 1, 2 and 4 times the render's size; without fine references, from the render alone."""
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)
         fine = pooled(views)

@@ -76,12 +76,14 @@ def _told_of_its_run(cfg: DictConfig, job: Run, part: str) -> DictConfig:
 
 def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
     """The callbacks of the group, and after them the user's own."""
-    from lightning.pytorch.callbacks import ProgressBar
+    from hydra.utils import get_object
+    from lightning.pytorch.callbacks import ModelCheckpoint, ProgressBar
 
     group = [node for node in cfg.get("callbacks", {}).values() if node is not None]
     built = []
     for node in (*group, *(cfg.trainer.get("callbacks") or ())):
-        kept = node._target_.endswith("Checkpoint") and node.get("dirpath") is None
+        made = get_object(node._target_)
+        kept = isinstance(made, type) and issubclass(made, ModelCheckpoint) and node.get("dirpath") is None
         built.append(build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if kept else {})))
     return [one for one in built if cfg.runtime.progress or not isinstance(one, ProgressBar)]
 

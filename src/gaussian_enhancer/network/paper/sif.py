@@ -54,21 +54,10 @@ class PaperSIF(CachesReferences):
         """Features of the references."""
         return (self.encode_reference.each(padded(views, self.stride).references - 0.5),)
 
-    def forward(
-        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
-    ) -> Float[Tensor, "b 3 h w"]:
-        """Enhance renders of any size with two references or fewer: E of `stages`.
-
-        Args:
-            views: what is known of the targets.
-            encoded: what `encode` gave for these references.
-        """
-        return self.stages(views, encoded)[-1]
-
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:
-        """H, the fused view, and E, H after depth modulation; both at the render's resolution."""
+        """H, the fused view, and E, H after depth modulation, from two references or fewer, both whole."""
         height, width = views.render.shape[-2:]
         references = (self.encode(views) if encoded is None else encoded)[0]
         views = padded(views, self.stride)

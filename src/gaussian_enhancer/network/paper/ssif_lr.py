@@ -65,21 +65,10 @@ class PaperSSIFLR(CachesReferences):
         pyramid = self._pyramid(views)
         return tuple(self._scale(k).encode_reference.each(seen.references - 0.5) for k, seen in enumerate(pyramid))
 
-    def forward(
-        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
-    ) -> Float[Tensor, "b 3 h w"]:
-        """Enhance renders of any size with two references or fewer.
-
-        Args:
-            views: what is known of the targets.
-            encoded: what `encode` gave for these references.
-        """
-        return self.stages(views, encoded)[-1]
-
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """E at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up."""
+        """E at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up; from two references or fewer."""
         height, width = views.render.shape[-2:]
         pyramid = self._pyramid(views)
         references = self.encode(views) if encoded is None else encoded

@@ -82,21 +82,10 @@ class PaperSSIFSR(CachesReferences):
         )
         return self.encode_reference.each(views.references - 0.5), *fine
 
-    def forward(
-        self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
-    ) -> Float[Tensor, "b 3 H W"]:
-        """Enhance renders of any size with two references or fewer.
-
-        Args:
-            views: what is known of the targets; fine references that are missing are zero.
-            encoded: what `encode` gave for these references.
-        """
-        return self.stages(views, encoded)[-1]
-
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """S at 1, 2 and 4 times the render's size."""
+        """S at 1, 2 and 4 times the render's size, from two references or fewer; missing fine ones are zero."""
         height, width = views.render.shape[-2:]
         references, *fine = self.encode(views) if encoded is None else encoded
         views = padded(views, self.stride)
