@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import nox
@@ -18,6 +19,11 @@ def install(session: nox.Session, *groups: str) -> None:
     """Install the project, editable, with dependency groups, at the versions of constraints.txt."""
     packages = [package for group in groups for package in nox.project.dependency_groups(PROJECT, group)]
     session.install("-c", "constraints.txt", "-e", ".", *packages)
+
+
+def listed(option: str, values: Iterable[str]) -> str:
+    """An override that gives an option a list."""
+    return f"{option}=[{','.join(values)}]"
 
 
 def run_tests(session: nox.Session, *chosen: str) -> None:
@@ -107,7 +113,7 @@ def simulator(session: nox.Session) -> None:
     scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
         runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
-        session.run("python", "-m", "ablations.scripts.fingerprints", *runs, "--gates", "runs/gates")
+        session.run("gaussian-enhancer", "fingerprints", listed("runs", runs), "gates=runs/gates")
     session.run("gaussian-enhancer", "train_generator", "+recipe=simulator", *session.posargs)
 
 
@@ -127,18 +133,17 @@ def realism(session: nox.Session) -> None:
     validation = [f"runs/fit/{name}-*" for name in ("*_1000", "banana")]
     test = [f"runs/fit/{name}-*" for name in ("*_2000", "fox", "monstree")]
     rows = ("naive", "all", "random", "adaptive", "tsds")
-    generator = ("--generator", "simulator", "--rows", *rows)
+    generator = ("generator_weights=simulator", listed("rows", rows))
     results = Path("docs/results")
     for name, learn, judge in (("validation", training, validation[1:]), ("test", [*training, validation[1]], test)):
-        options = ("--json", str(results / f"realism_{name}.jsonl"), *generator)
-        session.run("python", "-m", "ablations.scripts.realism", "--train", *learn, "--test", *judge, *options)
-    options = ("--json", str(results / "diversity.jsonl"), *generator)
-    session.run("python", "-m", "ablations.scripts.diversity", "runs/fit/buddha-*", "runs/fit/fox-*", *options)
+        options = (f"records={results}/realism_{name}.jsonl", *generator)
+        session.run("gaussian-enhancer", "realism", listed("train", learn), listed("test", judge), *options)
+    options = (f"records={results}/diversity.jsonl", *generator)
+    session.run("gaussian-enhancer", "diversity", listed("runs", ("runs/fit/buddha-*", "runs/fit/fox-*")), *options)
     trained = ("real", *rows, "mixed")
-    lpips = os.environ.get("GAUSSIAN_ENHANCER_DATA", "") + "/lpips"
     for name, runs in (("validation", validation), ("test", test)):
-        options = ("--json", str(results / f"renders_{name}.jsonl"), "--lpips", lpips)
-        session.run("python", "-m", "ablations.scripts.renders", "--rows", *trained, "--runs", *runs, *options)
+        options = (f"records={results}/renders_{name}.jsonl", "lpips=[lpips_alex]")
+        session.run("gaussian-enhancer", "renders", listed("rows", trained), listed("runs", runs), *options)
 
 
 WEIGHTS = (
@@ -236,7 +241,7 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def picture(session: nox.Session) -> None:
-    """Make the README's picture: fit the validation capture plush for 10,000 steps (half an hour), enhance, draw."""
+    """Make the README's picture: fit the validation capture plush for 7,000 steps (half an hour), enhance, draw."""
     install(session)
     data = os.environ.get("GAUSSIAN_ENHANCER_DATA")
     if not data:
@@ -245,7 +250,7 @@ def picture(session: nox.Session) -> None:
     scene = ("scene=capture", f"scene.path={data}/captures/plush", "scene.downscale=4")
     split = ("scene.split.test_every=5", "++scene.split.test_offset=0")
     settings = (
-        "settings.steps=10000",
+        "settings.steps=7000",
         "settings.max_gaussians=80000",
         "settings.sh_degree=3",
         "settings.snapshots=[0.5]",
@@ -256,7 +261,7 @@ def picture(session: nox.Session) -> None:
     (fit,) = Path("runs/picture/fit").glob("plush-3dgs-*")
     session.run("gaussian-enhancer", "enhance", own, f"run={fit}")
     (enhanced,) = Path("runs/picture/enhance").glob("plush-3dgs-*")
-    session.run("python", "-m", "ablations.scripts.before_after", str(enhanced), "--capture", "plush, MIT licence")
+    session.run("gaussian-enhancer", "before_after", f"run={enhanced}", "capture='plush, MIT licence'")
 
 
 @nox.session(default=False, venv_backend="none")

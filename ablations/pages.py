@@ -14,13 +14,15 @@ from tempfile import TemporaryDirectory
 
 SCALE = "desk"
 JOBS = (
-    ("quality",),
-    ("plan_study",),
-    ("tradeoff",),
-    ("stability",),
-    ("tables", "table=[all,mode]", f"scale={SCALE}"),
+    ("quality", "records_only=true"),
+    ("plan_study", "records_only=true"),
+    ("tradeoff", "records_only=true"),
+    ("stability", "records_only=true"),
+    ("tables", "table=[all,mode]", f"scale={SCALE}", "records_only=true"),
+    ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
+    ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
 )
-"""The jobs that write pages, with their overrides."""
+"""The jobs that write pages, with the overrides that make them from their records alone."""
 
 
 def remade(source: Path, folder: Path) -> list[Path]:
@@ -42,7 +44,7 @@ def remade(source: Path, folder: Path) -> list[Path]:
     os.chdir(folder)
     try:
         for job, *overrides in JOBS:
-            sys.argv = ["gaussian-enhancer", job, *overrides, "records_only=true", f"hydra.run.dir={folder / 'hydra'}"]
+            sys.argv = ["gaussian-enhancer", job, *overrides, f"hydra.run.dir={folder / 'hydra'}"]
             try:
                 main()
             except SystemExit as ended:

@@ -20,6 +20,7 @@ FLAGS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    "--enable-unsafe-swiftshader",  # WebGL without a graphics card, for the viewer
 )
 
 # What a machine is busy with decides no test: examples have no deadline, and their making may take long.

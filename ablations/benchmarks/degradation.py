@@ -1,36 +1,34 @@
-"""How many megapixels a second the simulator degrades on one core, beside Real-ESRGAN's second-order degradation.
+"""``gaussian-enhancer degradation``: how many megapixels a second the simulator degrades on one core.
 
-    python -m ablations.benchmarks.degradation --rounds 40 --json degradation.json
-
-Every row (method and input) runs in turn, round after round, with the round's seed, so that what else the machine does
-falls on all of them alike. Inputs are batches as the trainer has them, with depth and opacity for those that use them.
-Printed are the median over the rounds of what a row does by the wall clock, all rounds together by the processor's
-clock (draws differ in cost, and others may use the machine), and the median ratio to the rival in the same round.
-The row of both stages needs the networks of stage 2: where they are not there it is left out with a word, or refused
-where it was asked for.
+Beside it stands Real-ESRGAN's second-order degradation. Every row (method and input) runs in turn, round after round,
+with the round's seed, so that what else the machine does falls on all of them alike. Inputs are batches as the trainer
+has them, with depth and opacity for those that use them. Printed are the median over the rounds of what a row does by
+the wall clock, all rounds together by the processor's clock (draws differ in cost, and others may use the machine), and
+the median ratio to the rival in the same round. The row of both stages needs the networks of stage 2: where they are
+not there it is left out with a word, or refused where it was asked for.
 """
 
-import argparse
 import json
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
 import numba
 import torch
 import torch.nn.functional as F
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from hydra.errors import HydraException
+from omegaconf import DictConfig
 
 from ablations.benchmarks.real_esrgan import SecondOrder
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.runtime import start
 
 Degradation = Callable[[View, torch.Generator], object]
 SIMULATORS = {
@@ -57,9 +55,8 @@ def degradation(method: str, overrides: Sequence[str]) -> Degradation:
         rival = SecondOrder()
         return lambda view, generator: rival(view.image, generator)
     try:
-        with initialize_config_dir(str(Path(__file__).resolve().parents[2] / "conf"), version_base="1.3"):
-            given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
-            simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulation.simulator)
+        given = ["data.train=[]", "data.validation=[]", *SIMULATORS[method]]
+        simulator: Degradation = build(compose("train", [*given, *overrides]).data.simulation.simulator)
     except HydraException as error:
         cause = str(error).splitlines()[0]
         raise InputError(method, f"cannot be built ({cause})", "leave it out, or supply what is missing") from error
@@ -117,8 +114,11 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     """The rows to measure, and why others are left out.
 
     Raises:
-        InputError: a method that was asked for cannot be built.
+        InputError: a method that was asked for is unknown or cannot be built.
     """
+    unknown = [method for method in methods or () if method not in METHODS]
+    if unknown:
+        raise InputError("methods", f"names {unknown[0]!r}", f"choose among {', '.join(METHODS)}")
     rows, left_out = [], {}
     for method in METHODS if methods is None else methods:
         try:
@@ -132,22 +132,20 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     return rows, left_out
 
 
-def main() -> None:
-    """Parse, measure, print, record."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--methods", nargs="+", choices=METHODS, help="these alone; one that is not there is refused")
-    parser.add_argument("--overrides", nargs="+", default=[], help="of the simulator's configuration")
-    parser.add_argument("--rounds", type=int, default=40)
-    parser.add_argument("--json", type=Path, help="where to write the record")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
+def run(cfg: DictConfig) -> None:
+    """Measure, print, record.
+
+    Args:
+        cfg: conf/degradation.yaml, composed.
+
+    Raises:
+        InputError: a method that was asked for is unknown or cannot be built, or the record cannot be written.
+    """
+    start(cfg.runtime)
     numba.set_num_threads(1)
-    try:
-        rows, left_out = rows_of(options.methods, options.overrides)
-    except InputError as error:
-        parser.error(str(error))
+    rows, left_out = rows_of(cfg.methods, cfg.overrides)
     with torch.no_grad():
-        for seed in range(-2, options.rounds):
+        for seed in range(-2, cfg.rounds):
             for row in rows:
                 row.run(seed + 2)
     for row in rows:
@@ -162,13 +160,9 @@ def main() -> None:
         print(f" {one['processor']:9.3f} | {ratio:>10}")
     for method, reason in left_out.items():
         print(f"left out: {method}: {reason}")
-    if options.json:
+    if cfg.records:
         record = {
             "unit": "megapixels a second", "rows": found, "left_out": left_out, "threads": torch.get_num_threads(),
-            "rounds": options.rounds, "machine": this_machine(), "commit": this_commit(),
+            "rounds": cfg.rounds, "machine": this_machine(), "commit": this_commit(),
         }  # fmt: skip
-        options.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+        write_text(cfg.records, json.dumps(record, indent=2) + "\n")

@@ -1,7 +1,4 @@
-"""What every network costs at every size: parameters, multiply-adds and, where asked for, time.
-
-    python -m ablations.benchmarks.networks --json docs/results/networks.json [--times] > table.md
-    python -m ablations.benchmarks.networks --mode paper --references 2 --json docs/results/paper_networks.json
+"""``gaussian-enhancer networks``: what every network costs at every size, in parameters, multiply-adds and time.
 
 Multiply-adds are those of convolutions and matrix products; reading features at moved positions, activations and
 interpolation are not among them. Both figures are for a megapixel of the enhanced image. Times are single calls in
@@ -9,27 +6,28 @@ bfloat16 and channels-last memory on an otherwise idle machine; networks run in 
 is kept.
 """
 
-import argparse
 import json
-import statistics
-import time
 from collections.abc import Iterator
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
 import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
-from torch._subclasses.fake_tensor import FakeTensorMode
+from hydra import compose
+from omegaconf import DictConfig, OmegaConf
+from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from gaussian_enhancer.cli.main import configurations
+from ablations.study.markdown import frame, markdown
+from gaussian_enhancer.configurations import configurations
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_of
+from gaussian_enhancer.metrics.cost import timed
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.types import NetworkInput
 
 SIZES = ("tiny", "base", "large")
@@ -53,44 +51,44 @@ class Subject:
     network: Network
 
 
-def subjects(mode: str = "ours") -> Iterator[Subject]:
+def subjects(paper: bool = False) -> Iterator[Subject]:
     """Every network that weights can name, as its own configuration builds it, without variants and repetitions.
 
+    Hydra must be initialised with the project's configurations, as it is within a job.
+
     Args:
-        mode: "paper": the paper's own networks, and SSIF-SR without its buffer as well; "ours": all others.
+        paper: the paper's own networks, and SSIF-SR without its buffer as well, instead of all others.
     """
-    yield from _papers() if mode == "paper" else _ours()
+    yield from _papers() if paper else _ours()
 
 
 def _papers() -> Iterator[Subject]:
     conf = configurations()
     names = sorted(path.stem.removeprefix("paper_") for path in (conf / "network").glob("paper_*.yaml"))
-    with initialize_config_dir(str(conf), version_base="1.3"):
-        for fusion in names:
-            for buffer in (True, False) if fusion == "ssif_sr" else (True,):
-                told = f"{fusion}, paper" + ("" if buffer else ", without its buffer")
-                for size in SIZES:
-                    unbuffered = [] if buffer else ["+fusion.buffer=false"]
-                    cfg = compose("train", ["mode=paper", f"fusion={fusion}", f"size={size}", *unbuffered])
-                    yield Subject(told, size, "deformable", build(cfg.fusion).eval())
+    for fusion in names:
+        for buffer in (True, False) if fusion == "ssif_sr" else (True,):
+            told = f"{fusion}, paper" + ("" if buffer else ", without its buffer")
+            for size in SIZES:
+                unbuffered = [] if buffer else ["+fusion.buffer=false"]
+                cfg = compose("train", ["mode=paper", f"fusion={fusion}", f"size={size}", *unbuffered])
+                yield Subject(told, size, "deformable", build(cfg.fusion).eval())
 
 
 def _ours() -> Iterator[Subject]:
     conf, built = configurations(), []
     files: dict[str, Any] = {path.stem: OmegaConf.load(path) for path in sorted((conf / "fusion").glob("*.yaml"))}
     kinds = {values.get("_target_", "").rpartition(".")[2]: name for name, values in files.items()}
-    with initialize_config_dir(str(conf), version_base="1.3"):
-        for kind in (name for name in NETWORKS if name in kinds):
-            fusion = kinds[kind]
-            said = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
-            aligned, sized = ("${" + group in said for group in ("alignment", "size"))
-            for alignment in ALIGNMENTS if aligned else ("-",):
-                for size in SIZES if sized else ("-",):
-                    chosen = [f"{k}={v}" for k, v in (("alignment", alignment), ("size", size)) if v != "-"]
-                    network = build(compose("train", [f"fusion={fusion}", *chosen]).fusion)
-                    if design_of(network) not in built:
-                        built.append(design_of(network))
-                        yield Subject(fusion, size, alignment, network.eval())
+    for kind in (name for name in NETWORKS if name in kinds):
+        fusion = kinds[kind]
+        said = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
+        aligned, sized = ("${" + group in said for group in ("alignment", "size"))
+        for alignment in ALIGNMENTS if aligned else ("-",):
+            for size in SIZES if sized else ("-",):
+                chosen = [f"{k}={v}" for k, v in (("alignment", alignment), ("size", size)) if v != "-"]
+                network = build(compose("train", [f"fusion={fusion}", *chosen]).fusion)
+                if design_of(network) not in built:
+                    built.append(design_of(network))
+                    yield Subject(fusion, size, alignment, network.eval())
 
 
 def example(height: int, width: int, references: int) -> NetworkInput:
@@ -108,37 +106,42 @@ def example(height: int, width: int, references: int) -> NetworkInput:
 
 @torch.inference_mode()
 def multiply_adds(network: Network, references: int, side: int = 256) -> float:
-    """Multiply-adds for each pixel of the enhanced image; nothing is computed."""
-    counter = FlopCounterMode(display=False)
+    """Multiply-adds for each pixel of the enhanced image; nothing is computed unless the network looks at values."""
     views = example(side, side, references)
-    with FakeTensorMode(allow_non_fake_inputs=True), counter:
-        enhanced = network(views)
-    return counter.get_total_flops() / 2 / enhanced[0, 0].numel()
+    for mode in (FakeTensorMode(allow_non_fake_inputs=True), nullcontext()):
+        counter = FlopCounterMode(display=False)
+        with suppress(DataDependentOutputException), mode, counter:
+            enhanced = network(views)
+            return counter.get_total_flops() / 2 / enhanced[0, 0].numel()
+    raise RuntimeError(f"{type(network).__name__} was not counted")
 
 
 @torch.inference_mode()
 def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> list[float]:
     """Median time for each pixel of the enhanced image, of each network."""
-    times: list[list[float]] = [[] for _ in networks]
-    for turn in range(rounds + 1):
-        for network, own in zip(networks, times, strict=True):
-            begun = time.perf_counter()
-            with torch.autocast("cpu", torch.bfloat16):
-                pixels = network(views)[0, 0].numel()
-            if turn:
-                own.append(1e6 * (time.perf_counter() - begun) / pixels)
-    return [statistics.median(own) for own in times]
+
+    def enhance(network: Network) -> int:
+        with torch.autocast("cpu", torch.bfloat16):
+            return network(views)[0, 0].numel()
+
+    calls = {str(index): partial(enhance, network) for index, network in enumerate(networks)}
+    pixels = [call() for call in calls.values()]
+    times = timed(calls, rounds, warm_up=0)
+    return [1e3 * one.milliseconds / count for one, count in zip(times.values(), pixels, strict=True)]
 
 
-def measured(options: argparse.Namespace) -> dict[str, Any]:
-    """The record: where and how it was measured, and a row for each network."""
-    found = list(subjects(options.mode))
-    height, width = (int(side) for side in options.size.split("x"))
+def measured(cfg: DictConfig) -> dict[str, Any]:
+    """The record: where and how it was measured, and a row for each network.
+
+    Args:
+        cfg: conf/networks.yaml, composed.
+    """
+    found = list(subjects(cfg.paper))
     rows: list[dict[str, Any]] = []
     times = None
-    if options.times:
+    if cfg.times:
         prepared = [subject.network.to(memory_format=torch.channels_last) for subject in found]  # type: ignore[call-overload]
-        times = microseconds(prepared, example(height, width, options.references), options.rounds)
+        times = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
     for index, subject in enumerate(found):
         row = {
             "fusion": subject.fusion,
@@ -146,13 +149,14 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
             "size": subject.size,
             "scale": subject.network.scale,
             "parameters": count_parameters(subject.network),
-            "giga_multiply_adds_per_megapixel": round(multiply_adds(subject.network, options.references) / 1e3, 2),
+            "giga_multiply_adds_per_megapixel": round(multiply_adds(subject.network, cfg.references) / 1e3, 2),
         }
         rows.append(row if times is None else {**row, "seconds_per_megapixel": round(times[index], 4)})
-    how = {"size": options.size, "rounds": options.rounds, "threads": torch.get_num_threads(), "precision": "bfloat16"}
+    how = {"size": f"{cfg.height}x{cfg.width}", "rounds": cfg.rounds, "threads": torch.get_num_threads()}
+    how["precision"] = "bfloat16"
     return {
-        "references": options.references,
-        "times": how if options.times else None,
+        "references": cfg.references,
+        "times": how if cfg.times else None,
         "rows": rows,
         "machine": this_machine(),
         "commit": this_commit(),
@@ -163,29 +167,25 @@ def table(rows: list[dict[str, Any]]) -> str:
     """The rows as a Markdown table."""
     heads = ["network", "alignment", "size", "scale", "parameters", "10^9 multiply-adds / MP"]
     timed = "seconds_per_megapixel" in rows[0]
-    lines = [heads + ["s / MP"] * timed, ["---"] * (len(heads) + timed)]
+    lines: list[list[str]] = []
     for row in rows:
         name, alignment, size, scale, parameters, work, *seconds = row.values()
         lines.append([f"`{name}`", alignment, size, f"{scale}x", f"{parameters:,}", f"{work:,.1f}"])
         lines[-1] += [f"{value:.3f}" for value in seconds]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(frame(heads + ["s / MP"] * timed, lines))
 
 
-def main() -> None:
-    """Read the command line, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mode", choices=("ours", "paper"), default="ours")
-    parser.add_argument("--references", type=int, default=3)
-    parser.add_argument("--times", action="store_true", help="measure times too; wants an idle machine")
-    parser.add_argument("--size", default="192x256", help="HEIGHTxWIDTH of the render, for times")
-    parser.add_argument("--rounds", type=int, default=7, help="of times")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    record = measured(options)
-    print(table(record["rows"]))
-    if options.json:
-        options.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+def run(cfg: DictConfig) -> None:
+    """Measure, print.
 
+    Args:
+        cfg: conf/networks.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: the record cannot be written.
+    """
+    start(cfg.runtime)
+    record = measured(cfg)
+    print(table(record["rows"]), end="")
+    if cfg.records:
+        write_text(cfg.records, json.dumps(record, indent=1) + "\n")

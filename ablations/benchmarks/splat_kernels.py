@@ -1,14 +1,11 @@
-"""How long one iteration of a splat's fit takes on the CPU, part by part.
-
-    python -m ablations.benchmarks.splat_kernels --sizes 216x384 270x480 --counts 10000 20000 --json splat_kernels.json
+"""``gaussian-enhancer splat_kernels``: how long one iteration of a splat's fit takes on the CPU, part by part.
 
 Every cell (image size, number of Gaussians, method) runs in turn, round after round, so that what else the machine does
 falls on all of them alike. Printed per part: median and, as what an idle machine would give, the least wall time.
 "processor" is the time spent on all cores together, which says what the wall time hides when others use the machine.
-``--cold`` measures the first compilation in an empty cache instead.
+``cold=true`` measures the first compilation in an empty cache instead.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -19,13 +16,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import gaussian_enhancer  # noqa: F401  # isort: skip  # before torch: it settles how idle OpenMP threads wait
 import numba
 import torch
+from omegaconf import DictConfig
 
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, photometric_loss, prepare
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
@@ -120,54 +118,50 @@ def printed(rows: list[dict[str, Any]]) -> None:
 def cold_compile(method: str) -> dict[str, Any]:
     """Seconds of the first iteration in an empty cache, and in a second process that finds the cache filled."""
     code = (
-        "import sys, time; sys.path.insert(0, sys.argv[1]); from splat_kernels import *; "
-        "cell = TimedFit(32, 32, 50, METHODS[sys.argv[2]]); begin = time.perf_counter(), time.process_time(); "
+        "import sys, time; from ablations.benchmarks.splat_kernels import METHODS, TimedFit; "
+        "cell = TimedFit(32, 32, 50, METHODS[sys.argv[1]]); begin = time.perf_counter(), time.process_time(); "
         "cell.iterate(); print(time.perf_counter() - begin[0], time.process_time() - begin[1])"
     )
     with tempfile.TemporaryDirectory() as cache:
-        command = [sys.executable, "-c", code, str(Path(__file__).parent), method]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        command = [sys.executable, "-c", code, method]
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
         runs = [subprocess.run(command, env=environment, check=True, capture_output=True, text=True) for _ in range(2)]
     (cold, cold_processor), (warm, _) = (tuple(map(float, run.stdout.split())) for run in runs)
     print(f"{method}: cold {cold:.1f} s (processor {cold_processor:.1f} s), from the cache {warm:.2f} s")
     return {"method": method, "cold_s": cold, "cold_processor_s": cold_processor, "cached_s": warm}
 
 
-def main() -> None:
-    """Parse, measure, print, record."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--sizes", nargs="+", default=["168x298", "216x384", "270x480"], help="HEIGHTxWIDTH")
-    parser.add_argument("--counts", nargs="+", type=int, default=[10_000, 20_000])
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["3dgs"])
-    parser.add_argument("--rounds", type=int, default=30)
-    parser.add_argument("--cold", action="store_true", help="measure the compilation instead")
-    parser.add_argument("--json", type=Path, help="where to write the record")
-    options = parser.parse_args()
+def run(cfg: DictConfig) -> None:
+    """Measure, print, record.
+
+    Args:
+        cfg: conf/splat_kernels.yaml, composed.
+
+    Raises:
+        InputError: the record cannot be written.
+    """
+    start(cfg.runtime)
     machine = {
         "processor": platform.processor() or platform.machine(),
         "threads": numba.get_num_threads(),
         "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"), "torch_threads": torch.get_num_threads(),
         "torch": torch.__version__, "numba": numba.__version__, "load": os.getloadavg()[0],
     }  # fmt: skip
-    if options.cold:
-        rows = [cold_compile(method) for method in options.methods]
+    if cfg.cold:
+        rows = [cold_compile(method) for method in cfg.methods]
     else:
-        sizes = [tuple(map(int, size.split("x"))) for size in options.sizes]
+        sizes = [tuple(map(int, size.split("x"))) for size in cfg.sizes]
         cells = [
             TimedFit(height, width, count, METHODS[method])
             for height, width in sizes
-            for count in options.counts
-            for method in options.methods
+            for count in cfg.counts
+            for method in cfg.methods
         ]
-        for _ in range(options.rounds + 1):
+        for _ in range(cfg.rounds + 1):
             for cell in cells:
                 cell.iterate()
         rows = [cell.summary() for cell in cells]
         printed(rows)
         print(f"{machine['threads']} threads, load {machine['load']:.1f} at the start")
-    if options.json:
-        options.json.write_text(json.dumps({"machine": machine, "rows": rows}, indent=2) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+    if cfg.records:
+        write_text(cfg.records, json.dumps({"machine": machine, "rows": rows}, indent=2) + "\n")

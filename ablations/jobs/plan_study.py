@@ -17,16 +17,17 @@ from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
+from gaussian_enhancer.infer.enhancer import Enhanced
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -120,7 +121,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         device: where the network runs.
     """
     found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
-    enhancer = SetEnhancer(pretrained.network, found.reference_config, device, strength=pretrained.strength)
+    enhancer = EnhancementOptions().enhancer(pretrained, found.reference_config, device)
     planner = found.planner(rules)
     for read in file_reads(found, False, planner, False):
         read()
@@ -139,7 +140,7 @@ def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
         yield from _measured(cfg, cell, bool(choice.get("background")))
     except InputError as error:
         console.print(f"{name} is missing: {error}", highlight=False, soft_wrap=True)
-        yield Record(MISSING, "", name, splat, "", cfg.baseline, {}, {"row": str(error)})
+        yield missing_record(cfg.baseline, str(error), scene=name, splat=splat)
 
 
 def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Record]:
@@ -156,7 +157,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     calls: dict[str, Callable[[], object]] = {name: partial(enhance, name) for name in rules}
     times = timed(calls, cfg.repeats, 1, device)
     alone = replace(rendered, targets=rendered.targets[:1])
-    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
     for name, one in done.items():
         peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
         record = _scene_record(fit.name, cell, name, one, times[name], peak, background)

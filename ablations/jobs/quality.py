@@ -15,18 +15,13 @@ from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
 from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.results import Results
-from ablations.suite.evaluation import StudyCell, measured_row
+from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
 
 ROLES = ("other", "ours")
-
-
-def written(cfg: DictConfig) -> Path:
-    """The file of records."""
-    return Path(cfg.records)
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -81,29 +76,17 @@ def _measured(cfg: DictConfig, name: str, cells: Sequence[StudyCell], console: C
     methods = cfg.tables[name].methods
     for number, cell in enumerate(cells, 1):
         console.rule(f"{name} {number} of {len(cells)}: {cell.scene}, {cell.splat}", align="left")
-        views: set[str] | None = None
+        views: dict[str, tuple[str, ...]] = {}
         for method, choice in methods.items():
             try:
                 found = measured_row(cfg, cell, str(method), choice)
             except InputError as error:
                 console.print(f"{method} is missing: {error}", highlight=False, soft_wrap=True)
-                found = (missing_record(cell, str(method), str(error)),)
+                found = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
             else:
-                views = _agreeing(views, found)
+                views[str(method)] = tuple(sorted(record.view for record in found))
             yield from (replace(record, variant=f"{name}/{method}") for record in found)
-
-
-def missing_record(cell: StudyCell, method: str, reason: str) -> Record:
-    """What stands in the records where a method could not be measured."""
-    return Record(MISSING, "", cell.scene, cell.splat, "", method, {}, {"row": reason})
-
-
-def _agreeing(views: set[str] | None, found: Sequence[Record]) -> set[str]:
-    """The views of a method, which must be those of the methods before it."""
-    own = {record.view for record in found}
-    if views is not None and own != views:
-        raise RuntimeError(f"rows were measured on different views, among them {sorted(own ^ views)[0]}")
-    return own
+        check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
 def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTable:

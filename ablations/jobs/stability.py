@@ -21,11 +21,6 @@ from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.runtime import start
 
 
-def written(cfg: DictConfig) -> Path:
-    """The file of records."""
-    return Path(cfg.records)
-
-
 def run(cfg: DictConfig) -> float | None:
     """Compute the matrix, or write its page again; a killed matrix goes on with the cells that it lacks.
 

@@ -17,13 +17,13 @@ from ablations.study.description import SceneGroup, read_description, write_desc
 from ablations.suite.cluster import made_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
-from ablations.suite.evaluation import StudyCell
+from ablations.suite.evaluation import StudyCell, check_same_views
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import planned, told
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import with_backbones
-from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
 
 
@@ -76,10 +76,7 @@ def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
                 if found[0].kind != MISSING:
                     views[f"{method}, seed {seed}"] = tuple(sorted(record.view for record in found))
                 yield from found
-        if len(set(views.values())) > 1:
-            raise RuntimeError(
-                f"{cell.scene}, {cell.splat}: methods were measured on different views ({', '.join(views)})"
-            )
+        check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
 def _method(
@@ -95,7 +92,7 @@ def _method(
         console.print(f"{method} is missing: {reason}", highlight=False, soft_wrap=True)
         if not isinstance(error, InputError):
             console.print_exception()
-        return (Record(MISSING, "", cell.scene, cell.splat, "", method, {}, {"row": reason}, seed=seed),)
+        return (missing_record(method, reason, scene=cell.scene, splat=cell.splat, seed=seed),)
     return runs.records(one, cell, method, seed)
 
 

@@ -22,7 +22,7 @@ from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.backbones import with_backbones
-from gaussian_enhancer.metrics.lpips import perceptual_distance
+from gaussian_enhancer.metrics.lpips import asked_distances
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.metrics.tradeoff import front, summarised
 from gaussian_enhancer.runs.instantiate import require
@@ -82,7 +82,7 @@ def measured(cfg: DictConfig, kind: str, studies: tuple[TradeoffStudy, ...], con
         limits = int(cfg.numerics.repeats), cfg.numerics.cases
         yield from numeric_records(*limits, device, console, float(cfg.numerics.seconds))
     else:
-        distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+        distances = asked_distances(cfg.lpips, cfg.backbones, device)
         with TemporaryDirectory() as folder:
             ready = Ready(cfg, device, Path(folder))
             for study in studies:

@@ -49,8 +49,10 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
         patterns: paths of runs, with ``*`` where many are meant.
 
     Raises:
-        InputError: a pattern names no finished run.
+        InputError: there is no pattern, or one names no finished run.
     """
+    if not patterns:
+        raise InputError("runs", "name no fit", "give folders of finished fits, or patterns")
     done: set[Path] = set()
     others: set[Path] = set()
     for pattern in patterns:
@@ -61,6 +63,31 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
         done |= here
         others |= set(folders) - here
     return sorted(done), sorted(others)
+
+
+def finished_fits(patterns: Sequence[str]) -> list[Path]:
+    """Folders of finished fits that match patterns.
+
+    Args:
+        patterns: as `finished_runs` takes them.
+
+    Raises:
+        InputError: a pattern names no finished run, or a run holds no held-out views.
+    """
+    found = finished_runs(patterns)[0]
+    for run in found:
+        refuse_without_views(run)
+    return found
+
+
+def refuse_without_views(run: Path) -> None:
+    """Refuse a run without renders of held-out views.
+
+    Raises:
+        InputError: it holds none.
+    """
+    if not run_steps(run):
+        raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
 
 
 def scene_of(run: Path) -> str:
@@ -87,10 +114,11 @@ def real_renders(runs: Sequence[Path], most: int | None = None, seed: int = 0) -
         seed: of the choice.
 
     Raises:
-        InputError: a view has no photo.
+        InputError: a run holds no held-out views, or a view has no photo.
     """
     chosen = []
     for number, run in enumerate(runs):
+        refuse_without_views(run)
         sets = [read_run(run, step) for step in run_steps(run)]
         found = [RealRender(scene_of(run), splat, target) for splat in sets for target in splat.targets]
         for one in found:

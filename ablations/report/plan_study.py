@@ -140,7 +140,7 @@ def plan_study_page(
         title: its heading.
         about: what is left out and when, Markdown.
         sets: the scenes that nothing was chosen by first.
-        good: what ablations/scripts/already_good.py found; none where it was not run.
+        good: what the job already_good found; none where it was not run.
         drawing: file of the plot.
         page: file of the page, from which links are made.
     """
@@ -231,7 +231,7 @@ def _left_out(cost: PlanCost) -> str:
 
 def _already_good(records: Sequence[Record]) -> str:
     """By scene: what share of its blocks a predictor passes through for what is allowed, and the box that is left."""
-    command = "`python -m ablations.scripts.already_good RUNS --json docs/results/already_good.jsonl`"
+    command = "`gaussian-enhancer already_good runs=[RUNS] records=docs/results/already_good.jsonl`"
     if not records:
         return f"Not measured yet: {command}.\n"
     names = ("passed by predicted", "box by predicted", "passed by bound", "box by bound")

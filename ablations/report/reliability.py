@@ -53,8 +53,8 @@ second must wait, or be refused in one line.
 
 FULL = """\
 From the first write of each sort of file onwards, the system lets no file grow. The job must end in one line, leave
-nothing that is cut, and come to the same result once there is room. A sort of file is a path without its numbers.
-Of the 173 sorts that `tables` writes, the first 77 were tried.
+nothing that is cut, and come to the same result once there is room. A sort of file is a path without its numbers and
+without the names of a suite's runs: each sort is tried at the first run that writes it.
 
 Not covered: a disk that fails to read.
 """

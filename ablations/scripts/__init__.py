@@ -1,1 +1,1 @@
-"""Single measurements, each a script."""
+"""Single measurements, each a job."""

@@ -1,16 +1,13 @@
-"""Whether blocks that are good already can be told before they are enhanced, by what the references' own errors say.
+"""``gaussian-enhancer already_good``: whether blocks that are good already can be told before they are enhanced.
 
-    python -m ablations.scripts.already_good runs/fit/object_0-* runs/fit/unbounded_0-*
-        --json docs/results/already_good.jsonl
-
-For each view the whole image is enhanced. Then blocks of 16x16 are passed through in the order of a predicted error,
-and the loss of PSNR against the enhanced image is counted. The predicted error of a block is the mean difference
-between a reference's photo and the splat's render of the same view, brought to the target on a coarse grid; blocks
-that no reference sees come last. The order by the gain itself, which nobody knows, is the bound for any predictor.
-Runs must be training or validation scenes, since thresholds follow from this.
+What tells them is the references' own errors. For each view the whole image is enhanced. Then blocks of 16x16 are
+passed through in the order of a predicted error, and the loss of PSNR against the enhanced image is counted. The
+predicted error of a block is the mean difference between a reference's photo and the splat's render of the same view,
+brought to the target on a coarse grid; blocks that no reference sees come last. The order by the gain itself, which
+nobody knows, is the bound for any predictor. Runs must be training or validation scenes, since thresholds follow from
+this.
 """
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,19 +15,26 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
+from omegaconf import DictConfig
+from rich.console import Console
 from torch import Tensor
 
+from ablations.realism.realism import finished_fits, scene_of
 from gaussian_enhancer.align.alignment import Pixels, apply_colour
 from gaussian_enhancer.align.coarse_visibility import coarse
 from gaussian_enhancer.align.exposure import fit_colour
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.align.reproject import reproject
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.regions import BLOCK
-from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.frozen import refuse_frozen
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import quantised
 
@@ -38,26 +42,31 @@ ALLOWED = 0.02
 """dB that passing blocks through may cost."""
 
 
-def main() -> None:
-    """Measure the runs that the command line names."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", type=Path)
-    parser.add_argument("--views", type=int, default=3, help="of each run, evenly spread")
-    parser.add_argument("--weights", default="lr_tiny")
-    parser.add_argument("--json", type=Path, required=True, help="file of records")
-    given = parser.parse_args()
-    if any(f"_{seed}-" in run.name for run in given.runs for seed in (2000, 3000)):
-        parser.error("test scenes choose nothing: give training or validation runs")
-    write_records(given.json, [one for run in given.runs for one in measured(run, given.views, given.weights)])
+def run(cfg: DictConfig) -> None:
+    """Measure, and write the records.
+
+    Args:
+        cfg: conf/already_good.yaml, composed.
+
+    Raises:
+        InputError: a run is of a test scene, weights or runs cannot be used, or the records cannot be written.
+    """
+    require(cfg)
+    fits = finished_fits(cfg.runs)
+    refuse_frozen(fits, "chosen by")
+    device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
+    found = [one for fit in fits for one in measured(fit, cfg.views, pretrained, device)]
+    write_records(cfg.records, found)
+    Console(stderr=True).print(f"{cfg.records}: {len(found)} views", highlight=False, soft_wrap=True)
 
 
-def measured(run: Path, count: int, weights: str) -> Iterator[Record]:
+def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
     """One record a view: the share of blocks that each order passes through for `ALLOWED`, and what box is left."""
-    pretrained, rendered = load_weights(weights), read_run(run)
+    rendered = read_run(fit)
     targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
     rendered = replace(rendered, targets=targets)
     planner = Planner(Rules(references="auto"), pretrained.reference_config, rendered)
-    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)
     for view, one in zip(targets, enhancer(rendered, planner), strict=True):
         if view.read_photo is None or one.plan is None:
             continue
@@ -70,9 +79,7 @@ def measured(run: Path, count: int, weights: str) -> Iterator[Record]:
             passed = passable(order, before - after, float(after.mean()))
             metrics |= {f"passed by {name}": float(passed.float().mean()), f"box by {name}": box(~passed)}
         height, width = target.image.shape[-2:]
-        yield Record(
-            "already_good", run.name, run.name.split("-")[0], "3dgs", view.name, "", metrics, {}, (width, height)
-        )
+        yield Record("already_good", fit.name, scene_of(fit), "3dgs", view.name, "", metrics, {}, (width, height))
 
 
 def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Tensor:
@@ -80,7 +87,7 @@ def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Te
     worst = torch.full(shape, -1.0)
     for reference in references:
         if reference.render is None or reference.camera is None or target.camera is None or target.depth is None:
-            raise SystemExit(f"{reference.name} has no render, camera or depth")
+            raise InputError(reference.name, "has no render, camera or depth", "give runs of the job fit")
         whole = torch.ones_like(reference.image[:1])
         seen = apply_colour(reference.image, fit_colour(reference.image, reference.render, whole))
         error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
@@ -115,7 +122,3 @@ def box(needed: Tensor) -> float:
 def blocks(values: Tensor) -> Tensor:
     """Mean over each block."""
     return F.avg_pool2d(values[None, None], BLOCK, ceil_mode=True)[0, 0]
-
-
-if __name__ == "__main__":
-    main()

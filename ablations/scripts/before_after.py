@@ -1,28 +1,27 @@
-"""Draws a strip of raw render, enhanced view and photo, with a magnified crop under each.
+"""``gaussian-enhancer before_after``: a strip of raw render, enhanced view and photo, a magnified crop under each.
 
-    python -m ablations.scripts.before_after RUN [--splat 3DGS] [--capture TEXT] [--output FILE]
-
-RUN is the folder of a finished job ``enhance``. The view is the one with the median gain of PSNR, and the crop is the
-block where the raw render is furthest from the photo, so that neither is chosen by what the enhancement did there. The
-caption is printed, and stored in the file as its description.
+The run is the folder of a finished job ``enhance``. The view is the one with the median gain of PSNR, and the crop is
+the block where the raw render is furthest from the photo, so that neither is chosen by what the enhancement did there.
+The caption is printed, and stored in the file as its description.
 
 Axes: h height, w width.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch.nn.functional as F
 from jaxtyping import Float
-from omegaconf import OmegaConf
+from omegaconf import DictConfig
 from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.image_quality import psnr
+from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.scene.photos import list_images, read_photo
 
 PARTS = ("renders", "enhanced", "gt")
@@ -72,7 +71,7 @@ def read_views(run: Path) -> list[Compared]:
     """
     sides = [side for side in sorted(run.glob("test/ours_*")) if (side / "enhanced").is_dir()]
     if not sides:
-        raise InputError(run, "holds no enhanced views", "give the folder of a finished job enhance")
+        raise InputError(run, "holds no enhanced views", "give the folder of a job enhance without output=")
     side = sides[-1]
     step = int(side.name.removeprefix("ours_"))
     names = [path.name for path in list_images(side / "enhanced")]
@@ -128,24 +127,34 @@ def _picture(image: Float[Tensor, "3 h w"]) -> Image.Image:
     return Image.fromarray((image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8))
 
 
-def main() -> None:
-    """Read the command line and write the picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path)
-    parser.add_argument("--splat", default="3DGS", help="method of the splat, for the caption")
-    parser.add_argument("--capture", default="", help="name and licence of the capture, for the caption")
-    parser.add_argument("--output", type=Path, default=Path("docs/pictures/before_after.jpg"))
-    options = parser.parse_args()
-    views = read_views(options.run)
+def used_weights(run: Path) -> str:
+    """The weights of an enhance run, without folder and ending.
+
+    Raises:
+        InputError: its configuration names none.
+    """
+    values = read_yaml(run / "config.yaml")
+    if not isinstance(values, dict) or "weights" not in values:
+        raise InputError(run / "config.yaml", "names no weights", "give the folder of a finished job enhance")
+    return Path(str(values["weights"])).stem
+
+
+def run(cfg: DictConfig) -> None:
+    """Write the picture and print its caption.
+
+    Args:
+        cfg: conf/before_after.yaml, composed.
+
+    Raises:
+        InputError: the run holds no enhanced views with photos, or the picture cannot be written.
+    """
+    require(cfg)
+    folder = Path(cfg.run)
+    views = read_views(folder)
     shown = median_gain(views)
-    weights = OmegaConf.load(options.run / "config.yaml").weights
-    text = caption(views, shown, options.splat, options.capture or options.run.name, Path(str(weights)).stem)
+    text = caption(views, shown, cfg.method, cfg.capture or folder.name, used_weights(folder))
     exif = Image.Exif()
     exif[DESCRIPTION] = text
-    with whole_file(options.output) as temporary:
+    with whole_file(cfg.output) as temporary:
         strip(shown).save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)
     print(text)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,22 +1,23 @@
-"""Which weights to ship: gains of several on the same views of validation runs.
-
-    python -m ablations.scripts.candidates WEIGHTS [WEIGHTS ...] --runs RUN [RUN ...] [--every N]
-        [--lpips FOLDER] [--json FILE]
+"""``gaussian-enhancer candidates``: which weights to ship: gains of several on the same validation views.
 
 Weights are shipped names or files; a row is named by the shipped name, or by the folder of its training without its
 address. Runs must be validation runs (docs/data.md): weights that were chosen on test scenes would be worth nothing.
 """
 
-import argparse
-import glob
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
+from omegaconf import DictConfig
 
+from ablations.realism.realism import finished_fits
 from ablations.scripts.renders import measured, table
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_frozen
 
 
@@ -26,7 +27,7 @@ def name_of(weights: str) -> str:
     return path.parent.name.rpartition("-")[0] or path.stem if path.suffix else weights
 
 
-def loaded(candidates: list[str]) -> dict[str, Pretrained]:
+def loaded(candidates: Sequence[str]) -> dict[str, Pretrained]:
     """Each candidate by what its row is called.
 
     Raises:
@@ -43,42 +44,39 @@ def loaded(candidates: list[str]) -> dict[str, Pretrained]:
     return made
 
 
-def enhancers(candidates: list[str]) -> dict[str, SetEnhancer]:
+def enhancers(candidates: Sequence[str], device: torch.device | None = None) -> dict[str, SetEnhancer]:
     """Each candidate as the job enhance would use it; see `loaded` for what is refused."""
     return {
-        name: SetEnhancer(found.network, found.reference_config, strength=found.strength)
+        name: EnhancementOptions().enhancer(found, found.reference_config, device)
         for name, found in loaded(candidates).items()
     }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Which weights are measured, on what, and where the rows go."""
-    parser.add_argument("weights", nargs="+")
-    parser.add_argument("--runs", nargs="+", required=True, help="folders of finished fits, or patterns")
-    parser.add_argument("--every", type=int, default=1, help="every n-th held-out view")
-    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
-    parser.add_argument("--json", type=Path, help="write every row there")
-
-
-def show(made: dict[str, SetEnhancer], options: argparse.Namespace, head: str) -> None:
+def show(made: dict[str, SetEnhancer], cfg: DictConfig, device: torch.device, head: str) -> None:
     """Enhance, measure, print a line for each row under a head.
+
+    Args:
+        made: the rows.
+        cfg: conf/candidates.yaml or conf/guards.yaml, composed.
+        device: where LPIPS is measured.
+        head: of the column with the rows' names.
 
     Raises:
         InputError: a run is of a test scene, by which nothing may be chosen.
     """
-    found = [path for pattern in options.runs for path in sorted(glob.glob(str(pattern))) or [pattern]]
-    refuse_frozen(found, "chosen by")
-    torch.set_flush_denormal(True)
-    print(table(measured(made, options.runs, options.lpips, options.json, options.every), head))
+    refuse_frozen(finished_fits(cfg.runs), "chosen by")
+    print(table(measured(made, cfg, device), head), end="")
 
 
-def main() -> None:
-    """Read the command line, enhance, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_options(parser)
-    options = parser.parse_args()
-    show(enhancers(options.weights), options, "weights")
+def run(cfg: DictConfig) -> None:
+    """Enhance, measure, print.
 
+    Args:
+        cfg: conf/candidates.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: weights or runs cannot be compared, or the records cannot be written.
+    """
+    require(cfg)
+    device = start(cfg.runtime)
+    show(enhancers(cfg.weights, device), cfg, device, "weights")

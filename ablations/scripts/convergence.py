@@ -1,23 +1,23 @@
-"""Gain against the age of a splat: every snapshot of fits is enhanced and measured, frame by frame and block by block.
+"""``gaussian-enhancer convergence``: gain against the age of a splat.
 
-    python -m ablations.scripts.convergence WEIGHTS[@STRENGTH][:plain] [...] --runs RUN [RUN ...] --records FILE
-        [--lpips FOLDER] [--page FILE]
-
-A run is a folder of the job ``fit`` with several snapshots (``settings.snapshots``). ``:plain`` leaves colour
-completion out. Without WEIGHTS the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it
-loses more than 0.5 dB.
+Every snapshot of fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job ``fit``
+with several snapshots (``settings.snapshots``). Without methods the page is made again from the records. Blocks are
+16x16 pixels; one is harmed where it loses more than 0.5 dB.
 """
 
-import argparse
+import io
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
+from omegaconf import DictConfig
 from torch import Tensor
 
+from ablations.realism.realism import finished_fits, scene_of
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.markdown import markdown
 from ablations.study.plots import STYLE
@@ -25,15 +25,25 @@ from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.input_files import read_text
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import quantised
 
 BLOCK = 16
 HARM = 0.5
 """Decibels that a block must lose to count as harmed."""
+WITHOUT = {
+    "": EnhancementOptions(),
+    "unjudged": EnhancementOptions(confidence=False),
+    "plain": EnhancementOptions(confidence=False, colour_completion=False),
+}
+"""What may be left out: the confidence, or it and colour completion."""
 ROLES = {
     "training": ("conch", "viking", "tumdesk", "panel17", "axe", "caliterra", "lewis", "boruszyn", "office", "buddha"),
     "validation": ("plush", "flowerpot", "cyprus", "banana", "copr"),
@@ -65,53 +75,68 @@ def harm(
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
 
 
-def enhancers(methods: Sequence[str]) -> dict[str, tuple[str, SetEnhancer]]:
+def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dict[str, tuple[str, SetEnhancer]]:
     """Digest of the weights and enhancer, by what a method is called.
 
     Args:
-        methods: weights, a strength behind an @, and ":plain" where colour completion is left out.
+        methods: weights, a strength behind an @, and what of `WITHOUT` is left out behind a colon.
+        device: where networks run; None is the processor.
 
     Raises:
-        InputError: weights cannot be read.
+        InputError: weights cannot be read, or a strength is no share.
     """
     made = {}
     for method in methods:
         chosen, _, extra = method.partition(":")
-        if extra not in ("", "plain"):
-            raise InputError(method, f"ends in :{extra}", "leave it out, or write :plain")
+        if extra not in WITHOUT:
+            raise InputError(
+                method, f"ends in :{extra}", f"leave it out, or write :{' or :'.join(filter(None, WITHOUT))}"
+            )
         name, _, strength = chosen.partition("@")
         pretrained = load_weights(name)
-        share = float(strength) if strength else pretrained.strength
-        enhancer = SetEnhancer(
-            pretrained.network,
-            pretrained.reference_config,
-            strength=share,
-            pass_through=True,
-            colour_completion=not extra,
-        )
-        made[f"{Path(name).stem}@{share:g}{extra and ' plain'}"] = checkpoint_digest(find_checkpoint(name)), enhancer
+        options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
+        enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
+        judged_whole = enhancer.confidence is not None and enhancer.strength == 1
+        told = f"{Path(name).stem}{'' if judged_whole else f'@{enhancer.strength:g}'}{extra and f' {extra}'}"
+        made[told] = checkpoint_digest(find_checkpoint(name)), enhancer
     return made
 
 
+def share_of(method: str, strength: str) -> float:
+    """The share of the change that a method applies.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        share = float(strength)
+    except ValueError:
+        share = -1.0
+    if not 0 <= share <= 1:
+        raise InputError(method, f"applies the share {strength!r}", "give a number from 0 to 1 behind the @")
+    return share
+
+
 def rows(
-    made: Mapping[str, tuple[str, SetEnhancer]], run: Path, distances: Sequence[PerceptualDistance]
+    made: Mapping[str, tuple[str, SetEnhancer]], fit: Path, distances: Sequence[PerceptualDistance]
 ) -> Iterator[dict[str, object]]:
     """One row a snapshot, view and method.
 
     Args:
         made: what `enhancers` returns.
-        run: folder of the fit.
+        fit: its folder.
         distances: LPIPS distances to measure as well.
 
     Raises:
         InputError: a view has no photo.
     """
     methods = {method: enhancer for method, (_, enhancer) in made.items()}
-    for step in run_steps(run):
-        for one in enhanced_views(read_run(run, step), methods, distances):
+    scene = scene_of(fit)
+    for step in run_steps(fit):
+        for one in enhanced_views(read_run(fit, step), methods, distances):
             raw = {"raw_psnr": one.raw.metrics["psnr"], "raw_psnr_aligned": one.raw.metrics["psnr_aligned"]}
             for method, (digest, _) in made.items():
-                where = {"method": method, "weights": digest, "scene": run.name, "step": step, "view": one.view.name}
+                where = {"method": method, "weights": digest, "scene": scene, "step": step, "view": one.view.name}
                 gains = {f"gain_{name}": value for name, value in one.gains(method).items()}
                 yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
 
@@ -152,7 +177,7 @@ def summary(frame: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def written(frame: pd.DataFrame, picture: str, about: str) -> str:
+def page_text(frame: pd.DataFrame, picture: str, about: str) -> str:
     """The page as Markdown."""
     table = summary(frame)
     signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
@@ -210,43 +235,86 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
 
 ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical
 harmonics of degree 3, at several steps of each fit. PSNR is colour-aligned unless it says plain; a gain in LPIPS alone
-does not count. Of the training captures, panel17 has taught the shipped weights, the others have not.
+does not count. Of the training captures, panel17 has taught the network of the shipped weights; conch, viking and
+tumdesk are among the nine that have taught their confidence.
 
-`lr_tiny@0.75` is what is shipped: colours are completed, and 75 % of the change is applied. Both were chosen by the
-validation captures. `lr_tiny@1 plain` applies the whole change and completes nothing, as versions before did. Rows with
-the latter alone are from earlier fits, which are not there any more.
+`lr_tiny` is what is shipped: colours are completed, and the confidence gives the share of the change to apply, block by
+block. `lr_tiny@0.75 unjudged` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and completes
+nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows of
+`lr_tiny`.
 
 Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fifth of the photos held out
 (`settings.max_gaussians`, `scene.split.test_every=5`; `settings.sh_degree=3 +settings.start_gaussians=30000
 +densification=gradient +settings.densification.pull=2e-4 +settings.densification.opacity=0.005`); those of fox and
 monstree hold out every eighth. The earlier ones are of `gaussian-enhancer fit '+sweep=[converged_training,two_jobs]'`
-and `converged_validation`. This page is made by `python -m ablations.scripts.convergence lr_tiny lr_tiny@1:plain
---runs FITS --records docs/results/convergence.jsonl --page docs/results/convergence.md`."""
+and `converged_validation`. This page is made by `gaussian-enhancer convergence
+methods=[lr_tiny,lr_tiny@0.75:unjudged,lr_tiny@1:plain] runs=[FITS] records=docs/results/convergence.jsonl
+page=docs/results/convergence.md`."""
 
 
-def main() -> None:
-    """Read the command line, enhance, measure, write records and the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("methods", nargs="*", metavar="WEIGHTS[@STRENGTH]")
-    parser.add_argument("--runs", nargs="*", type=Path, default=[], help="folders of fits")
-    parser.add_argument("--records", type=Path, required=True)
-    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
-    parser.add_argument("--page", type=Path)
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    names = ("lpips_alex", "lpips_squeeze") if options.lpips else ()
-    distances = [perceptual_distance(name, options.lpips, torch.device("cpu")) for name in names]
-    if options.methods:
-        provenance = {"commit": this_commit(), "machine": this_machine()}
-        made = enhancers(options.methods)
-        found = [{**row, **provenance} for run in options.runs for row in rows(made, run, distances)]
-        write_text(options.records, pd.DataFrame(found).to_json(orient="records", lines=True))
-    frame = pd.read_json(options.records, lines=True)
-    if options.page:
-        drawn(frame, options.page.with_suffix(".svg"))
-        write_text(options.page, written(frame, options.page.with_suffix(".svg").name, ABOUT))
+def fits(patterns: Sequence[str]) -> list[Path]:
+    """The finished fits that patterns name, one a scene.
+
+    Raises:
+        InputError: there are none, two are of one scene, or a scene has no role.
+    """
+    found = finished_fits(patterns)
+    scenes: dict[str, Path] = {}
+    for fit in found:
+        scene = scene_of(fit)
+        role_of(scene)
+        if scene in scenes:
+            raise InputError(fit, f"is of the scene {scene}, as {scenes[scene]} is", "name one fit of each scene")
+        scenes[scene] = fit
+    return found
+
+
+COLUMNS = ("method", "scene", "step", "view", "raw_psnr_aligned", "gain_psnr_aligned")
+"""Columns that a file of rows must have."""
+
+
+def read_rows(path: Path, columns: Sequence[str] = COLUMNS, option: str = "methods") -> pd.DataFrame:
+    """The rows of a file of records.
+
+    Args:
+        path: the file.
+        columns: that it must have.
+        option: of the job, by which it measures again.
+
+    Raises:
+        InputError: there is none, or it holds something else.
+    """
+    remedy = f"measure again, with {option}="
+    text = read_text(path)
+    try:
+        frame = pd.read_json(io.StringIO(text), lines=True)
+    except ValueError as error:
+        raise InputError(path, f"is no file of rows ({error})", remedy) from error
+    lacking = set(columns) - set(frame.columns)
+    if lacking:
+        raise InputError(path, f"lacks the column {sorted(lacking)[0]}", remedy)
+    return frame
+
+
+def run(cfg: DictConfig) -> None:
+    """Enhance and measure where methods are given; make the page from the records, and print its numbers.
+
+    Args:
+        cfg: conf/convergence.yaml, composed.
+
+    Raises:
+        InputError: weights, fits or records cannot be read, or a file cannot be written.
+    """
+    require(cfg)
+    device = start(cfg.runtime)
+    if cfg.methods:
+        distances = asked_distances(cfg.lpips, cfg.backbones, device)
+        made = enhancers(cfg.methods, device)
+        found = [{**row, **provenance()} for fit in fits(cfg.runs) for row in rows(made, fit, distances)]
+        write_text(cfg.records, pd.DataFrame(found).to_json(orient="records", lines=True))
+    frame = read_rows(Path(cfg.records))
+    if cfg.page:
+        page = Path(cfg.page)
+        drawn(frame, page.with_suffix(".svg"))
+        write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT))
     print(summary(frame).to_string(index=False))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,20 +1,16 @@
-"""How much hangs on depth: the same weights with references warped through seven kinds of it.
+"""``gaussian-enhancer depth``: how much hangs on depth.
 
-    python -m ablations.scripts.depth RUN [RUN ...] [--weights NAME] [--every N] [--lpips FOLDER] [--strength S]
-        [--json docs/results/depth.jsonl]
-
-References are warped through the splat's expected depth and through its surface (median depth), each as it is and
-searched as its kind asks for (`enhance.depth`). The surface is also smoothed before it is searched (`enhance.smooth`),
-first by how renders agree with the target's alone, then also by how photos agree with each other. In procedural scenes
-they are warped through the depth that the world itself has, too, of target and references alike. Candidates are the
-same, and the network sees the stored depth in all of them. Beside the network's gain stand two figures that no network
-has a part in: how close the best warped reference is to the photo, on the pixels that it shows, and what handing on the
-splat's mistakes gives,
+The same weights enhance with references warped through seven kinds of it: through the splat's expected depth and
+through its surface (median depth), each as it is and searched as its kind asks for (`enhance.depth`). The surface is
+also smoothed before it is searched (`enhance.smooth`), first by how renders agree with the target's alone, then also by
+how photos agree with each other. In procedural scenes they are warped through the depth that the world itself has, too,
+of target and references alike. Candidates are the same, and the network sees the stored depth in all of them. Beside
+the network's gain stand two figures that no network has a part in: how close the best warped reference is to the photo,
+on the pixels that it shows, and what handing on the splat's mistakes gives,
 render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
 and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
 """
 
-import argparse
 import copy
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,22 +20,25 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from omegaconf import OmegaConf
+from omegaconf import DictConfig
 from torch import Tensor
 
-from ablations.realism.realism import finished_runs, scene_of
+from ablations.realism.realism import finished_fits, scene_of
 from ablations.study.enhanced_views import enhanced_views
+from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.image_quality import psnr
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.procedural.source import ProceduralView
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -86,7 +85,10 @@ class Through:
 
 def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
     """Every kind of depth of a run's views: drawn from its splat, and the world's own where that is known."""
-    gaussians, method = read_splat(run / "splat.ply"), build(OmegaConf.load(run / "config.yaml").splat)
+    splat = configuration(run).get("splat")
+    if not isinstance(splat, DictConfig):
+        raise InputError(run / "config.yaml", "names no splat", "give runs of the job fit")
+    gaussians, method = read_splat(run / "splat.ply"), build(splat)
     views = [*rendered.targets, *rendered.references]
     with torch.no_grad():
         drawn = {view.name: render(gaussians, camera_of(view), method) for view in views}
@@ -107,8 +109,20 @@ def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depth
 
 def world_of(run: Path) -> tuple[str, int] | None:
     """Family and seed of the procedural world that a run was fitted to; None for captures."""
-    scene = OmegaConf.load(run / "config.yaml").scene
-    return (str(scene.family), int(scene.seed)) if "family" in scene else None
+    scene = configuration(run).get("scene") or {}
+    return (str(scene["family"]), int(scene["seed"])) if "family" in scene and "seed" in scene else None
+
+
+def configuration(run: Path) -> DictConfig:
+    """A run's configuration.
+
+    Raises:
+        InputError: it is missing or damaged.
+    """
+    values = read_yaml(run / "config.yaml")
+    if not isinstance(values, dict):
+        raise InputError(run / "config.yaml", "is no configuration", "give runs of the job fit")
+    return DictConfig(values)
 
 
 def camera_of(view: RenderedView) -> Camera:
@@ -227,7 +241,7 @@ def table(found: Sequence[Record]) -> str:
     names = [name for name in ("psnr", "psnr_aligned", "ssim", "lpips_alex") if name in found[0].metrics]
     heads = ["run", "depth", "views", *(f"gain in {name}" for name in names), "gain of residuals handed on"]
     heads += ["best reference, dB", "render there, dB", "share visible"]
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    lines: list[list[str]] = []
     raw = {(record.run, record.view): record for record in found if record.variant == "raw"}
     runs = list(dict.fromkeys(record.run for record in found))
     for label, chosen in [*((run, {run}) for run in runs), ("all", set(runs))]:
@@ -241,8 +255,8 @@ def table(found: Sequence[Record]) -> str:
             cells.append(_mean(_gains(mine, before, "propagated_psnr", "psnr"), "+.4f"))
             for name, form in (("reference_psnr", ".2f"), ("render_psnr_there", ".2f"), ("reference_visible", ".3f")):
                 cells.append(_mean([value for r in mine if (value := r.metrics[name]) is not None], form))
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            lines.append(cells)
+    return markdown(frame(heads, lines))
 
 
 def _gains(after: Sequence[Record], before: Sequence[Record], name: str, raw_name: str) -> list[float]:
@@ -254,34 +268,30 @@ def _mean(values: Sequence[float], form: str) -> str:
     return format(statistics.fmean(values), form) if values else "-"
 
 
-def main() -> None:
-    """Read the command line, enhance, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
-    parser.add_argument("--weights", default="lr_tiny")
-    parser.add_argument("--every", type=int, default=1, help="take every n-th held-out view")
-    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
-    parser.add_argument("--strength", type=float, default=1.0, help="share of the change to apply")
-    parser.add_argument("--json", type=Path, help="write every record there")
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    distances = [perceptual_distance("lpips_alex", options.lpips, torch.device("cpu"))] if options.lpips else []
-    pretrained = load_weights(options.weights)
-    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=options.strength)
-    note = f"{PROTOCOL}; weights {Path(options.weights).name}, strength {options.strength:g}"
+def run(cfg: DictConfig) -> None:
+    """Enhance, measure, print.
+
+    Args:
+        cfg: conf/depth.yaml, composed.
+
+    Raises:
+        InputError: weights or runs cannot be used, or the records cannot be written.
+    """
+    require(cfg)
+    device = start(cfg.runtime)
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    pretrained = load_weights(cfg.weights)
+    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device, strength=cfg.strength)
+    note = f"{PROTOCOL}; weights {Path(cfg.weights).name}, strength {cfg.strength:g}"
     found: list[Record] = []
-    for run in finished_runs(options.runs)[0]:
-        step = run_steps(run)[-1]
-        rendered = read_run(run, step)
-        depths = depths_of(run, replace(rendered, targets=rendered.targets[:: options.every]))
-        for view, variant, metrics, reasons in study(rendered, enhancer, depths, distances, options.every):
+    for fit in finished_fits(cfg.runs):
+        rendered = read_run(fit)
+        splat = f"ours_{run_steps(fit)[-1]}"
+        depths = depths_of(fit, replace(rendered, targets=rendered.targets[:: cfg.every]))
+        for view, variant, metrics, reasons in study(rendered, enhancer, depths, distances, cfg.every):
             size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
-            what = (run.name, scene_of(run), f"ours_{step}", view.name, variant)
+            what = (fit.name, scene_of(fit), splat, view.name, variant)
             found.append(Record("depth", *what, metrics, reasons, size, note))
-        if options.json:
-            write_records(options.json, found)
-    print(table(found))
-
-
-if __name__ == "__main__":
-    main()
+        if cfg.records:
+            write_records(cfg.records, found)
+    print(table(found), end="")

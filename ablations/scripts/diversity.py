@@ -1,28 +1,26 @@
-"""How much simulated renders of one view differ from seed to seed, against real renders of it from fit to fit.
+"""``gaussian-enhancer diversity``: how much simulated renders of one view differ from seed to seed.
 
-    python -m ablations.scripts.diversity RUN [RUN ...] [--rows naive all random adaptive tsds] [--generator WEIGHTS]
-        [--json FILE]
-
-Real renders of a view come from runs of the same scene: other methods, training views, snapshots. Each of them has a
-simulated counterpart with a seed of its own, so that both spreads are over as many samples. A simulator whose spread
-is far below the real one has collapsed.
+They are held against real renders of it from fit to fit, which come from runs of the same scene: other methods,
+training views, snapshots. Each of them has a simulated counterpart with a seed of its own, so that both spreads are
+over as many samples. A simulator whose spread is far below the real one has collapsed.
 """
 
-import argparse
 import statistics
 from collections import defaultdict
-from datetime import UTC, datetime
-from pathlib import Path
 
 import torch
+from omegaconf import DictConfig
 
 from ablations.realism.diversity import diversity
 from ablations.realism.patches import RenderPair
 from ablations.realism.realism import RealRender, Row, simulated_pairs
 from ablations.scripts.realism import chosen, studied
 from ablations.scripts.simulators import rows
+from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 
 
 def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]]:
@@ -58,34 +56,30 @@ def compared(name: str, row: Row, reals: list[RealRender], seed: int) -> dict:
     for kind, values in spreads.items():
         deviation = statistics.stdev(values) if len(values) > 1 else None
         found[kind] = {"mean": statistics.fmean(values), "deviation": deviation, "n": len(values)}
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    return {**found, "commit": this_commit(), "machine": this_machine(), "time": now}
+    return {**found, **provenance(timed=True)}
 
 
 def table(results: list[dict]) -> str:
     """One line a row, as Markdown; spreads in steps of 1/255."""
-    lines = ["| row | simulated spread | real spread | share | views | renders |", "|---" * 6 + "|"]
+    lines = []
     for result in results:
         simulated, real = result["simulated"]["mean"], result["real"]["mean"]
         share = f"{simulated / real:.2f}" if real > 0 else "real renders are equal"
-        cells = (f"{255 * simulated:.2f}", f"{255 * real:.2f}", share, str(result["views"]), str(result["renders"]))
-        lines.append(f"| {result['row']} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        spreads = (f"{255 * simulated:.2f}", f"{255 * real:.2f}", share)
+        lines.append((result["row"], *spreads, str(result["views"]), str(result["renders"])))
+    return markdown(frame(("row", "simulated spread", "real spread", "share", "views", "renders"), lines))
 
 
-def main() -> None:
-    """Read the command line, compare row by row, write and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+")
-    parser.add_argument("--rows", nargs="+", default=["naive", "all", "random"], help="simulators to compare")
-    parser.add_argument("--generator", help="weights of stage 2, for the row tsds")
-    parser.add_argument("--seed", type=int, default=0, help="of the simulation")
-    parser.add_argument("--json", type=Path, help="write a line for every row there")
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    makers, reals = rows(options.rows, options.generator), chosen(options.runs, None, options.seed)
-    print(table(studied(makers, lambda name, row: compared(name, row, reals, options.seed), options.json)))
+def run(cfg: DictConfig) -> None:
+    """Compare row by row; write and print.
 
+    Args:
+        cfg: conf/diversity.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: a row is unknown, runs cannot be used, or the records cannot be written.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    makers, reals = rows(cfg.rows, cfg.generator_weights), chosen(cfg.runs, None, cfg.seed)
+    print(table(studied(makers, lambda name, row: compared(name, row, reals, cfg.seed), cfg.records)), end="")

@@ -1,26 +1,28 @@
-"""How much larger the errors of held-out views are than those of the views that a splat was fitted to, by energy.
-
-    python -m ablations.scripts.fingerprints RUN [RUN ...] [--views N] [--json FILE] [--gates FOLDER]
+"""``gaussian-enhancer fingerprints``: how much larger errors of held-out views are than those of fitted ones.
 
 For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The line
-fitted to both in the logarithms is what `gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` states. ``--gates`` also
+fitted to both in the logarithms is what `gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` states. ``gates`` also
 calibrates a gate on the held-out views of each snapshot and writes it there: with ``gate=adaptive
 'gate.file=FOLDER/*.json'`` they are stage 1 of the second stage's training. Runs must be training runs (docs/data.md).
 """
 
-import argparse
-import json
 import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
 import torch
+from omegaconf import DictConfig
 from torch import Tensor
 
+from ablations.realism.realism import finished_fits
+from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.degrade.gates.adaptive import calibrated
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_json_lines
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
@@ -58,8 +60,6 @@ def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None
 def rows(run: Path, count: int) -> list[dict[str, object]]:
     """One record for each of a run's snapshots: energies of both sides and their ratios."""
     found = []
-    if not run_steps(run):
-        raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
     for step in run_steps(run):
         rendered = read_run(run, step)
         seen, unseen = measured(rendered.references, count), measured(rendered.targets, count)
@@ -76,39 +76,43 @@ def table(records: Sequence[dict]) -> str:
     """Ratios of held-out to training views' energies at each run's last step; factor and power over all snapshots."""
     last = [record for record in records if record["last"]]
     heads = ("energy", f"ratio, n = {len(last)}", "least", "most", f"factor, n = {len(records)}", "power")
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    lines: list[list[str]] = []
     for name in ENERGIES:
         ratios = [record[name]["held_out"] / record[name]["training"] for record in last if record[name]["training"]]
         factor, power = growth([(record[name]["training"], record[name]["held_out"]) for record in records])
         numbers = (statistics.median(ratios), min(ratios), max(ratios), factor, power)
-        lines.append(f"| {name} | {' | '.join(f'{number:.2f}' for number in numbers)} |")
-    return "\n".join(lines)
+        lines.append([name, *(f"{number:.2f}" for number in numbers)])
+    return markdown(frame(heads, lines))
 
 
 def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Factor and power of held-out energies as a function of training views': least squares in the logarithms."""
+    """Factor and power of held-out energies as a function of training views': least squares in the logarithms.
+
+    NaN where fewer than two energies are positive.
+    """
     known = [(math.log(before), math.log(after)) for before, after in pairs if before > 0 and after > 0]
+    if len({before for before, _ in known}) < 2:
+        return math.nan, math.nan
     power, logarithm = statistics.linear_regression(*zip(*known, strict=True))
     return math.exp(logarithm), power
 
 
-def main() -> None:
-    """Read the command line, measure, print; write what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", type=Path)
-    parser.add_argument("--views", type=int, default=8, help="of each side, evenly spaced")
-    parser.add_argument("--json", type=Path, help="write every record there")
-    parser.add_argument("--gates", type=Path, help="calibrate a gate on each snapshot and write it there")
-    options = parser.parse_args()
-    records = []
-    for run in options.runs:
-        records += rows(run, options.views)
-        if options.json:
-            options.json.write_text("".join(json.dumps(record) + "\n" for record in records), encoding="utf-8")
-        if options.gates:
-            calibrate(run, options.gates, options.views)
-    print(table(records))
+def run(cfg: DictConfig) -> None:
+    """Measure, print; write what was asked for.
 
+    Args:
+        cfg: conf/fingerprints.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: runs cannot be used, or a file cannot be written.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    records: list[dict[str, object]] = []
+    for fit in finished_fits(cfg.runs):
+        records += rows(fit, cfg.views)
+        if cfg.records:
+            write_json_lines(cfg.records, records)
+        if cfg.gates:
+            calibrate(fit, Path(cfg.gates), cfg.views)
+    print(table(records), end="")

@@ -1,7 +1,4 @@
-"""Whether enhancement flickers: warped-frame error of raw and enhanced frames along a smooth path through a capture.
-
-    python -m ablations.scripts.flicker RUN [RUN ...] [--weights NAME] [--frames 60] [--cameras 6] [--strength S]
-        [--temporal-smoothing S ...] [--json docs/results/flicker.jsonl]
+"""``gaussian-enhancer flicker``: warped-frame error of raw and enhanced frames along a smooth path through a capture.
 
 The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
 enhanced with the run's training photos as references, as a view of a capture would be. The next frame is then warped
@@ -13,7 +10,6 @@ frame: pairs where the choice changes are compared with those where it stays. Fr
 from the frame before (`enhance temporal_smoothing=S`) are variants of their own.
 """
 
-import argparse
 import dataclasses
 import itertools
 import math
@@ -24,20 +20,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
+from omegaconf import DictConfig
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio
 
-from ablations.realism.realism import finished_runs, scene_of
+from ablations.realism.realism import finished_fits, scene_of
 from ablations.scripts.depth import at_one_size, world_of
 from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence_errors
+from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.inputs import render_capture
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.path import short_tour, smooth_path
 from gaussian_enhancer.scene.procedural.source import ProceduralView
@@ -70,7 +70,7 @@ def path_cameras(run: Path, count: int, frames: int) -> tuple[Camera, ...]:
     listed = sorted(read_cameras(run / "cameras.json"), key=lambda one: one.name)
     tour = [listed[i].camera for i in short_tour([one.camera for one in listed])]
     if not 2 <= count <= len(tour):
-        raise InputError("--cameras", f"is {count}", f"give 2 to {len(tour)}, the cameras of {run.name}")
+        raise InputError("cameras", f"is {count}", f"give 2 to {len(tour)}, the cameras of {run.name}")
     first = (len(tour) - count) // 2
     return smooth_path(tour[first : first + count], frames)
 
@@ -111,8 +111,8 @@ def rendered_sequence(
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
     """Frames as the job enhance gives them with ``temporal_smoothing=share``."""
     before: PreviousChange | None = None
-    for view, frame in zip(rendered.targets, frames, strict=True):
-        image, before = smoothed_over_time(frame, read_target(view), before, share)
+    for view, enhanced in zip(rendered.targets, frames, strict=True):
+        image, before = smoothed_over_time(enhanced, read_target(view), before, share)
         yield image
 
 
@@ -150,7 +150,7 @@ def table(found: Sequence[Record]) -> str:
     """Mean errors by run and variant, in steps of 1/255, and what changing references adds to them."""
     heads = ["run", "pairs", "raw", "enhanced", "photo", "enhanced / raw", "raw, dB", "enhanced, dB"]
     heads += ["change", "change / its size", "pairs with new references", "enhanced - raw there", "elsewhere"]
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    lines: list[list[str]] = []
     for run in dict.fromkeys(record.run for record in found):
         mine = [record for record in found if record.run == run]
         raw, enhanced, photo, change = (_values(mine, v) for v in ("raw", "enhanced", "photo", "change"))
@@ -165,21 +165,20 @@ def table(found: Sequence[Record]) -> str:
         there = {view: value for view, value in excess.items() if view in new}
         elsewhere = {view: value for view, value in excess.items() if view not in new}
         cells += [str(len(new)), _mean(there, "+.3f", 255), _mean(elsewhere, "+.3f", 255)]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", *_steady_lines(found)])
+        lines.append(cells)
+    steady = frame(("run", "frames", "error / raw", "gain, dB"), _steady_lines(found))
+    return f"{markdown(frame(heads, lines))}\n{markdown(steady)}"
 
 
-def _steady_lines(found: Sequence[Record]) -> Iterator[str]:
+def _steady_lines(found: Sequence[Record]) -> Iterator[tuple[str, str, str, str]]:
     """Flicker over that of the raw frames, and the gain in PSNR where exact photos are known, by share carried over."""
-    yield "| run | frames | error / raw | gain, dB |"
-    yield "|---|---|---|---|"
     for run in dict.fromkeys(record.run for record in found):
         mine = [record for record in found if record.run == run]
         raw, exact = _values(mine, "raw"), _values(mine, "raw", "psnr")
         for name in dict.fromkeys(r.variant for r in mine if r.variant == "enhanced" or r.variant.startswith(STEADY)):
             ratio = sum(_values(mine, name).values()) / sum(raw.values()) if any(raw.values()) else math.nan
             gains = {view: value - exact[view] for view, value in _values(mine, name, "psnr").items()}
-            yield f"| {run} | {name} | {ratio:.3f} | {_mean(gains, '+.2f')} |"
+            yield run, name, f"{ratio:.3f}", _mean(gains, "+.2f")
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
@@ -224,34 +223,26 @@ def _same(value: Tensor) -> Tensor:
     return value
 
 
-def main() -> None:
-    """Read the command line, render, enhance, compare, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
-    parser.add_argument("--weights", default="lr_tiny")
-    parser.add_argument("--frames", type=int, default=60)
-    parser.add_argument("--cameras", type=int, default=6, help="how many of the capture's cameras the path passes")
-    parser.add_argument("--strength", type=float, help="share of the change to apply; the card's where absent")
-    parser.add_argument(
-        "--temporal-smoothing", type=float, nargs="*", default=[], help="shares carried over, each a variant"
-    )
-    parser.add_argument("--json", type=Path, help="write every record there")
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    pretrained = load_weights(options.weights)
-    strength = pretrained.strength if options.strength is None else options.strength
-    enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, strength=strength)
+def run(cfg: DictConfig) -> None:
+    """Render, enhance, compare, print.
+
+    Args:
+        cfg: conf/flicker.yaml, composed.
+
+    Raises:
+        InputError: weights or runs cannot be used, or the records cannot be written.
+    """
+    require(cfg)
+    device = start(cfg.runtime)
+    pretrained = load_weights(cfg.weights)
+    enhancer = EnhancementOptions(strength=cfg.strength).enhancer(pretrained, pretrained.reference_config, device)
     found: list[Record] = []
-    for run in finished_runs(options.runs)[0]:
-        cameras = path_cameras(run, options.cameras, options.frames)
+    for fit in finished_fits(cfg.runs):
+        cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         sequence = rendered_sequence(
-            path_renders(run, cameras), enhancer, exact_photos(run, cameras), options.temporal_smoothing
+            path_renders(fit, cameras), enhancer, exact_photos(fit, cameras), cfg.temporal_smoothing
         )
-        found += records(run, sequence, f"{Path(options.weights).name}, strength {strength:g}")
-        if options.json:
-            write_records(options.json, found)
-    print(table(found))
-
-
-if __name__ == "__main__":
-    main()
+        found += records(fit, sequence, f"{Path(cfg.weights).name}, strength {enhancer.strength:g}")
+        if cfg.records:
+            write_records(cfg.records, found)
+    print(table(found), end="")

@@ -1,14 +1,12 @@
-"""Draws the flow of data on the page "How it works".
-
-    python -m ablations.scripts.flow_figure [--output docs/pictures/flow.svg]
+"""``gaussian-enhancer flow_figure``: the flow of data on the page "How it works".
 
 Boxes have a light ground of their own and lines are middle grey: the picture reads on light and on dark pages.
 """
 
-import argparse
 from dataclasses import dataclass
-from pathlib import Path
 from xml.sax.saxutils import escape
+
+from omegaconf import DictConfig
 
 from gaussian_enhancer.files import write_text
 
@@ -113,12 +111,13 @@ def _box(box: Box) -> str:
     )
 
 
-def main() -> None:
-    """Read the command line and write the picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("docs/pictures/flow.svg"))
-    write_text(parser.parse_args().output, flow())
+def run(cfg: DictConfig) -> None:
+    """Write the picture.
 
+    Args:
+        cfg: conf/flow_figure.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: it cannot be written.
+    """
+    write_text(cfg.output, flow())

@@ -1,32 +1,33 @@
-"""Which training renders make the better enhancer: gains of the rows of conf/ablation/renders on the same views.
+"""``gaussian-enhancer renders``: which training renders make the better enhancer.
 
-    python -m ablations.scripts.renders --rows real naive ... --runs RUN [RUN ...] [--lpips FOLDER] [--json FILE]
-
+Gains of the rows of conf/ablation/renders on the same views.
 Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the
 held-out views of the runs' last steps with each row's weights, at full strength, and measures the gain over the raw
 render. The default is decided on validation runs; test runs are reported (docs/data.md).
 """
 
-import argparse
-import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 import torch
+from omegaconf import DictConfig
 
-from ablations.realism.realism import finished_runs, scene_of
+from ablations.realism.realism import finished_fits, scene_of
 from ablations.study.enhanced_views import enhanced_views
+from ablations.study.markdown import frame, markdown
 from ablations.study.sample import ScoreSample
 from ablations.study.statistics import interval
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_json_lines
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, perceptual_distance
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
-from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.renders import read_run
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
@@ -44,7 +45,7 @@ def trained(row: str, runs: Path) -> Path:
     return found[0] / "weights.safetensors"
 
 
-def enhancers(rows: Sequence[str], runs: Path) -> dict[str, SetEnhancer]:
+def enhancers(rows: Sequence[str], runs: Path, device: torch.device | None = None) -> dict[str, SetEnhancer]:
     """The rows' networks, at full strength.
 
     Raises:
@@ -54,7 +55,7 @@ def enhancers(rows: Sequence[str], runs: Path) -> dict[str, SetEnhancer]:
     configs = [one.reference_config for one in loaded.values()]
     if any(config != configs[0] for config in configs):
         raise InputError("rows", "prepare their references differently", "train them with the same recipe")
-    return {row: SetEnhancer(one.network, one.reference_config) for row, one in loaded.items()}
+    return {row: SetEnhancer(one.network, one.reference_config, device) for row, one in loaded.items()}
 
 
 def gains(
@@ -62,7 +63,7 @@ def gains(
 ) -> list[dict[str, object]]:
     """Gain of every metric over the raw render, by every n-th view of the run's last step and row."""
     found: list[dict[str, object]] = []
-    for one in enhanced_views(read_run(run, run_steps(run)[-1]), made, distances, every):
+    for one in enhanced_views(read_run(run), made, distances, every):
         for row in made:
             gain = {name: value for name, value in one.gains(row).items() if name in METRICS}
             where: dict[str, object] = {"row": row, "scene": scene_of(run), "run": run.name, "view": one.view.name}
@@ -70,26 +71,24 @@ def gains(
     return found
 
 
-def measured(
-    made: Mapping[str, SetEnhancer], runs: Sequence[str], lpips: Path | None, json_file: Path | None, every: int = 1
-) -> list[dict]:
+def measured(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> list[dict]:
     """`gains` of every finished run with where and when they were measured; the file is written again after each run.
 
     Args:
         made: the rows.
-        runs: folders of finished fits, or patterns.
-        lpips: folder of LPIPS backbones; None measures no LPIPS.
-        json_file: gets every row; None keeps none.
-        every: take every n-th held-out view.
+        cfg: ``runs``, ``every``, ``lpips``, ``backbones`` and ``records`` as in conf/renders.yaml.
+        device: where LPIPS is measured.
+
+    Raises:
+        InputError: a pattern names no finished run, or the records cannot be written.
     """
-    distances = [perceptual_distance("lpips_alex", lpips, torch.device("cpu"))] if lpips else []
-    provenance = {"commit": this_commit(), "machine": this_machine()}
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
     rows: list[dict] = []
-    for run in finished_runs(runs)[0]:
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        rows += [{**found, **provenance, "time": now} for found in gains(made, run, distances, every)]
-        if json_file:
-            json_file.write_text("".join(json.dumps(one) + "\n" for one in rows), encoding="utf-8")
+    for fit in finished_fits(cfg.runs):
+        where = provenance(timed=True)
+        rows += [{**found, **where} for found in gains(made, fit, distances, cfg.every)]
+        if cfg.records:
+            write_json_lines(cfg.records, rows)
     return rows
 
 
@@ -98,7 +97,7 @@ def table(rows: list[dict], head: str = "training renders") -> str:
     names, scenes = list(dict.fromkeys(r["row"] for r in rows)), sorted({r["scene"] for r in rows})
     metrics = [name for name in METRICS if name in rows[0]]
     heads = [head, *metrics, "95% of psnr_aligned", "worst view", "views worse", *scenes]
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    lines: list[list[str]] = []
     for name in names:
         mine = [r for r in rows if r["row"] == name]
         aligned = [r["psnr_aligned"] for r in mine]
@@ -109,23 +108,19 @@ def table(rows: list[dict], head: str = "training renders") -> str:
         by_scene = [f"{statistics.fmean(r['psnr_aligned'] for r in mine if r['scene'] == s):+.3f}" for s in scenes]
         between = "too few views" if math.isnan(low) else f"{low:+.3f} to {high:+.3f}"
         spread = [between, f"{min(aligned):+.3f}", f"{worse} of {len(mine)}"]
-        lines.append("| " + " | ".join([name, *means, *spread, *by_scene]) + " |")
-    return "\n".join(lines)
+        lines.append([name, *means, *spread, *by_scene])
+    return markdown(frame(heads, lines))
 
 
-def main() -> None:
-    """Read the command line, enhance, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", nargs="+", required=True)
-    parser.add_argument("--runs", nargs="+", required=True, help="folders of finished fits, or patterns")
-    parser.add_argument("--folder", type=Path, default=Path("runs"), help="where trainings lie")
-    parser.add_argument("--lpips", type=Path, help="folder of LPIPS backbones")
-    parser.add_argument("--json", type=Path, help="write every row there")
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    made = enhancers(options.rows, options.folder)
-    print(table(measured(made, options.runs, options.lpips, options.json)))
+def run(cfg: DictConfig) -> None:
+    """Enhance, measure, print.
 
+    Args:
+        cfg: conf/renders.yaml, composed.
 
-if __name__ == "__main__":
-    main()
+    Raises:
+        InputError: a row was not trained, runs cannot be compared, or the records cannot be written.
+    """
+    require(cfg)
+    device = start(cfg.runtime)
+    print(table(measured(enhancers(cfg.rows, Path(cfg.folder), device), cfg, device)), end="")

@@ -1,20 +1,21 @@
-"""What the diffusion's sampler keeps of the codes of real renders, by steps and kind of sampling.
+"""``gaussian-enhancer sampler``: what the diffusion's sampler keeps of the codes of real renders.
 
-    python -m ablations.scripts.sampler RUN [RUN ...] [--generator WEIGHTS] [--json FILE]
-
-On crops of held-out views, all snapshots: spread of sampled codes over that of the extractor's (1 is right), root mean
-square change L - G over that of real renders R - G, and milliseconds. Stage 1 is the gate calibrated on the renders of
-the view itself, so that what is left to see is stage 2. Runs must be validation runs (docs/data.md).
+By steps and kind of sampling, on crops of held-out views, all snapshots: spread of sampled codes over that of the
+extractor's (1 is right), root mean square change L - G over that of real renders R - G, and milliseconds. Stage 1 is
+the gate calibrated on the renders of the view itself, so that what is left to see is stage 2. Runs must be validation
+runs (docs/data.md).
 """
 
-import argparse
-import json
 import time
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import torch
+from omegaconf import DictConfig
+from torch import Tensor
 
-from ablations.realism.realism import finished_runs, real_renders
+from ablations.realism.realism import finished_fits, real_renders
+from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import calibrated
@@ -22,8 +23,14 @@ from gaussian_enhancer.degrade.gates.fingerprint import fingerprint
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_json_lines
+from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
 
+CROP = 128
+"""Side of the crops, pixels."""
 SAMPLERS = {
     **{f"DDIM, {steps} steps": Sampler(steps) for steps in (1, 2, 4, 8, 16)},
     **{f"ancestral, {steps} steps": Sampler(steps, noise=1.0) for steps in (1, 2, 4, 8, 16)},
@@ -31,23 +38,25 @@ SAMPLERS = {
 }
 
 
-def main() -> None:
-    """Read the command line, sample, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", help="folders of finished fits, or patterns")
-    parser.add_argument("--generator", default="simulator", help="weights of stage 2")
-    parser.add_argument("--renders", type=int, default=32)
-    parser.add_argument("--json", type=Path, help="write a line for every sampler there")
-    options = parser.parse_args()
-    torch.set_flush_denormal(True)
-    views = [one.target for one in real_renders(finished_runs(options.runs)[0], options.renders)]
-    photo, real = (torch.stack([read()[:, :128, :128] for read in reads]) for reads in zip(*_reads(views), strict=True))
+def run(cfg: DictConfig) -> None:
+    """Sample, measure, print.
+
+    Args:
+        cfg: conf/sampler.yaml, composed.
+
+    Raises:
+        InputError: weights or runs cannot be used, or the records cannot be written.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    views = [one.target for one in real_renders(finished_fits(cfg.runs), cfg.renders)]
+    photo, real = (torch.stack([_crop(getattr(view, side)) for view in views]) for side in ("read_photo", "read"))
     gate = calibrated(
         fingerprint(list(real), list(photo)), list(photo[:4]), torch.Generator().manual_seed(0), held_out={}
     )
     manual = Simulator(gate)(View(photo), torch.Generator().manual_seed(0)).image
-    model = load_model(options.generator).model
-    rows = []
+    model = load_model(cfg.generator_weights).model
+    rows: list[dict[str, Any]] = []
     with torch.no_grad():
         true = model.extractor(manual, real).grid.std((0, 2, 3))
         for name, sampler in SAMPLERS.items():
@@ -59,17 +68,16 @@ def main() -> None:
             spread = float((codes.grid.std((0, 2, 3)) / true).mean())
             row = {"sampler": name, "spread": spread, "change": change[0] / change[1]}
             rows.append({**row, "milliseconds": 1e3 * seconds / len(manual), "views": len(manual)})
-    print("| sampler | spread of codes | change of the view | ms a crop of 128 x 128 |\n|---|---|---|---|")
-    for row in rows:
-        print(f"| {row['sampler']} | {row['spread']:.2f} | {row['change']:.2f} | {row['milliseconds']:.1f} |")
-    if options.json:
-        where = {"commit": this_commit(), "machine": this_machine()}
-        options.json.write_text("".join(json.dumps({**row, **where}) + "\n" for row in rows), encoding="utf-8")
+    heads = ("sampler", "spread of codes", "change of the view", f"ms a crop of {CROP} x {CROP}")
+    shown = [(r["sampler"], f"{r['spread']:.2f}", f"{r['change']:.2f}", f"{r['milliseconds']:.1f}") for r in rows]
+    print(markdown(frame(heads, shown)), end="")
+    if cfg.records:
+        write_json_lines(cfg.records, [{**row, **provenance()} for row in rows])
 
 
-def _reads(views: list) -> list[tuple]:
-    return [(view.read_photo, view.read) for view in views]
-
-
-if __name__ == "__main__":
-    main()
+def _crop(read: Callable[[], Tensor]) -> Tensor:
+    image = read()
+    if min(image.shape[1:]) < CROP:
+        size = f"{image.shape[2]}x{image.shape[1]}"
+        raise InputError("runs", f"hold a view of {size}", f"give views of at least {CROP}x{CROP}")
+    return image[:, :CROP, :CROP]

@@ -1,6 +1,6 @@
 """The rows of the simulator's studies: what makes simulated renders, by name."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 
@@ -38,7 +38,7 @@ class Adapted:
         return self.known[-1][1]
 
 
-def rows(names: list[str], generator: str | None = None, steps: int = 8) -> Mapping[str, Row]:
+def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> Mapping[str, Row]:
     """Simulators by name.
 
     Args:
@@ -60,10 +60,10 @@ def rows(names: list[str], generator: str | None = None, steps: int = 8) -> Mapp
     learnt = ("tsds", "random_tsds", "none_tsds")
     unknown = [name for name in names if name not in (*makers, *learnt)]
     if unknown:
-        raise InputError("--rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, *learnt))}")
+        raise InputError("rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, *learnt))}")
     if set(names) & set(learnt):
         if generator is None:
-            raise InputError("--rows", "names a second stage without weights", "name them with --generator")
+            raise InputError("rows", "names a second stage without weights", "add generator_weights=simulator")
         second = diffused(generator, Sampler(steps))
         makers["tsds"] = lambda splat: Simulator(adapted(splat), second)
         makers["random_tsds"] = lambda splat: Simulator(RandomGate(), second)

@@ -26,7 +26,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.provenance import this_machine
-from gaussian_enhancer.metrics.records import MISSING, Record, read_records, write_records
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.run import find_run, open_run
 from gaussian_enhancer.runs.runtime import start
@@ -55,7 +55,7 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
             console.print(f"{method} is missing: {reasons[method]}", highlight=False, soft_wrap=True)
     for size, (height, width) in runs.cfg.scale.outputs.items():
         for method, reason in reasons.items():
-            yield Record(MISSING, "", str(size), "", str(size), method, {}, {"row": reason}, seed=seed)
+            yield missing_record(method, reason, scene=str(size), view=str(size), seed=seed)
         if weights:
             console.print(f"{size}: {width}x{height}", highlight=False)
             job = cost_job(runs, learnt, str(size), (int(height), int(width)))

@@ -12,7 +12,7 @@ from gaussian_enhancer.cli.pipeline import enhanced, finished_fit
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_folders
-from gaussian_enhancer.metrics.lpips import perceptual_distance
+from gaussian_enhancer.metrics.lpips import asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.runs.compose import compose_job
@@ -155,6 +155,20 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     return str(found.folder / "weights.safetensors")
 
 
+def check_same_views(cell: str, views: Mapping[str, tuple[str, ...]]) -> None:
+    """Stop where the methods of a cell were measured on different views: their means could not be compared.
+
+    Args:
+        cell: what the cell is called.
+        views: names of the measured views, sorted, by method.
+
+    Raises:
+        RuntimeError: they differ.
+    """
+    if len(set(views.values())) > 1:
+        raise RuntimeError(f"{cell}: methods were measured on different views ({', '.join(views)})")
+
+
 def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
     """Measure images against their photos, unless these very images were measured before.
 
@@ -187,7 +201,7 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
         InputError: names or sizes do not fit, or a file cannot be read.
     """
     device = start(cfg.runtime)
-    distances = [perceptual_distance(name, cfg.backbones, device) for name in cfg.lpips]
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
     files = pair_folders(images.folder, images.photos, label)[:: images.every]
     return tuple(measure_files(files, distances))
 

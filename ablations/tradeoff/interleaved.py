@@ -22,7 +22,7 @@ from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import MISSING, Record
+from gaussian_enhancer.metrics.records import Record, missing_record
 from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 from gaussian_enhancer.runs.inputs import read_task
 from gaussian_enhancer.scene.in_memory import single
@@ -81,7 +81,7 @@ def study_records(
                 yield replace(record, sources={"fit": record.run, **train})
         for name, reason in reasons.items():
             console.print(f"{name} is missing: {reason}", highlight=False, soft_wrap=True)
-            yield Record(MISSING, "", cell.scene, cell.splat, "", f"{study.name}/{name}", {}, {"row": reason})
+            yield missing_record(f"{study.name}/{name}", reason, scene=cell.scene, splat=cell.splat)
 
 
 def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[RenderedSet, ...]:

@@ -14,7 +14,7 @@ from ablations.tradeoff.kernels import deformable, latent, networks, reprojectio
 from ablations.tradeoff.rasterisers import rasterisers
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import timed
-from gaussian_enhancer.metrics.records import MISSING, Record
+from gaussian_enhancer.metrics.records import Record, missing_record
 
 KIND = "numerics"
 
@@ -79,7 +79,7 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
             errors[way] = errors_of(found, true)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
-            yield Record(MISSING, "", case.name, "", "", way, {}, {"row": reason})
+            yield missing_record(way, reason, scene=case.name)
     calls = {way: partial(_called, case.ways[way]) for way in errors}
     repeats = repeats if spent * repeats <= seconds else max(1, int(seconds / spent))
     times = timed(calls, repeats, 0, device)  # each was called once already

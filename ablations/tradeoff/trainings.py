@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from ablations.report.dashboard.runs import Curve, read_curves
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import MISSING, Record
+from gaussian_enhancer.metrics.records import Record, missing_record
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.run import digest_of
 
@@ -63,7 +63,7 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
     if not reason and "loading" not in cfg.data:
         reason = "was trained by an earlier version, whose configuration is not read; train it again"
     if reason:
-        yield Record(MISSING, folder.name, "", "", "", variant, {}, {"row": reason}, seed=seed, sources=sources)
+        yield missing_record(variant, reason, run=folder.name, seed=seed, sources=sources)
         return
     minutes = _minutes(card)
     batch, steps = int(cfg.data.loading.batch_size), int(cfg.trainer.max_steps)

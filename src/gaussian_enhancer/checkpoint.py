@@ -21,12 +21,12 @@ WIDENED = 6
 MEND = "get the weights again, or train them with this version"
 
 
-def write_checkpoint(path: Path, network: nn.Module, metadata: Mapping[str, str]) -> None:
-    """Write a network's values in half precision, whole or not at all.
+def write_checkpoint(path: Path, values: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
+    """Write networks' values in half precision, whole or not at all.
 
     Args:
         path: file to write, ending in .safetensors.
-        network: whose values are kept, buffers included.
+        values: parameters and buffers by name.
         metadata: plain text by name; ``format`` is mandatory and is asked for when the file is read.
 
     Raises:
@@ -34,7 +34,7 @@ def write_checkpoint(path: Path, network: nn.Module, metadata: Mapping[str, str]
     """
     from safetensors.torch import save
 
-    tensors = {name: value.detach().cpu().half().contiguous() for name, value in network.state_dict().items()}
+    tensors = {name: value.detach().cpu().half().contiguous() for name, value in values.items()}
     with whole_file(path) as temporary:
         temporary.write_bytes(save(tensors, {"format": metadata["format"], **metadata}))
 

@@ -30,6 +30,7 @@ RULES = {
     "missing": "one value more",
     "needs_python_object": "a choice of its group",
     "none_required": "null",
+    "string_pattern_mismatch": "text that matches {pattern}",
     "string_type": "text",
     "tuple_type": "a list",
 }

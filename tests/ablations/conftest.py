@@ -1,10 +1,13 @@
 import os
 import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 
+from gaussian_enhancer.cli import main as cli
 from support.tiny_suite import started
 
 
@@ -39,3 +42,14 @@ def copied(made, tmp_path, monkeypatch) -> Path:
     shutil.copytree(made, tmp_path / "copy")
     monkeypatch.chdir(tmp_path / "copy")
     return tmp_path / "copy"
+
+
+@pytest.fixture
+def job(monkeypatch) -> Callable[..., None]:
+    """Run a job as the command line does, on one thread."""
+    monkeypatch.setattr(sys, "argv", ["gaussian-enhancer"])
+
+    def run(name: str, *words: str) -> None:
+        cli.main([name, "runtime.threads=1", *words])
+
+    return run

@@ -1,24 +1,81 @@
 """The study of gain against the age of a splat."""
 
+import json
+import shutil
+from pathlib import Path
+
 import pytest
 import torch
 
-from ablations.scripts.convergence import TITLES, enhancers, harm, role_of
+from ablations.scripts.convergence import ABOUT, TITLES, enhancers, fits, harm, page_text, read_rows, role_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.records import Record, write_records
+from support.paths import DOCS
 
 
-def test_a_method_names_weights_strength_and_whether_colours_are_completed() -> None:
-    made = enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny@1:plain"])
+def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
+    made = enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:unjudged", "lr_tiny@1:plain"])
     own = load_weights("lr_tiny").strength
-    assert list(made) == [f"lr_tiny@{own:g}", "lr_tiny@0.5", "lr_tiny@1 plain"]
-    kept = [(enhancer.strength, enhancer.colour_completion) for _, enhancer in made.values()]
-    assert kept == [(own, True), (0.5, True), (1.0, False)]
+    assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} unjudged", "lr_tiny@1 plain"]
+    kept = [(one.strength, one.confidence is not None, one.colour_completion) for _, one in made.values()]
+    assert kept == [(1.0, True, True), (0.5, True, True), (own, False, True), (1.0, False, False)]
 
 
-def test_another_ending_is_refused() -> None:
-    with pytest.raises(InputError, match="write :plain"):
-        enhancers(["lr_tiny@1:fast"])
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [("lr_tiny@1:fast", "write :unjudged or :plain"), ("lr_tiny@2", "from 0 to 1"), ("lr_tiny@x", "from 0 to 1")],
+)
+def test_another_ending_and_no_share_are_refused(method: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        enhancers([method])
+
+
+def named_fit(plane_run: Path, folder: Path, scene: str) -> Path:
+    """The plane's run as a fit of a scene that was given a name of its own (`output=`)."""
+    shutil.copytree(plane_run, folder)
+    write_records(folder / "records.jsonl", [Record("cost", folder.name, scene, "3dgs", "", "raw", {})])
+    return folder
+
+
+def test_the_page_is_made_again_from_the_records(plane_run, tmp_path, job, capsys) -> None:
+    fit, records = named_fit(plane_run, tmp_path / "mine", "plush"), tmp_path / "found.jsonl"
+    job("convergence", "methods=[lr_tiny,lr_tiny@1:plain]", f"runs=[{fit}]", f"records={records}")
+    rows = [json.loads(line) for line in records.read_text().splitlines()]
+    assert {row["scene"] for row in rows} == {"plush"}
+    assert {row["step"] for row in rows} == {50, 100}
+    first = capsys.readouterr().out
+    assert len(first.splitlines()) == 1 + 2 * 2
+    job("convergence", f"records={records}", f"page={tmp_path}/page.md")
+    assert capsys.readouterr().out == first
+    page = (tmp_path / "page.md").read_text()
+    assert "## Validation captures" in page
+    assert "](page.svg)" in page
+    assert (tmp_path / "page.svg").is_file()
+
+
+def test_fits_that_would_be_mixed_up_or_have_no_role_are_refused_before_they_are_measured(plane_run, tmp_path) -> None:
+    folders = [named_fit(plane_run, tmp_path / f"{i}", scene) for i, scene in enumerate(("plush", "plush", "garden"))]
+    with pytest.raises(InputError, match="is of the scene plush"):
+        fits([str(folder) for folder in folders[:2]])
+    with pytest.raises(InputError, match="has no role"):
+        fits([str(folders[2])])
+    with pytest.raises(InputError, match="name no fit"):
+        fits([])
+
+
+def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
+    write_records(tmp_path / "other.jsonl", [Record("cost", "a", "plush", "3dgs", "", "raw", {})])
+    with pytest.raises(SystemExit):
+        job("convergence", f"records={tmp_path}/other.jsonl", f"page={tmp_path}/page.md")
+    assert "lacks the column gain_psnr_aligned; measure again" in capsys.readouterr().err
+    assert not (tmp_path / "page.md").exists()
+
+
+def test_the_committed_page_is_what_its_records_say() -> None:
+    page = (DOCS / "results/convergence.md").read_text()
+    frame = read_rows(DOCS / "results/convergence.jsonl")
+    assert page_text(frame, "convergence.svg", ABOUT) == page
 
 
 def test_every_role_has_a_title_and_an_unknown_capture_none() -> None:

@@ -113,7 +113,7 @@ def test_path_passes_neighbouring_cameras_of_the_run(plane_run):
     path = path_cameras(plane_run, 3, 7)
     assert len(path) == 7
     assert {(camera.height, camera.width) for camera in path} == {(48, 64)}
-    with pytest.raises(InputError, match="--cameras"):
+    with pytest.raises(InputError, match="cameras: is 9"):
         path_cameras(plane_run, 9, 7)
 
 

@@ -1,6 +1,7 @@
 import json
 
 import torch
+from hydra import initialize_config_dir
 from torch import nn
 
 from ablations.benchmarks import networks
@@ -23,6 +24,15 @@ class OneConvolution(Network):
 
 def test_multiply_adds_are_those_of_the_convolutions_per_enhanced_pixel():
     assert networks.multiply_adds(OneConvolution(), references=0, side=8) == 2 * 27 / 4
+
+
+class LooksAtValues(OneConvolution):
+    def stages(self, views):
+        return super().stages(views) if bool(views.render.any()) else (views.render,)
+
+
+def test_a_network_that_looks_at_values_is_computed_to_be_counted():
+    assert networks.multiply_adds(LooksAtValues(), references=0, side=8) == 2 * 27 / 4
 
 
 def test_times_are_one_for_each_network():
@@ -48,7 +58,8 @@ def test_page_on_fidelity_holds_the_cost_of_the_papers_networks_with_and_without
 
 
 def test_the_papers_networks_are_built_by_their_mode():
-    found = list(networks.subjects("paper"))
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        found = list(networks.subjects(paper=True))
     assert all(type(one.network).__module__.startswith(PAPER) for one in found)
     assert len(found) == 4 * len(networks.SIZES)
 

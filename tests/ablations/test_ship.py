@@ -1,27 +1,20 @@
 import json
-import sys
 
 import pytest
 import torch
 
 from ablations.scripts import ship
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 
 SMALL = {"widths": (8, 8, 8), "blocks": (1, 1, 1)}
-TEXTS = ["--helps", "much", "--harms", "little"]
+TEXTS = ["name=new", "helps=much", "harms=little"]
 
 
-def run(monkeypatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["ship.py", *arguments, *TEXTS])
-    ship.main()
-
-
-def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, monkeypatch):
+def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, monkeypatch, job, capsys):
     shipped = tmp_path / "shipped"
     shipped.mkdir()
     monkeypatch.setattr(ship, "SHIPPED", shipped)
@@ -31,7 +24,8 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
         save_weights(
             tmp_path / f"{name}.safetensors", network, ReferenceConfig(fine=name != "lr"), {"run": name, "steps": 3}
         )
-    run(monkeypatch, str(tmp_path / "both.safetensors"), "new", "--first", str(tmp_path / "lr.safetensors"))
+    first_words = [f"first={tmp_path}/lr.safetensors", *TEXTS]
+    job("ship", f"weights={tmp_path}/both.safetensors", *first_words)
     found = load_weights(shipped / "new.safetensors")
     assert isinstance(found.network, Cascade)
     for name, value in first.state_dict().items():
@@ -39,5 +33,8 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
     assert found.card["first"] == {"name": None, "run": "lr", "steps": 3}
     assert found.card["run"] == "both"
     assert json.loads((shipped / "new.json").read_text())["design"]["first"]["widths"] == [16, 8, 8]
-    with pytest.raises(InputError, match="SSIFSR"):
-        run(monkeypatch, str(tmp_path / "sr.safetensors"), "new", "--first", str(tmp_path / "lr.safetensors"))
+    before = (shipped / "new.json").read_text()
+    with pytest.raises(SystemExit):
+        job("ship", f"weights={tmp_path}/sr.safetensors", *first_words)
+    assert "are of SSIFSR; give those of a cascade with first=" in capsys.readouterr().err
+    assert (shipped / "new.json").read_text() == before

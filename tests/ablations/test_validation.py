@@ -1,7 +1,7 @@
-"""The scripts that choose by validation runs: weights, and the limits that they are held to."""
+"""The jobs that choose by validation runs: weights, and the limits that they are held to."""
 
 import json
-import sys
+import shutil
 
 import pytest
 import torch
@@ -12,6 +12,7 @@ from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import Pretrained, save_weights
+from gaussian_enhancer.metrics.records import Record, write_records
 
 
 @pytest.fixture
@@ -38,11 +39,10 @@ def test_rows_are_named_by_what_was_trained_and_not_twice(weights):
         candidates.enhancers(["sr_tiny"])
 
 
-def test_candidates_are_compared_on_the_same_views(weights, plane_run, tmp_path, monkeypatch, capsys):
+def test_candidates_are_compared_on_the_same_views(weights, plane_run, tmp_path, job, capsys):
     run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
     run.symlink_to(plane_run)
-    monkeypatch.setattr(sys, "argv", ["x", *weights, "--runs", str(run), "--every", "2", "--json", str(found)])
-    candidates.main()
+    job("candidates", f"weights=[{','.join(weights)}]", f"runs=[{run}]", "every=2", f"records={found}")
     rows = [json.loads(line) for line in found.read_text().splitlines()]
     by = {name: [row for row in rows if row["row"] == name] for name in ("same", "brighter")}
     assert [row["view"] for row in by["same"]] == [row["view"] for row in by["brighter"]]
@@ -63,16 +63,29 @@ def test_the_worst_view_is_shown():
     assert "| -0.250 | 1 of 3 |" in line
 
 
-def run_guards(monkeypatch, capsys, *words: str) -> list[str]:
-    monkeypatch.setattr(sys, "argv", ["x", *words])
-    guards.main()
-    return capsys.readouterr().out.splitlines()[2:]
+@pytest.mark.parametrize("name", ["candidates", "guards"])
+def test_a_fit_by_another_name_is_named_by_its_records_and_one_without_is_refused(
+    name, weights, plane_run, tmp_path, job, capsys
+):
+    words = [name, f"weights=[{weights[0]}]", f"runs=[{tmp_path}/mine]"]
+    words += ["guard=strength"] if name == "guards" else []
+    shutil.copytree(plane_run, tmp_path / "mine")
+    with pytest.raises(SystemExit) as stop:
+        job(*words)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err == (
+        f"gaussian-enhancer: {tmp_path}/mine: is not named SCENE-METHOD-DIGEST; name runs of `gaussian-enhancer fit`\n"
+    )
+    write_records(tmp_path / "mine" / "records.jsonl", [Record("cost", "mine", "plane", "3dgs", "", "raw", {})])
+    job(*words)
+    assert "| plane |" in capsys.readouterr().out
 
 
-def test_the_more_of_a_wrong_change_the_worse(weights, plane_run, tmp_path, monkeypatch, capsys):
+def test_the_more_of_a_wrong_change_the_worse(weights, plane_run, tmp_path, job, capsys):
     run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
     run.symlink_to(plane_run)
-    lines = run_guards(monkeypatch, capsys, "strength", weights[1], "--runs", str(run), "--json", str(found))
+    job("guards", "guard=strength", f"weights=[{weights[1]}]", f"runs=[{run}]", f"records={found}")
+    lines = capsys.readouterr().out.splitlines()[2:]
     assert [line.split("|")[1].strip() for line in lines] == [f"brighter, strength {s}" for s in (0.5, 0.8, 1.0)]
     rows = [json.loads(line) for line in found.read_text().splitlines()]
     losses = [row["psnr"] for row in rows if row["view"] == rows[0]["view"]]
@@ -81,10 +94,11 @@ def test_the_more_of_a_wrong_change_the_worse(weights, plane_run, tmp_path, monk
     assert all(row["commit"] and row["machine"] and row["time"] for row in rows)
 
 
-def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, monkeypatch, capsys):
+def test_evidence_keeps_an_invention_small(weights, plane_run, tmp_path, job, capsys):
     run, found = tmp_path / "plane-3dgs-0123abcd", tmp_path / "rows.jsonl"
     run.symlink_to(plane_run)
-    lines = run_guards(monkeypatch, capsys, "colour_clamping", weights[1], "--runs", str(run), "--json", str(found))
+    job("guards", "guard=colour_clamping", f"weights=[{weights[1]}]", f"runs=[{run}]", f"records={found}")
+    lines = capsys.readouterr().out.splitlines()[2:]
     assert len(lines) == len(guards.LIMITS["colour_clamping"])
     rows = [json.loads(line) for line in found.read_text().splitlines()]
     losses = {row["row"]: row["psnr"] for row in rows if row["view"] == rows[0]["view"]}

@@ -626,6 +626,71 @@ def test_a_study_of_no_runs_writes_no_page(refused: Refused) -> None:
     assert "runs: is nope, which holds no fit" in line
 
 
+# measurements of fits ---------------------------------------------------------------------------------------------
+
+OF_FITS = {
+    "candidates": ("weights=[lr_tiny]",),
+    "guards": ("guard=strength", "weights=[lr_tiny]"),
+    "convergence": ("methods=[lr_tiny]",),
+    "depth": (),
+    "flicker": (),
+    "already_good": (),
+    "diversity": (),
+    "fingerprints": (),
+    "sampler": (),
+}
+
+
+@pytest.mark.parametrize("job", OF_FITS)
+def test_measurements_refuse_what_is_no_fit(job: str, refused: Refused) -> None:
+    words = (job, *OF_FITS[job], "records=found.jsonl", "runtime.threads=1")
+    assert "runs: name no fit; give folders of finished fits" in refused(*words)
+    assert "nope-*: names no finished run; fit first" in refused(*words, "runs=[nope-*]")
+    Path("bare").mkdir()
+    assert "bare: names no finished run; fit first" in refused(*words, "runs=[bare]")
+    Path("bare/done").write_text("{}")
+    assert "bare: holds no renders of held-out views; name folders of finished fits" in refused(*words, "runs=[bare]")
+    assert "records: is 'found.txt'; give a file that ends in .jsonl or .json" in refused(*words, "records=found.txt")
+
+
+def test_realism_refuses_what_is_no_fit_and_rows_that_do_not_exist(refused: Refused) -> None:
+    assert "test: is mandatory and was not given; add test=... train=..." in refused("realism")
+    assert "nope: names no finished run" in refused("realism", "train=[nope]", "test=[nope]")
+    assert "rows: names 'x'; choose among none, naive" in refused("realism", "train=[a]", "test=[b]", "rows=[x]")
+    assert "add generator_weights=" in refused("realism", "train=[a]", "test=[b]", "rows=[tsds]")
+
+
+def test_benchmarks_and_pictures_refuse_mistakes(refused: Refused) -> None:
+    assert "sizes.0: is '24x'; give text that matches" in refused("splat_kernels", "sizes=[24x]")
+    assert "methods: names 'x'; choose among stage 1" in refused("degradation", "methods=[x]")
+    assert "rounds: is 0; give a number of at least 1" in refused("similarity", "rounds=0")
+    assert "nope: holds no enhanced views" in refused("before_after", "run=nope", "output=picture.jpg")
+    assert "name: is 'a/b'" in refused("ship", "weights=lr_tiny", "name=a/b", "helps=much", "harms=little")
+
+
+def test_the_study_of_distilling_refuses_mistakes(refused: Refused) -> None:
+    words = ("distil_study", "records=found.jsonl", "runtime.threads=1")
+    assert "records: is mandatory and was not given; add records=..." in refused("distil_study", "runs=[plush/raw:a]")
+    assert "records: is None" in refused("distil_study", "records=null")
+    assert "found.jsonl: does not exist" in refused(*words)
+    assert "plush=a: names no run; write CAPTURE/SPLAT:RUN" in refused(*words, "runs=['plush=a']")
+    assert "nope: holds no renders of held-out views" in refused(*words, "runs=[plush/raw:nope]")
+    Path("found.jsonl").write_text('{"view": "a"}\n')
+    assert "lacks the column gaussians; measure again, with runs=" in refused(*words)
+    assert "records: is 'found.txt'" in refused(*words, "records=found.txt")
+
+
+def test_the_measurement_of_the_viewer_refuses_mistakes(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "run: is mandatory and was not given; add run=..." in refused("viewer_speed")
+    assert "seconds: is 0" in refused("viewer_speed", "run=a", "seconds=0")
+    assert "records: is 'a.txt'" in refused("viewer_speed", "run=a", "records=a.txt")
+    monkeypatch.setattr("ablations.benchmarks.viewer_speed.refuse_without_browser", lambda: None)
+    assert "the job view: does not start (nope: is no folder" in refused("viewer_speed", "run=nope")
+    monkeypatch.undo()
+    monkeypatch.setattr("ablations.benchmarks.viewer_speed.DRIVER", "/nowhere")
+    assert "/nowhere: does not exist; apt-get install" in refused("viewer_speed", "run=nope")
+
+
 # simulate ---------------------------------------------------------------------------------------------------------
 
 

@@ -15,12 +15,20 @@ CONF = paths.ROOT / "conf"
 @pytest.mark.parametrize("job", cli.JOBS)
 def test_every_option_is_shown_with_its_default_and_comment(job):
     shown = help_text(job, [], CONF).splitlines()
-    hidden = {"defaults", "this_run", "hydra"}
-    lines = [*(CONF / f"{job}.yaml").read_text().splitlines(), *(CONF / "base.yaml").read_text().splitlines()]
-    own = [line for line in lines if ":" in line and line[0].isalpha() and line.partition(":")[0] not in hidden]
+    own = options(CONF / f"{job}.yaml")
+    again = {name for name in own if name != "runtime"}  # a job's own default and comment take the place of the base's
+    base = {name: line for name, line in options(CONF / "base.yaml").items() if name not in again}
     assert own
-    for line in own:
+    for line in (*own.values(), *base.values()):
         assert f"  {line}" in shown
+    assert [line for line in shown if line.startswith("  runs:")] == [f"  {(base | own)['runs']}"]
+
+
+def options(file):
+    """Every line with an option, by the option's name."""
+    lines = [line for line in file.read_text().splitlines() if ":" in line and line[0].isalpha()]
+    named = {line.partition(":")[0]: line for line in lines}
+    return {name: line for name, line in named.items() if name not in ("defaults", "this_run", "hydra")}
 
 
 def test_groups_are_shown_with_their_choices_and_the_options_of_the_one_that_is_taken():

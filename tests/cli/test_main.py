@@ -1,10 +1,12 @@
 """The command line: dispatch, Hydra's grammar, exit codes, completion, content-addressed runs."""
 
+import importlib
 import os
 import signal
 import subprocess
 import sys
 import types
+from pathlib import Path
 from typing import get_type_hints
 
 import pytest
@@ -135,6 +137,20 @@ def test_ctrl_c_is_one_line_and_exit_code_130(toy_job, capsys, monkeypatch, swee
     )
 
 
+def test_a_measurement_that_is_stopped_begins_anew(toy_job, capsys, monkeypatch):
+    def run(cfg):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(cli.SCRIPTS, "toy", "a toy")
+    module = types.ModuleType("ablations.scripts.toy")
+    module.run = run
+    monkeypatch.setitem(sys.modules, "ablations.scripts.toy", module)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["toy"])
+    assert stop.value.code == 130
+    assert capsys.readouterr().err == "gaussian-enhancer: stopped by Ctrl-C; the same command begins anew\n"
+
+
 def test_a_killed_process_of_a_sweep_is_one_line(toy_job, capsys, monkeypatch):
     def run(cfg):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -168,6 +184,27 @@ def test_every_job_has_options_that_its_own_configuration_meets():
                     cfg[name] = "folder"
             options.check_options(job, cfg)
             assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
+
+
+def test_every_job_has_a_module_that_runs_it():
+    for job in cli.JOBS:
+        assert callable(importlib.import_module(f"{cli.package_of(job)}.{job}").run)
+
+
+def test_a_job_locks_what_its_module_says_or_its_records(tmp_path):
+    module = types.ModuleType("toy")
+    assert cli.written_by(module, OmegaConf.create({"records": "found.jsonl"})) == Path("found.jsonl")
+    assert cli.written_by(module, OmegaConf.create({"records": None})) is None
+    assert cli.written_by(module, OmegaConf.create({"records": "???"})) is None
+    module.written = lambda cfg: tmp_path
+    assert cli.written_by(module, OmegaConf.create({"records": "found.jsonl"})) == tmp_path
+
+
+def test_the_list_of_jobs_names_each_once(capsys):
+    cli.main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert sorted(line.split()[0] for line in lines if line.startswith("  ")) == sorted([*cli.JOBS, "completion"])
+    assert lines.index("single measurements:") > lines.index(next(line for line in lines if "  dashboard " in line))
 
 
 def known(job):

@@ -137,7 +137,7 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(fitted, weights, tmp
         for index, view in enumerate(read_run(fitted).references)
     )
     capture = Scene("capture", photos, tuple(range(len(photos))), ())
-    monkeypatch.setattr("gaussian_enhancer.runs.video.build", lambda _: capture)
+    monkeypatch.setattr("gaussian_enhancer.runs.splat_source.build", lambda _: capture)
     flipped = torch.diag(torch.tensor([1.0, -1, -1, 1]))
     poses = [torch.linalg.inv(plane_camera(index, 48, 64).world_to_camera) @ flipped for index in range(3)]
     entries = [{"camera_to_world": pose.flatten().tolist(), "fov": 50, "aspect": 1.5} for pose in poses]
@@ -202,7 +202,7 @@ def test_a_run_without_its_splat_is_refused(plane_run, weights, tmp_path):
 
 
 def test_the_latest_splat_of_original_output_is_taken(tmp_path):
-    from gaussian_enhancer.runs.video import splat_file
+    from gaussian_enhancer.runs.splat_source import splat_file
 
     for step in (7000, 30000, 900):
         file = tmp_path / f"point_cloud/iteration_{step}/point_cloud.ply"

@@ -82,6 +82,11 @@ def test_commands_compose(words: list[str], monkeypatch: pytest.MonkeyPatch) -> 
         assert compose(job, overrides=options, return_hydra_config=True)
 
 
+def test_the_page_of_jobs_names_every_job_once() -> None:
+    text = (DOCS / "jobs.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+)` \| [a-z]", text, flags=re.MULTILINE)) == sorted(JOBS)
+
+
 def test_pages_quote_commands() -> None:
     assert len(QUOTED) > 25
 

@@ -23,6 +23,7 @@ from test_spz import attributes, header, packed
 from fuzz.mutate import broken_bytes, broken_json, broken_text
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.infer.change_confidence import ChangeConfidence
 from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.depth_files import ReadDepth, depth_size
@@ -286,9 +287,8 @@ def splat_reader(make: Callable[[Path], Any], damage: Damage) -> Reader:
 
 
 def weights(folder: Path) -> None:
-    save_weights(
-        folder / "a.safetensors", trained(), ReferenceConfig(Reprojected(), 2, 4), {"name": "a", "strength": 0.5}
-    )
+    config, card = ReferenceConfig(Reprojected(), 2, 4), {"name": "a", "strength": 0.5}
+    save_weights(folder / "a.safetensors", trained(), config, card, ChangeConfidence(4))
 
 
 MODEL = ("cameras", "images", "points3D")

@@ -11,7 +11,10 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer, choose_precision
 from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.plan import Rules, ViewPlan
+from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.infer.regions import Region
 from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
@@ -218,3 +221,30 @@ def test_a_users_wish_for_no_reference_is_not_taken_for_a_lack_of_them():
         assert options.enhancer(pretrained, options.reference_config(pretrained, "surface")).pass_through is passing
     alone = Pretrained(trained(), ReferenceConfig(references=0, candidates=0), {})
     assert not EnhancementOptions().enhancer(alone, alone.reference_config).pass_through
+
+
+def test_coverage_is_what_the_references_show(plane_run):
+    rendered = read_run(plane_run)
+    view = rendered.targets[0]
+    pool = Pool(rendered.references)
+    aligned = ReferenceConfig().align(read_target(view), view, pool)
+    one = next(SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)(rendered, None, pool))
+    assert one.coverage is not None
+    torch.testing.assert_close(one.coverage, aligned.visibility.sum(0))
+    assert 0 < float(one.coverage.max()) <= 3
+    assert next(SetEnhancer(small(), ReferenceConfig())(rendered)).coverage is None
+
+
+def test_coverage_of_regions_is_that_of_the_whole_and_nothing_elsewhere(plane_run):
+    rendered = read_run(plane_run)
+    regions = (Region(8, 8, 24, 40),)
+    planner = Planner(Rules(tiles="auto"), ReferenceConfig(), rendered)
+    planner.known = {view.name: ViewPlan(view.name, (48, 64), regions) for view in rendered.targets}
+    enhancer = SetEnhancer(small(), ReferenceConfig(), keeps_coverage=True)
+    parts, whole = next(enhancer(rendered, planner)), next(enhancer(rendered))
+    assert parts.coverage is not None
+    assert whole.coverage is not None
+    inside = torch.zeros(1, 48, 64, dtype=torch.bool)
+    inside[:, 8:24, 8:40] = True
+    assert float(parts.coverage[~inside].abs().max()) == 0
+    assert float((parts.coverage - whole.coverage)[inside].abs().mean()) < 0.1

@@ -39,7 +39,7 @@ ROOM = 1 << 20
 """Bytes of a process's output that are kept."""
 LONGEST = 600
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGINT")
-SHARES = {"fit": 32, "train": 28, "enhance": 28, "tables": 12, "video": 20}
+SHARES = {"fit": 32, "train": 28, "enhance": 28, "tables": 12, "video": 20, "distil": 20}
 """Kills by job, in percent of ``--moments``."""
 
 
@@ -300,9 +300,10 @@ def _waits(process: Started, polls: int = 20) -> str:
 
 
 def _kind(write: str) -> str:
-    """What sort of file a write is of: its path without numbers and hashes."""
+    """What sort of file a write is of: its path without numbers, hashes and the names of a suite's runs."""
     name = re.sub(r"/\.([^/]*?)\.[a-z0-9_]{8}(\.[^./]*)?$", r"/\1\2", "/" + write.partition(" ")[2])
-    return re.sub(r"-[0-9a-f]{8,12}\b", "", re.sub(r"(?<![a-z])\d+(?=[./]|$)|_\d+", "#", name))[1:]
+    name = re.sub(r"-[0-9a-f]{8,12}\b", "", re.sub(r"(?<![a-z])\d+(?=[./]|$)|_\d+", "#", name))[1:]
+    return re.sub(r"^runs/(\w+)/[^/]+/", r"runs/\1/*/", name)
 
 
 def kinds(lines: list[str]) -> list[int]:

@@ -1,8 +1,10 @@
 """Nothing is trained on test scenes or chosen by them."""
 
-import argparse
+from pathlib import Path
 
 import pytest
+import torch
+from omegaconf import OmegaConf
 
 from ablations.scripts import candidates
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -44,7 +46,7 @@ def test_a_training_that_names_one_is_refused_before_anything_is_read(tmp_path, 
 
 
 def test_a_choice_of_weights_that_names_one_is_refused(tmp_path):
-    found(tmp_path, "monstree-3dgs-1")
-    options = argparse.Namespace(runs=[str(tmp_path / "monstree-*")], lpips=None, json=None, every=1)
+    (Path(found(tmp_path, "monstree-3dgs-1")) / "done").write_text("{}")
+    cfg = OmegaConf.create({"runs": [str(tmp_path / "monstree-*")]})
     with pytest.raises(InputError, match="nothing may be chosen by"):
-        candidates.show({}, options, "weights")
+        candidates.show({}, cfg, torch.device("cpu"), "weights")

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 
@@ -6,7 +7,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.cameras import write_scene_cameras
-from gaussian_enhancer.scene.path_files import read_path
+from gaussian_enhancer.scene.path_files import read_path, write_path
 from gaussian_enhancer.scene.transforms import load_transforms
 from support.captures_on_disk import (  # fmt: skip
     COUNT,
@@ -118,3 +119,28 @@ def test_a_field_of_view_is_vertical_and_in_degrees(tmp_path):
     (tmp_path / "p.json").write_text(json.dumps(content))
     camera = read_path(tmp_path / "p.json", 1, 1).cameras[0]
     assert float(camera.K[0, 0]) == float(camera.K[1, 1]) == pytest.approx(HEIGHT / 2 / math.tan(math.pi / 4))
+
+
+def test_a_written_path_is_read_back(tmp_path):
+    write_camera_path(tmp_path / "camera_path.json")
+    cameras = read_path(tmp_path / "camera_path.json", 1, 1).cameras
+    write_path(tmp_path / "own.json", cameras, 24.0)
+    found = read_path(tmp_path / "own.json", 1, 1)
+    assert found.fps == 24
+    assert_ring(found.cameras)
+    for camera, same in zip(cameras, found.cameras, strict=True):
+        torch.testing.assert_close(same.K, camera.K, atol=1e-3, rtol=0)
+
+
+def test_what_the_format_cannot_state_is_not_written(tmp_path):
+    write_camera_path(tmp_path / "camera_path.json")
+    first, second, *_ = read_path(tmp_path / "camera_path.json", 1, 1).cameras
+    shifted = dataclasses.replace(second, K=second.K + torch.tensor([[0, 0, 9.0], [0, 0, 0], [0, 0, 0]]))
+    for cameras, told in (
+        ((), "would list no camera"),
+        ((first, second.resized(8, 10)), "camera 1: is of another size"),
+        ((first, shifted), "camera 1: .* looks past the middle"),
+    ):
+        with pytest.raises(InputError, match=told):
+            write_path(tmp_path / "own.json", cameras, 24.0)
+    assert not (tmp_path / "own.json").exists()

@@ -219,6 +219,7 @@ def test_one_lens_far_off_axis_keeps_fy(tmp_path):
         ({"w": math.inf}, "has w = inf"),
         ({"h": 10.5}, "has h = 10.5"),
         ({"train_filenames": 5, "test_filenames": []}, "train_filenames = 5"),
+        ({"train_filenames": []}, "train_filenames alone"),
         ({"train_filenames": [[]], "test_filenames": []}, "train_filenames"),
         ({"camera_model": [1] * 1000}, "camera_model"),
     ],

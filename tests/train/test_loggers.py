@@ -161,6 +161,40 @@ def test_rows_from_the_first_step_that_is_logged_again_are_dropped(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.97])
+def test_a_file_that_was_cut_loses_the_row_that_was_being_written(kept, tmp_path):
+    whole = tmp_path / "whole"
+    for folder in (whole, tmp_path):
+        first = ResumableCSVLogger(folder, name=None, version="log")
+        for step in range(4):
+            first.log_metrics({"a": 1000.0 + step}, step)
+            first.save()
+    path = tmp_path / "log/metrics.csv"
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    known = path.read_text().count("\n") - 1
+    second = ResumableCSVLogger(tmp_path, name=None, version="log")
+    for step in range(known, 4):
+        second.log_metrics({"a": 1000.0 + step}, step)
+        second.save()
+    assert rows_of(tmp_path) == rows_of(whole)
+
+
+def test_no_file_is_cut_when_the_disk_is_full_at_new_columns(tmp_path, monkeypatch):
+    logger = ResumableCSVLogger(tmp_path, name=None, version="log")
+    logger.log_metrics({"a": 1.0}, 0)
+    logger.save()
+    before = (tmp_path / "log/metrics.csv").read_bytes()
+    logger.log_metrics({"a": 2.0, "b": 1.0}, 1)
+    monkeypatch.setattr("csv.DictWriter.writerows", full)
+    with pytest.raises(InputError, match="No space left"):
+        logger.save()
+    assert (tmp_path / "log/metrics.csv").read_bytes() == before
+
+
+def full(*_):
+    raise OSError(28, "No space left on device")
+
+
 def test_neither_logger_nor_study_nor_processes_make_another_run():
     places = ("data.train=[]", "data.validation=[]")
     plain = with_effect(configured(*places))

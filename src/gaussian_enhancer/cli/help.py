@@ -24,6 +24,7 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
     _, _, base = _parts((conf / "base.yaml").read_text(encoding="utf-8"))
     given = dict(word.split("=", 1) for word in words if "=" in word)
     groups = [(group, given.get(group, choice), comment) for group, choice, comment in _groups(defaults, conf)]
+    body = body.split("\nhydra:")[0]
     parts = [USAGE.format(job=job), head, _section(f"options of {job}, with their defaults", body)]
     if groups:
         parts.append(_section("groups: GROUP=CHOICE takes a whole part", "\n".join(_choices(groups, conf))))
@@ -32,7 +33,9 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
         if file.is_file():
             told, _, options = _parts(file.read_text(encoding="utf-8"))
             parts.append(_section(f"options of {group}={choice}", f"{told}\n{options}".strip()))
-    parts.append(_section("options of every job", base.split("\nhydra:")[0]))
+    own = {line.partition(":")[0] for line in body.splitlines()} - {"runtime"}
+    shared = [line for line in base.split("\nhydra:")[0].splitlines() if line.partition(":")[0] not in own]
+    parts.append(_section("options of every job", "\n".join(shared)))
     return "\n".join(part for part in parts if part)
 
 

@@ -1,7 +1,8 @@
 """The command line: ``gaussian-enhancer JOB key=value ...``. Every job is a Hydra application.
 
-A job is a configuration ``conf/JOB.yaml`` and a module with ``run(cfg)``: ``cli/JOB.py``, or ``ablations/jobs/JOB.py``
-for jobs of the experiment suite. Everything after the job's name is Hydra's: overrides, ``--cfg job``, ``--help``,
+A job is a configuration ``conf/JOB.yaml`` and a module with ``run(cfg)``: ``cli/JOB.py``, ``ablations/jobs/JOB.py`` for
+jobs of the experiment suite, ``ablations/scripts/JOB.py`` or ``ablations/benchmarks/JOB.py`` for single measurements.
+Everything after the job's name is Hydra's: overrides, ``--cfg job``, ``--help``,
 ``-m`` for multirun.
 """
 
@@ -14,6 +15,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, redirect_stderr
 from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
 from typing import Any, cast
 
 from gaussian_enhancer.configurations import configurations as configurations
@@ -26,8 +29,11 @@ JOBS = {
     "simulate": "make a photo look like splat renders; samples and a page of every artefact",
     "enhance": "enhance the renders of a fitted run, of a splat file, or of a folder",
     "video": "render a splat along a camera path, enhance every frame, and encode them",
+    "view": "look at a splat in the browser, raw and enhanced: drag the camera, compare, save views and paths",
+    "distil": "put what the enhancer adds back into the splat: a better .ply; or remove its floaters alone",
     "train": "train an enhancement network on fitted runs",
     "train_generator": "train the second stage of the degradation simulator on fitted runs",
+    "train_confidence": "train how much of a network's change to apply where, on fits with held-out views",
     "measure": "compare images with photos; write records",
     "quality": "every method on every held-out scene: docs/results/quality.md, and whether its aims are met",
     "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
@@ -43,6 +49,36 @@ JOBS = {
 
 LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard")
 """Jobs of the experiment suite."""
+
+SCRIPTS = {
+    "candidates": "which weights to ship: gains of several on validation runs",
+    "guards": "what keeps an enhancer from doing harm, and what that costs",
+    "renders": "which training renders make the better enhancer",
+    "convergence": "gain against the age of a splat: docs/results/convergence.md",
+    "distil_study": "what distilling gains, with and without enhanced views: docs/results/distil.md",
+    "depth": "how much hangs on depth: references warped through seven kinds of it",
+    "flicker": "whether enhancement flickers along a path",
+    "already_good": "whether blocks that are good already can be told before they are enhanced",
+    "realism": "how much simulated renders look like real ones: can a classifier tell them apart?",
+    "diversity": "how much simulated renders differ from seed to seed, against real ones from fit to fit",
+    "fingerprints": "how much larger errors of held-out views are than those of training views; gates",
+    "sampler": "what the diffusion's sampler keeps of the codes of real renders",
+    "ship": "put trained weights into the package, with their card",
+    "before_after": "draw the README's picture: raw render, enhanced view, photo",
+    "flow_figure": "draw the flow of data: docs/pictures/flow.svg",
+}
+"""Single measurements and pictures."""
+
+BENCHMARKS = {
+    "networks": "what every network costs at every size: docs/results/networks.md",
+    "degradation": "megapixels a second of the simulator, beside Real-ESRGAN's degradation",
+    "similarity": "what a fit's loss costs, against torch's autograd of it",
+    "splat_kernels": "how long an iteration of a splat's fit takes, part by part",
+    "viewer_speed": "how many pictures a second the viewer shows while its camera is dragged",
+}
+"""Single measurements of cost."""
+
+JOBS |= SCRIPTS | BENCHMARKS
 
 NEEDING = (*LAB, "demo")
 """Jobs that make the runs of other jobs; where another process makes one of these, they wait for it."""
@@ -61,7 +97,10 @@ usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
 
 {jobs}
 
-  completion   print a script for tab completion: eval "$(gaussian-enhancer completion)"
+single measurements:
+{measurements}
+
+  completion    print a script for tab completion: eval "$(gaussian-enhancer completion)"
 
 Every job takes Hydra's overrides, --help shows its options and -m sweeps over comma-separated values.
 """
@@ -82,20 +121,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Exit codes: 0 done, 1 an internal error (with its traceback) or a process that was killed (one line), 2 input that
     cannot be used (one line), 130 stopped by Ctrl-C (one line).
     """
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        _dispatch(words)
     except InputError as error:
         _end(2, str(error))
     except LostProcessError as error:
         _end(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
-        _end(INTERRUPTED, "stopped by Ctrl-C; the same command goes on where it stopped")
+        anew = bool(words) and words[0] in (*SCRIPTS, *BENCHMARKS)
+        after = "begins anew" if anew else "goes on where it stopped"
+        _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {after}")
 
 
 def _dispatch(words: Sequence[str]) -> None:
     let_idle_threads_sleep()
     if not words or words[0] in ("-h", "--help", "help"):
-        print(USAGE.format(jobs="\n".join(f"  {name:<12} {text}" for name, text in JOBS.items())), end="")
+        print(usage(), end="")
     elif words[0] == "--version":
         print(version("gaussian-enhancer"))
     elif words[0] == "completion":
@@ -110,6 +152,13 @@ def _dispatch(words: Sequence[str]) -> None:
         print(help_text(words[0], words[1:], configurations()), end="")
     else:
         launch(words[0], words[1:])
+
+
+def usage() -> str:
+    """Every job with what it does, single measurements last."""
+    lines = {name: f"  {name:<13} {text}" for name, text in JOBS.items()}
+    measurements = [lines.pop(name) for name in (*SCRIPTS, *BENCHMARKS)]
+    return USAGE.format(jobs="\n".join(lines.values()), measurements="\n".join(measurements))
 
 
 def let_idle_threads_sleep() -> None:
@@ -173,8 +222,8 @@ def task(job: str) -> Callable[[Any], Any]:
         from gaussian_enhancer.runs.status import attempt
 
         check_options(job, cfg)
-        module = importlib.import_module(f"ablations.jobs.{job}" if job in LAB else f"gaussian_enhancer.cli.{job}")
-        written = module.written(cfg) if hasattr(module, "written") else None
+        module = importlib.import_module(f"{package_of(job)}.{job}")
+        written = written_by(module, cfg)
         wait = job in NEEDING or HydraConfig.get().mode == RunMode.MULTIRUN
         try:
             with attempt(discard=True), waiting(wait), alone(written) if written else nullcontext():
@@ -185,6 +234,20 @@ def task(job: str) -> Callable[[Any], Any]:
             raise unwritable(error.filename or "output", error) from error
 
     return run
+
+
+def written_by(module: ModuleType, cfg: Any) -> Path | None:
+    """What a job writes beside runs: what its module says, or its file of records."""
+    if hasattr(module, "written"):
+        return cast(Path | None, module.written(cfg))
+    records = cfg.get("records")
+    return Path(records) if records else None
+
+
+def package_of(job: str) -> str:
+    """The package that holds a job's module."""
+    packages = {"ablations.jobs": LAB, "ablations.scripts": SCRIPTS, "ablations.benchmarks": BENCHMARKS}
+    return next((package for package, jobs in packages.items() if job in jobs), "gaussian_enhancer.cli")
 
 
 def complete(line: str) -> list[str]:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, with_config
 from typing_extensions import TypedDict
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.lock import RECORDS
 from gaussian_enhancer.typed import STRICT, check_plain
 
 LONGEST_NAME, LONGEST_PATH = 255, 4095
@@ -28,12 +29,20 @@ def _usable(path: str) -> str:
     return path
 
 
+def _records(path: str) -> str:
+    if not path.endswith(RECORDS):
+        raise ValueError(f"a file that ends in {' or '.join(RECORDS)}")
+    return path
+
+
 Place = Annotated[str, AfterValidator(_usable)]
 Places = list[Place]
+RecordsFile = Annotated[Place, AfterValidator(_records)]
 Word = str | int | float
 Group = dict[str, Any]
 Count = Annotated[int, Field(ge=1)]
 Size = Annotated[int, Field(ge=0)]
+Side = Annotated[int, Field(ge=64, le=8192)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -51,12 +60,34 @@ class Runtime(TypedDict):
     processes: NotRequired[Count]
 
 
-class Options:
+class Shared:
     """Options of every job."""
 
-    runs: Place
     output: Place | None
     runtime: Runtime
+
+
+class Options(Shared):
+    """Options of jobs that make or read content-addressed runs."""
+
+    runs: Place
+
+
+class OfFits(Shared):
+    """Options of measurements of finished fits."""
+
+    runs: Places
+    records: RecordsFile | None
+
+
+class FromRecords(Shared):
+    """Options of measurements of runs that make a page from their records."""
+
+    runs: Places
+    records: RecordsFile
+    page: Place | None
+    lpips: list[str]
+    backbones: Place | None
 
 
 class Demo(Options):
@@ -95,7 +126,21 @@ class Simulate(Options):
     draws: Count
 
 
-class Enhance(Options):
+class Enhancing(Options):
+    """Options of jobs that enhance views."""
+
+    weights: Place
+    max_references: Size | None
+    depth_kind: str
+    strength: Share | None
+    colour_clamping: Size
+    colour_completion: bool
+    confidence: bool
+    precision: str
+    tile: Count
+
+
+class Enhance(Enhancing):
     """Options of the job ``enhance``."""
 
     scene: Group | None
@@ -114,19 +159,11 @@ class Enhance(Options):
     cameras: Place | None
     depth: Place | None
     depth_scale: Positive
-    depth_kind: str
     budget_ms: Positive | None
-    weights: Place
-    max_references: Size | None
-    strength: Share | None
-    colour_clamping: Size
-    colour_completion: bool
     temporal_smoothing: Share
-    precision: str
-    tile: Count
 
 
-class Video(Options):
+class Video(Enhancing):
     """Options of the job ``video``."""
 
     scene: Group | None
@@ -147,15 +184,40 @@ class Video(Options):
     fps: Positive | None
     quality: Size
     budget_ms: Positive | None
-    weights: Place
-    max_references: Size | None
-    depth_kind: str
-    strength: Share | None
-    colour_clamping: Size
-    colour_completion: bool
     temporal_smoothing: Share | None
-    precision: str
-    tile: Count
+
+
+class View(Enhancing):
+    """Options of the job ``view``."""
+
+    scene: Group | None
+    plan: Group
+    run: Place | None
+    gaussians: Place | None
+    distilled: Place | None
+    invalid: str
+    method: str
+    host: str
+    port: Annotated[int, Field(ge=0, lt=2**16)]
+    show: str
+    wipe: Share
+    width: Side
+    moving_width: Side
+
+
+class Distil(Enhancing):
+    """Options of the job ``distil``."""
+
+    scene: Group | None
+    settings: Group
+    evidence: Group
+    run: Place | None
+    gaussians: Place | None
+    invalid: str
+    method: str
+    format: str
+    prune: bool
+    prune_only: bool
 
 
 class Export(Options):
@@ -208,6 +270,18 @@ class TrainGenerator(Training):
     sampler: Group
     paired: Group
     diffused: Group
+
+
+class TrainConfidence(Options):
+    """Options of the job ``train_confidence``."""
+
+    fits: Places
+    weights: Place
+    hidden: Annotated[int, Field(ge=1, le=1024)]
+    steps: Annotated[int, Field(ge=2)]
+    harm: NonNegative
+    card: dict[str, Any]
+    seed: Seed
 
 
 class Measure(Options):
@@ -289,7 +363,7 @@ class Quality(Options):
     groups: Group
     tables: Group
     markdown: Place
-    records: Place
+    records: RecordsFile
 
 
 class Stability(Options):
@@ -298,7 +372,7 @@ class Stability(Options):
     families: list[str] | None
     cases: list[str] | None
     records_only: bool
-    records: Place
+    records: RecordsFile
     markdown: Place
 
 
@@ -342,15 +416,196 @@ class Tradeoff(Options):
     results: Place
 
 
-OPTIONS: Mapping[str, type[Options]] = {
+class Candidates(OfFits):
+    """Options of the job ``candidates``."""
+
+    weights: Places
+    every: Count
+    lpips: list[str]
+    backbones: Place | None
+
+
+class Guards(Candidates):
+    """Options of the job ``guards``."""
+
+    guard: Literal["photo_consistency", "colour_clamping", "strength"]
+
+
+class Renders(OfFits):
+    """Options of the job ``renders``."""
+
+    rows: list[str]
+    folder: Place
+    every: Count
+    lpips: list[str]
+    backbones: Place | None
+
+
+class Convergence(FromRecords):
+    """Options of the job ``convergence``."""
+
+    methods: list[str]
+
+
+class DistilStudy(FromRecords):
+    """Options of the job ``distil_study``."""
+
+    weights: Place
+
+
+class DepthStudy(OfFits):
+    """Options of the job ``depth``."""
+
+    weights: Place
+    every: Count
+    strength: Share
+    lpips: list[str]
+    backbones: Place | None
+
+
+class Flicker(OfFits):
+    """Options of the job ``flicker``."""
+
+    weights: Place
+    frames: Annotated[int, Field(ge=2)]
+    cameras: Annotated[int, Field(ge=2)]
+    strength: Share | None
+    temporal_smoothing: list[Share]
+
+
+class AlreadyGood(OfFits):
+    """Options of the job ``already_good``."""
+
+    weights: Place
+    views: Count
+
+
+class Realism(Options):
+    """Options of the job ``realism``."""
+
+    train: Places
+    test: Places
+    rows: list[str]
+    generator_weights: Place | None
+    steps: Count
+    seeds: Count
+    seed: Seed
+    renders: Count
+    patches: Count
+    patch_size: Count
+    records: RecordsFile | None
+
+
+class Diversity(OfFits):
+    """Options of the job ``diversity``."""
+
+    rows: list[str]
+    generator_weights: Place | None
+    seed: Seed
+
+
+class Fingerprints(OfFits):
+    """Options of the job ``fingerprints``."""
+
+    views: Count
+    gates: Place | None
+
+
+class SamplerStudy(OfFits):
+    """Options of the job ``sampler``."""
+
+    generator_weights: Place
+    renders: Count
+
+
+class Ship(Options):
+    """Options of the job ``ship``."""
+
+    weights: Place
+    name: Annotated[str, Field(pattern=r"^\w+$")]
+    first: Place | None
+    strength: Share
+    helps: str
+    harms: str
+
+
+class BeforeAfter(Options):
+    """Options of the job ``before_after``."""
+
+    run: Place
+    method: str
+    capture: str | None
+
+
+class FlowFigure(Options):
+    """Options of the job ``flow_figure``."""
+
+
+class Networks(Options):
+    """Options of the job ``networks``."""
+
+    paper: bool
+    references: Size
+    times: bool
+    height: Count
+    width: Count
+    rounds: Count
+    records: RecordsFile | None
+
+
+class Degradation(Options):
+    """Options of the job ``degradation``."""
+
+    methods: list[str] | None
+    overrides: list[str]
+    rounds: Annotated[int, Field(ge=2)]
+    records: RecordsFile | None
+
+
+class Similarity(Options):
+    """Options of the job ``similarity``."""
+
+    height: Count
+    width: Count
+    rounds: Count
+    records: RecordsFile | None
+
+
+class SplatKernels(Options):
+    """Options of the job ``splat_kernels``."""
+
+    sizes: list[Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]]
+    counts: list[Count]
+    methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
+    rounds: Count
+    cold: bool
+    records: RecordsFile | None
+
+
+class ViewerSpeed(Options):
+    """Options of the job ``viewer_speed``."""
+
+    run: Place
+    show: str
+    width: Side
+    seconds: Positive
+    overrides: list[str]
+    picture: Place | None
+    records: RecordsFile | None
+
+
+OPTIONS: Mapping[str, type[Shared]] = {
     "demo": Demo,
     "fit": Fit,
     "simulate": Simulate,
     "enhance": Enhance,
     "video": Video,
+    "view": View,
+    "distil": Distil,
     "export": Export,
     "train": Train,
     "train_generator": TrainGenerator,
+    "train_confidence": TrainConfidence,
     "measure": Measure,
     "quality": Quality,
     "tradeoff": Tradeoff,
@@ -361,6 +616,26 @@ OPTIONS: Mapping[str, type[Options]] = {
     "report": Report,
     "dashboard": Dashboard,
     "download": Download,
+    "candidates": Candidates,
+    "guards": Guards,
+    "renders": Renders,
+    "convergence": Convergence,
+    "distil_study": DistilStudy,
+    "depth": DepthStudy,
+    "flicker": Flicker,
+    "already_good": AlreadyGood,
+    "realism": Realism,
+    "diversity": Diversity,
+    "fingerprints": Fingerprints,
+    "sampler": SamplerStudy,
+    "ship": Ship,
+    "before_after": BeforeAfter,
+    "flow_figure": FlowFigure,
+    "networks": Networks,
+    "degradation": Degradation,
+    "similarity": Similarity,
+    "splat_kernels": SplatKernels,
+    "viewer_speed": ViewerSpeed,
 }
 """The options by job."""
 

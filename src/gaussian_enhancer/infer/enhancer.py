@@ -16,6 +16,7 @@ from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.change_confidence import ChangeConfidence
 from gaussian_enhancer.infer.colour_completion import complete_change
 from gaussian_enhancer.infer.finite_check import refuse_not_finite
 from gaussian_enhancer.infer.plan import ViewPlan
@@ -44,6 +45,8 @@ class Enhanced:
         references: names of the references that were used, best first. Where several regions were enhanced, those of
             the first.
         plan: which parts were enhanced; None where everything was.
+        coverage: how many references show each pixel of the render: their visibilities, summed; 0 where the plan passes
+            the render through. None unless `SetEnhancer` keeps it.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Enhanced:
     enhancing: float
     references: tuple[str, ...]
     plan: ViewPlan | None = None
+    coverage: Float[Tensor, "1 _ _"] | None = None
 
 
 class SetEnhancer:
@@ -75,8 +79,11 @@ class SetEnhancer:
             are not warped, set none.
         colour_completion: where no reference is visible, put the smooth change of colour that visible pixels predict in
             place of the network's own (`complete_change`). It works where colour_clamping does.
+        confidence: how much of the change to apply where (`ChangeConfidence`); None applies all of it. It works where
+            colour_clamping does.
         pass_through: return the render of a view in which no reference is visible, at the render's own resolution. A
             network that was trained with references and sees none can only guess.
+        keeps_coverage: hand out with each view how many references show each of its pixels.
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
@@ -95,6 +102,8 @@ class SetEnhancer:
         colour_clamping: int = 3,
         pass_through: bool = False,
         colour_completion: bool = True,
+        confidence: ChangeConfidence | None = None,
+        keeps_coverage: bool = False,
     ) -> None:
         for name, share in (("strength", strength), ("temporal_smoothing", temporal_smoothing)):
             check_value(share, float, name)
@@ -120,7 +129,8 @@ class SetEnhancer:
         self.dtype = choose_precision(precision, self.device)
         self.tile, self.halo, self.strength, self.temporal_smoothing = tile, halo, strength, temporal_smoothing
         self.colour_clamping, self.pass_through = colour_clamping, pass_through
-        self.colour_completion = colour_completion
+        self.colour_completion, self.keeps_coverage = colour_completion, keeps_coverage
+        self.confidence = None if confidence is None else confidence.eval().to(self.device)
 
     def __call__(
         self,
@@ -179,7 +189,8 @@ class SetEnhancer:
             image = self.enhance(join(moved, aligned), aligned.names, kept)[0]
             ended = time.perf_counter()
             times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
-            yield Enhanced(view.name, image, *times, aligned.names, plan), target
+            coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
+            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage), target
 
     def _in_parts(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
@@ -191,7 +202,7 @@ class SetEnhancer:
         image = upsampled(target.image[None], scale)[0].clamp(0, 1)
         image = image.clone() if scale == 1 else image  # what was read may be kept by its reader
         names: tuple[str, ...] = ()
-        enhancing = 0.0
+        enhancing, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
         for region in plan.regions or ():
             seen = region.grown(planner.rules.margin, height, width)
             part = cut_pixels(target, seen).on(self.device)
@@ -203,8 +214,10 @@ class SetEnhancer:
             enhancing += time.perf_counter() - prepared
             region.cut(image, scale).copy_(region.within(seen).cut(enhanced, scale))
             names = names or aligned.names
+            if coverage is not None:
+                region.cut(coverage).copy_(region.within(seen).cut(aligned.visibility.sum(0).cpu()))
         preparing = time.perf_counter() - started - enhancing
-        return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan)
+        return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan, coverage)
 
     @torch.inference_mode()
     def enhance(
@@ -234,6 +247,8 @@ class SetEnhancer:
                 enhanced = clamp_to_references(enhanced, views, self.colour_clamping)
             if self.colour_completion:
                 enhanced = complete_change(enhanced, views)
+            if self.confidence is not None:
+                enhanced = views.render + self.confidence(enhanced, views) * (enhanced - views.render)
         if self.strength < 1:
             start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)

@@ -23,10 +23,13 @@ class EnhancementOptions:
             network works on the render alone; otherwise a view in which no photo is visible is returned as it is.
         depth_kind: what the renders' depth is: "surface" (median z), "expected" (mean z, as gsplat and nerfstudio
             render it), "exact", or "auto": what the input's source is known to give, "expected" for depth in memory.
-        strength: share of the network's change that is applied, 0 (the render) to 1; None takes the weights' own.
+        strength: share of the network's change that is applied, 0 (the render) to 1, beside ``confidence``; None takes
+            1 with confidence, and the weights' own without.
         colour_clamping: side in pixels of the windows within whose colours, the render's and the warped
             references', an enhanced pixel stays; odd, 0 for no limit.
         colour_completion: where no reference is visible, carry on the smooth change of colour that is seen elsewhere.
+        confidence: apply only that share of the change, block by block, that the references support; without effect
+            for weights that have none.
         temporal_smoothing: for frames along a path: share of the change that a frame takes over from the frame before
             it, 0 to below 1. It needs cameras and depth.
         precision: of the network's convolutions: "auto", "float32", "bfloat16" or "float16".
@@ -47,6 +50,7 @@ class EnhancementOptions:
     tile: int = 1024
     plan: Rules | str = "auto"
     colour_completion: bool = True
+    confidence: bool = True
 
     def __post_init__(self) -> None:
         if self.depth_kind not in ("auto", *SEARCHES):
@@ -93,16 +97,19 @@ class EnhancementOptions:
         Raises:
             InputError: an option is out of range, or does not suit the weights.
         """
+        confidence = pretrained.confidence if self.confidence else None
+        own = pretrained.strength if confidence is None else 1.0
         enhancer = SetEnhancer(
             pretrained.network,
             reference_config,
             device,
             self.precision,
             self.tile,
-            strength=pretrained.strength if self.strength is None else float(self.strength),
+            strength=own if self.strength is None else float(self.strength),
             temporal_smoothing=float(self.temporal_smoothing),
             colour_clamping=int(self.colour_clamping),
             colour_completion=self.colour_completion,
+            confidence=confidence,
             pass_through=pretrained.reference_config.references > 0 and self.max_references != 0,
         )
         check_tiles(enhancer.tile, enhancer.halo)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from torch import nn
+from torch import Tensor, nn
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -27,6 +27,7 @@ from gaussian_enhancer.checkpoint import (
     write_checkpoint,
 )
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.change_confidence import ChangeConfidence
 from gaussian_enhancer.network.catalogue import NetworkCatalogue
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable, Unrefined
@@ -50,6 +51,8 @@ LONGEST = 6
 """Entries of a list in a design."""
 LONGEST_WORD = 64
 """Letters of a word in a design."""
+CONFIDENCE = "confidence."
+"""What the names of a change confidence's values begin with, beside the network's own."""
 KINDS: dict[str, type[Any]] = {kind.__name__: kind for kinds in (*STAGES.values(), WARPS) for kind in kinds}
 
 
@@ -64,15 +67,19 @@ class Pretrained:
         network: in evaluation mode, single precision, on the CPU.
         reference_config: how references were brought to it in training.
         card: where the weights come from.
+        confidence: how much of the network's change to apply where; None where none was trained for these weights.
     """
 
     network: Network
     reference_config: ReferenceConfig
     card: dict[str, Any]
+    confidence: ChangeConfidence | None = None
 
     @property
     def strength(self) -> float:
         """The share of the network's change that the card found best on validation runs; 1 where it states none.
+
+        It is for use without `confidence`, which was trained on the whole change.
 
         Raises:
             InputError: it states something that is no number.
@@ -84,7 +91,13 @@ class Pretrained:
         return float(value)
 
 
-def save_weights(path: Path, network: Network, reference_config: ReferenceConfig, card: Mapping[str, Any]) -> None:
+def save_weights(
+    path: Path,
+    network: Network,
+    reference_config: ReferenceConfig,
+    card: Mapping[str, Any],
+    confidence: ChangeConfidence | None = None,
+) -> None:
     """Write weights, whole or not at all, in half precision.
 
     Args:
@@ -92,6 +105,7 @@ def save_weights(path: Path, network: Network, reference_config: ReferenceConfig
         network: what was trained.
         reference_config: how its references were prepared.
         card: plain values that say where the weights come from.
+        confidence: how much of the network's change to apply where, if that was trained.
 
     Raises:
         InputError: the disk is full or the folder cannot be written.
@@ -102,7 +116,11 @@ def save_weights(path: Path, network: Network, reference_config: ReferenceConfig
         "reference_config": json.dumps(reference_config_of(reference_config)),
         "card": json.dumps(dict(card)),
     }
-    write_checkpoint(path, network, metadata)
+    values = network.state_dict()
+    if confidence is not None:
+        metadata["confidence"] = json.dumps({"hidden": confidence.hidden})
+        values |= {f"{CONFIDENCE}{name}": value for name, value in confidence.state_dict().items()}
+    write_checkpoint(path, values, metadata)
 
 
 def load_weights(source: str | Path) -> Pretrained:
@@ -117,14 +135,22 @@ def load_weights(source: str | Path) -> Pretrained:
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
     design, prepared, card = (described(metadata, name, path) for name in ("design", "reference_config", "card"))
+    judging = {name.removeprefix(CONFIDENCE): v for name, v in tensors.items() if name.startswith(CONFIDENCE)}
+    tensors = {name: value for name, value in tensors.items() if not name.startswith(CONFIDENCE)}
     try:
         network = build_filled(lambda: build_design(design), design, tensors, path)
         reference_config = build_reference_config(prepared)
+        confidence = _confidence(judging, described(metadata, "confidence", path), path) if judging else None
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise InputError(path, f"describes no network that this version knows ({error})", MEND) from error
-    return Pretrained(network.eval(), reference_config, card)
+    return Pretrained(network.eval(), reference_config, card, confidence)
+
+
+def _confidence(tensors: Mapping[str, Tensor], design: Mapping[str, Any], path: Path) -> ChangeConfidence:
+    hidden = whole_number(design["hidden"], 1, 1024)
+    return build_filled(lambda: ChangeConfidence(hidden), design, tensors, path).eval()
 
 
 def design_of(network: Network) -> dict[str, Any]:

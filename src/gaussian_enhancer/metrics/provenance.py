@@ -4,6 +4,7 @@ import functools
 import os
 import platform
 import subprocess
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -32,6 +33,16 @@ def this_machine() -> str:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     accelerator = torch.cuda.get_device_name() if torch.cuda.is_available() else "no GPU"
     return f"{_processor()}, {cores} cores, {accelerator}, torch {torch.__version__}"
+
+
+def provenance(timed: bool = False) -> dict[str, str]:
+    """Commit and machine, as rows of records state them.
+
+    Args:
+        timed: add the time now, ISO 8601, UTC.
+    """
+    now = {"time": datetime.now(UTC).isoformat(timespec="seconds")} if timed else {}
+    return {"commit": this_commit(), "machine": this_machine(), **now}
 
 
 def _processor() -> str:

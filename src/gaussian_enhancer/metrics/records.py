@@ -86,6 +86,32 @@ class Record:
             raise ValueError(f"metric {unexplained[0]} has neither a value nor a reason")
 
 
+def missing_record(
+    variant: str,
+    reason: str,
+    *,
+    run: str = "",
+    scene: str = "",
+    splat: str = "",
+    view: str = "",
+    seed: int | None = None,
+    sources: dict[str, str] | None = None,
+) -> Record:
+    """What stands in the records where a row could not be measured.
+
+    Args:
+        variant: the method.
+        reason: why, in words.
+        run: see `Record`, as the following.
+        scene: of the row.
+        splat: of the row.
+        view: of the row.
+        seed: of the training behind it.
+        sources: the runs that it would have come from.
+    """
+    return Record(MISSING, run, scene, splat, view, variant, {}, {"row": reason}, seed=seed, sources=sources or {})
+
+
 def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """Write a file of records, whole or not at all, in place of one that is there.
 

@@ -32,6 +32,7 @@ def options_of(cfg: DictConfig) -> EnhancementOptions:
         cfg.tile,
         build(cfg.plan),
         cfg.colour_completion,
+        cfg.confidence,
     )
 
 

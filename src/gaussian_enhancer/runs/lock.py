@@ -18,7 +18,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable
 
 NAME = "lock"
-RECORDS = ".jsonl"
+RECORDS = (".jsonl", ".json")
+"""Endings of files of records."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def waiting(wait: bool = True) -> Iterator[None]:
 
 def _file(place: Path) -> Path:
     place = place.absolute()
-    return place.with_name(f".{place.name}.{NAME}") if place.suffix == RECORDS else place / NAME
+    return place.with_name(f".{place.name}.{NAME}") if place.suffix in RECORDS else place / NAME
 
 
 def _acquired(lock: FileLock, folder: Path, place: Path) -> bool:

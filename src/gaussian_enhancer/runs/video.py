@@ -20,8 +20,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.runs.enhancement import options_of, prepared, with_effect
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
-from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
+from gaussian_enhancer.runs.splat_source import open_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
     Shape,
@@ -32,9 +31,6 @@ from gaussian_enhancer.scene.camera_path import (
 )
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.path_files import read_path
-from gaussian_enhancer.scene.rendered import RenderedSet
-from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.types import Camera
 from gaussian_enhancer.video.encode import CODECS, Encoding
 from gaussian_enhancer.video.frames import frame_name
@@ -165,11 +161,10 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     Raises:
         InputError: no splat or several were given, the input cannot be read, or the path cannot be laid.
     """
-    given = [name for name in ("run", "gaussians") if cfg[name] is not None]
-    if len(given) != 1:
-        received = f"was given {' and '.join(given)}" if given else "was given nothing to render"
-        raise InputError("video", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
-    path, renderer, rendered = _of_run(cfg, device) if cfg.run is not None else _of_splat(cfg, device)
+    capture = open_capture(cfg, "video")
+    path = lay_path(cfg, capture.cameras)
+    renderer = capture.renderer(cfg, device)
+    rendered = capture.rendered_by(renderer)
     task = Task(rendered, depth="surface" if device == "cpu" else "expected")
     task = InputPaths(attach_fine=partial(attach_fine, cfg)).with_fine_photos(task, fine)
     targets = tuple(renderer.target(f"path {frame_name(i)}", camera) for i, camera in enumerate(path.cameras))
@@ -202,29 +197,6 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     return CameraPath(name, even_sized(laid, height), fps)
 
 
-def splat_file(run: str | Path) -> Path:
-    """The splat of a run's folder: of this project's, or of original 3DGS output at its latest iteration.
-
-    Args:
-        run: the folder.
-
-    Raises:
-        InputError: it holds no splat.
-    """
-    own = Path(run) / "splat.ply"
-    if own.is_file():
-        return own
-    others = {
-        int(found[1]): path
-        for path in Path(run).glob("point_cloud/iteration_*/point_cloud.ply")
-        if (found := re.fullmatch(r"iteration_(\d+)", path.parent.name))
-    }
-    if not others:
-        received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
-        raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
-    return others[max(others)]
-
-
 def run_configuration(filmed: Filmed) -> DictConfig:
     """The configuration from which the run's folder gets its name: what frames depend on, files by their content.
 
@@ -233,39 +205,22 @@ def run_configuration(filmed: Filmed) -> DictConfig:
     """
     cfg, kept = filmed.cfg, with_effect(filmed.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else Path(cfg.gaussians)
-    made_of = {"path": _path_digest(filmed.path.cameras), "splat": _file_digest(splat)}
+    made_of = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
     with open_dict(kept):
         for name in SHOWN:
             kept.pop(name, None)
-        kept.update({"output": None, "made_of": {**made_of, "weights": _file_digest(find_checkpoint(cfg.weights))}})
+        kept.update({"output": None, "made_of": {**made_of, "weights": file_digest(find_checkpoint(cfg.weights))}})
     return kept
 
 
-def _of_run(cfg: DictConfig, device: str) -> tuple[CameraPath, SplatRenderer, RenderedSet]:
-    rendered = read_run(cfg.run)
-    splat = splat_file(cfg.run)
-    views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
-    cameras = [view.camera for view in views if view.camera is not None]
-    if len(cameras) < len(views):
-        raise InputError(cfg.run, "has views without a camera", "give gaussians=FILE with scene=... instead")
-    path = lay_path(cfg, cameras)
-    training = [view.camera for view in rendered.references if view.camera is not None]
-    renderer = open_renderer(splat, training, rendered.background, cfg.method, device, cfg.invalid)
-    return path, renderer, rendered
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits.
 
-
-def _of_splat(cfg: DictConfig, device: str) -> tuple[CameraPath, SplatRenderer, RenderedSet]:
-    if not cfg.get("scene"):
-        raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-    capture: Scene = build(cfg.scene)
-    cameras = [photo.camera for photo in capture.photos if photo.camera is not None]
-    if len(cameras) < len(capture.photos):
-        raise InputError(capture.name, "has photos without a camera", "give a capture with cameras")
-    path = lay_path(cfg, cameras)
-    training = [photo.camera for photo in capture.train_photos if photo.camera is not None]
-    renderer = open_renderer(cfg.gaussians, training, capture.background, cfg.method, device, cfg.invalid)
-    references = tuple(map(renderer.reference, capture.train_photos))
-    return path, renderer, RenderedSet(capture.name, (), references, capture.background, own_depth=True)
+    Args:
+        path: the file.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _with_smoothing(cfg: DictConfig, pretrained: Pretrained) -> DictConfig:
@@ -292,8 +247,3 @@ def _path_digest(cameras: Sequence[Camera]) -> str:
         content.update(camera.K.cpu().numpy().tobytes() + camera.world_to_camera.cpu().numpy().tobytes())
         content.update(f"{camera.height}x{camera.width}".encode())
     return content.hexdigest()
-
-
-def _file_digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,19 +1,22 @@
-"""Camera paths that other programs wrote.
+"""Camera paths in files: those that other programs wrote, and our own in nerfstudio's format.
 
 nerfstudio's viewer writes ``camera_path.json`` (``camera_path``, ``render_height``, ``render_width``, ``fps``), whose
 poses are camera-to-world with OpenGL axes and whose field of view is vertical, in degrees.
 """
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import reader, shown
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
@@ -69,6 +72,38 @@ def read_path(path: str | Path, height: int, width: int) -> FilePath:
     if isinstance(content, dict) and "frames" in content:
         return _from_transforms(content, file, height, width)
     raise InputError(path, "is no camera path", f"give {KNOWN}")
+
+
+def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
+    """Write a ``camera_path.json`` as nerfstudio's viewer does, whole or not at all; `read_path` reads it.
+
+    Args:
+        path: file to write, ending in .json.
+        cameras: at least one, of one size, upright pinholes that look through the middle of the image: the format
+            states nothing but a vertical field of view.
+        fps: frames a second.
+
+    Raises:
+        InputError: there is no camera, cameras differ in size or look past the middle, or the file cannot be written.
+    """
+    if not cameras:
+        raise InputError(path, "would list no camera", "give at least one")
+    height, width = cameras[0].height, cameras[0].width
+    flipped = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64))
+    entries = []
+    for index, camera in enumerate(cameras):
+        focal, middle = (float(camera.K[0, 0]), float(camera.K[1, 1])), torch.tensor([width / 2, height / 2])
+        centred = torch.allclose(camera.K[:2, 2].cpu().double(), middle.double(), atol=1e-3 * max(height, width))
+        alike = (camera.height, camera.width) == (height, width) and math.isclose(*focal, rel_tol=1e-4)
+        if not (centred and alike):
+            received = "is of another size than the first, or looks past the middle of its image"
+            raise InputError(f"camera {index}", received, "give upright pinholes of one size")
+        pose = torch.linalg.inv(camera.world_to_camera.cpu().double()) @ flipped
+        angle = math.degrees(2 * math.atan(height / (2 * focal[1])))
+        entries.append({"camera_to_world": pose.flatten().tolist(), "fov": angle, "aspect": width / height})
+    size = {"render_height": height, "render_width": width}
+    told = {"camera_type": "perspective", **size, "fps": fps, "seconds": len(cameras) / fps}
+    write_text(path, json.dumps({**told, "is_cycle": False, "keyframes": [], "camera_path": entries}) + "\n")
 
 
 def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:

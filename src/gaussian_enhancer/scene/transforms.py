@@ -226,9 +226,18 @@ def _focal(angle: float, extent: int, source: Path) -> float:
 
 
 def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: Path) -> list[PosedFile]:
-    """Apply nerfstudio's lists of file names, if the file has them."""
-    if not ("train_filenames" in content and "test_filenames" in content):
+    """Apply nerfstudio's lists of file names, if the file has them.
+
+    Raises:
+        InputError: one of the two lists is missing, is no list of names, or both have a name.
+    """
+    given = [side for side in ("train", "test") if f"{side}_filenames" in content]
+    if not given:
         return files
+    if len(given) == 1:
+        raise InputError(
+            source, f"has {given[0]}_filenames alone", "give train_filenames and test_filenames, or neither"
+        )
     sides: dict[str, Side] = {}
     for side in ("train", "test"):
         names = content[f"{side}_filenames"]

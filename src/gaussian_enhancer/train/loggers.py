@@ -4,7 +4,7 @@ Every choice of ``conf/logger`` has the CSV logger: reports are made from its ``
 """
 
 import csv as tables
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -83,6 +83,8 @@ class ResumableCSVLogger(CSVLogger):
 
 
 class _ResumableWriter(ExperimentWriter):
+    """Writes rows so that a file which was cut, by a full disk for instance, loses at most the row being written."""
+
     def __init__(self, log_dir: str) -> None:
         self.resumed = False
         super().__init__(log_dir)
@@ -96,17 +98,34 @@ class _ResumableWriter(ExperimentWriter):
         """Record metrics."""
         if self.resumed and step is not None:
             names, rows = self._kept()
-            with whole_file(self.metrics_file_path) as path, path.open("w", newline="") as file:
-                writer = tables.DictWriter(file, names)
-                writer.writeheader()
-                writer.writerows(row for row in rows if int(row["step"]) < step)
+            self._write(names, [row for row in rows if int(row["step"]) < step])
             self.resumed = False
         super().log_metrics(metrics_dict, step)
 
+    def save(self) -> None:
+        """Append the recorded rows; a new file, or one with new columns, is written whole."""
+        if not self.metrics:
+            return
+        exists = Path(self.metrics_file_path).is_file()
+        if self._record_new_keys() or not exists:
+            self._write(self.metrics_keys, [*(self._kept()[1] if exists else ()), *self.metrics])
+        else:
+            with open(self.metrics_file_path, "a", newline="") as file:
+                tables.DictWriter(file, self.metrics_keys).writerows(self.metrics)
+        self.metrics = []
+
+    def _write(self, names: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+        with whole_file(self.metrics_file_path) as path, path.open("w", newline="") as file:
+            writer = tables.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(rows)
+
     def _kept(self) -> tuple[list[str], list[dict[str, str]]]:
+        """Columns and rows of the file, without a last row that was cut."""
         with open(self.metrics_file_path, newline="") as file:
-            reader = tables.DictReader(file)
-            return list(reader.fieldnames or ()), list(reader)
+            lines = [line for line in file if line.endswith("\n")]
+        reader = tables.DictReader(lines)
+        return list(reader.fieldnames or ()), list(reader)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from ablations.report import tradeoff_quality
 from ablations.tradeoff.settings import Setting, read_studies
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.presets import read_presets
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.pair import measure_pair
@@ -128,7 +128,7 @@ def test_errors_are_those_of_what_the_enhancer_makes_and_times_those_of_its_size
     assert raw.metrics["psnr"] == measure_pair(view.targets[0].read(), photo).metrics["psnr"]
     found = load_weights("lr_tiny")
     config = replace(found.reference_config, references=2, candidates=5)
-    (image,) = [one.image for one in SetEnhancer(found.network, config, strength=found.strength)(view)]
+    (image,) = [one.image for one in EnhancementOptions().enhancer(found, config)(view)]
     assert two.metrics["psnr"] == pytest.approx(measure_pair(image, photo).metrics["psnr"], abs=1e-6)
     assert two.metrics["psnr"] > raw.metrics["psnr"]
 

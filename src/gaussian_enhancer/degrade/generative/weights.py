@@ -56,7 +56,9 @@ def save_model(path: Path, model: FactorModel, card: Mapping[str, Any]) -> None:
         InputError: the disk is full or the folder cannot be written.
     """
     design = {**dataclasses.asdict(model.design), "widths": list(model.design.widths)}
-    write_checkpoint(path, model, {"format": FORMAT, "design": json.dumps(design), "card": json.dumps(dict(card))})
+    write_checkpoint(
+        path, model.state_dict(), {"format": FORMAT, "design": json.dumps(design), "card": json.dumps(dict(card))}
+    )
 
 
 def load_model(source: str | Path) -> PretrainedModel:

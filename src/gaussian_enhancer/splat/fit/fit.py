@@ -174,10 +174,7 @@ class _Work:
 
     def splat(self) -> Gaussians:
         """The present Gaussians, detached, all coefficients and the 3D filter included."""
-        now = self.optimiser.gaussians()
-        values = {f.name: getattr(now, f.name) for f in dataclasses.fields(now)}
-        detached = {name: value.detach() for name, value in values.items() if value is not None}
-        return Gaussians(**detached | {"smoothing": self.smoothing})
+        return self.optimiser.detached(self.smoothing)
 
     def save(self) -> None:
         """Replace the checkpoint."""

@@ -74,10 +74,13 @@ class SplatOptimiser:
         rates: learning rates.
         extent: scene units of one camera extent.
         steps: length of the fit, over which the centres' rate decays.
+        fade: share of the other rates that is left at the last step; exponential before.
     """
 
-    def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float, steps: int) -> None:
-        self._rates, self._extent, self._steps = rates.boosted(steps), extent, steps
+    def __init__(
+        self, gaussians: Gaussians, rates: LearningRates, extent: float, steps: int, fade: float = 1.0
+    ) -> None:
+        self._rates, self._extent, self._steps, self._fade = rates.boosted(steps), extent, steps, fade
         self._leaves: dict[str, Tensor] = {}
         self._moments: dict[str, Moments] = {}
         self._taken = 0
@@ -98,6 +101,14 @@ class SplatOptimiser:
         if sh_degree is not None:
             leaves["sh"] = leaves["sh"][:, : (sh_degree + 1) ** 2]
         return Gaussians(**leaves)
+
+    def detached(self, smoothing: Tensor | None = None) -> Gaussians:
+        """The present splat with all coefficients, without gradients.
+
+        Args:
+            smoothing: standard deviation of the 3D filter of each Gaussian, which is not optimised; None for no filter.
+        """
+        return Gaussians(**{name: leaf.detach() for name, leaf in self._leaves.items()}, smoothing=smoothing)
 
     def step(self, number: int) -> None:
         """Apply the gradients and forget them.
@@ -216,12 +227,13 @@ class SplatOptimiser:
 
     def _rate(self, name: str, number: int) -> tuple[float, float | None]:
         """Learning rate, and that of the constant colour, which differs from the other coefficients'."""
+        done = min(1.0, number / max(1, self._steps))
         if name == "means":
-            done = min(1.0, number / max(1, self._steps))
             return self._extent * self._rates.means ** (1 - done) * self._rates.means_final**done, None
+        left = self._fade**done
         if name == "sh":
-            return self._rates.sh_rest, self._rates.sh_base
-        return float(getattr(self._rates, name)), None
+            return left * self._rates.sh_rest, left * self._rates.sh_base
+        return left * float(getattr(self._rates, name)), None
 
 
 def _columns(gaussians: Gaussians) -> dict[str, Float[Tensor, "n ..."]]:

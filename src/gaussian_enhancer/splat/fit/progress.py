@@ -20,14 +20,15 @@ EVERY = 10
 
 @contextmanager
 def waiting(title: str, shown: bool) -> Iterator[None]:
-    """A moving bar on standard error while something of unknown length is prepared; it leaves no line behind.
+    """A moving bar on a terminal's standard error while something of unknown length is prepared; it leaves no line.
 
     Args:
         title: what is prepared.
         shown: whether to show it.
     """
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal)) as bar:
         bar.add_task(title, total=None)
         yield
 

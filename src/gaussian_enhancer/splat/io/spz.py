@@ -16,7 +16,7 @@ import itertools
 import struct
 import warnings
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -156,22 +156,37 @@ def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
 
 
 def _decoded(header: _Header, streams: list[bytes]) -> Gaussians:
-    """Bytes as numbers, turned half round x."""
+    """Bytes as numbers, in the axes of 3DGS's .ply."""
     count, higher = header.count, _HARMONICS[header.degree]
     position, opacity, colour, scale, rotation = (np.frombuffer(stream, np.uint8) for stream in streams[:5])
     sh = ((colour.reshape(count, 1, 3) / 255.0) - 0.5) / 0.15
     if higher:
         stored = np.frombuffer(streams[5], np.uint8).reshape(count, higher, 3)
-        turned = (stored.astype(np.float32) - 128.0) / 128.0 * np.array(_HALF_TURN[:higher], np.float32)[:, None]
-        sh = np.concatenate([sh.astype(np.float32), turned], axis=1)
+        sh = np.concatenate([sh.astype(np.float32), (stored.astype(np.float32) - 128.0) / 128.0], axis=1)
     means = _fixed_point(position.reshape(count, 3, 3)) / float(1 << header.fractional_bits)
     quaternions = _rotations(header.version, rotation.reshape(count, -1))
-    return Gaussians(
-        means=_tensor(means * (1.0, -1.0, -1.0)),
+    stored_axes = Gaussians(
+        means=_tensor(means),
         log_scales=_tensor(scale.reshape(count, 3) / 16.0 - 10.0),
-        quaternions=_tensor(quaternions * (1.0, 1.0, -1.0, -1.0)),
+        quaternions=_tensor(quaternions),
         opacity_logits=_tensor(opacity_logits(opacity)),
         sh=_tensor(sh),
+    )
+    return half_turned(stored_axes)
+
+
+def half_turned(gaussians: Gaussians) -> Gaussians:
+    """A splat turned half round x: from the axes of .spz to those of 3DGS's .ply, and back.
+
+    Args:
+        gaussians: of degree 3 at most.
+    """
+    signs = gaussians.sh.new_tensor((1, *_HALF_TURN))[: gaussians.sh.shape[1], None]
+    return replace(
+        gaussians,
+        means=gaussians.means * gaussians.means.new_tensor((1.0, -1.0, -1.0)),
+        quaternions=gaussians.quaternions * gaussians.quaternions.new_tensor((1.0, 1.0, -1.0, -1.0)),
+        sh=gaussians.sh * signs,
     )
 
 

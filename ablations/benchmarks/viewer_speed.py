@@ -1,0 +1,232 @@
+"""``gaussian-enhancer viewer_speed``: how many pictures a second the viewer shows while its camera is dragged.
+
+The job ``view`` runs in a process of its own. A headless browser drives its page and shares the cores with it. Counted
+is what arrives in the browser: the number of the picture that the page states. While it is dragged, every picture is
+enhanced, ``width`` wide and as high as the page's canvas asks for. "processor" is the time spent on all cores together,
+which says what the rate hides when others use the machine. ``picture=FILE`` makes a picture of the page instead.
+"""
+
+import io
+import json
+import os
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+from omegaconf import DictConfig
+from PIL import Image
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import whole_file, write_text
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.runs.instantiate import require
+
+CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader")
+WINDOW = "--window-size=1280,800"
+STATUS = re.compile(r"(\d+) ms \([^)]*\), (\d+) × (\d+), frame (\d+)")
+WAIT = 120.0
+"""Seconds within which a picture must come."""
+STEP = 3
+"""Pixels by which the pointer moves at a time."""
+
+
+def refuse_without_browser() -> None:
+    """Refuse a machine without what drives the page.
+
+    Raises:
+        InputError: Chromium, its driver or selenium is missing.
+    """
+    for program in (CHROMIUM, DRIVER):
+        if not Path(program).is_file():
+            raise InputError(program, "does not exist", "apt-get install chromium chromium-driver")
+    try:
+        import selenium.webdriver  # noqa: F401
+    except ImportError as error:
+        raise InputError("selenium", f"cannot be imported ({error})", "pip install selenium") from error
+
+
+@contextmanager
+def viewing(words: Sequence[str]) -> Iterator[tuple[str, int]]:
+    """The address of the job ``view`` and its process, which runs until the block ends.
+
+    Args:
+        words: its options.
+
+    Raises:
+        InputError: the job refuses them.
+    """
+    command = [sys.executable, "-m", "gaussian_enhancer", "view", "port=0", *words]
+    job = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        if job.stderr is None:
+            raise ValueError("the job's lines are read")
+        lines: list[str] = []
+        for line in job.stderr:
+            if line.startswith("http"):
+                yield line.split()[0], job.pid
+                return
+            lines.append(line.strip())
+        told = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
+        raise InputError("the job view", f"does not start ({told})", "correct run, show, width or overrides")
+    finally:
+        job.send_signal(signal.SIGINT)
+        job.wait(timeout=60)
+
+
+@contextmanager
+def browsing(address: str) -> Iterator[Any]:
+    """Headless Chromium on a page that has shown its first pictures.
+
+    Raises:
+        InputError: the page shows no still picture.
+    """
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        for flag in (*FLAGS, WINDOW, f"--user-data-dir={profile}"):
+            options.add_argument(flag)
+        driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
+        try:
+            driver.get(address)
+            settled(driver)
+            yield driver
+        finally:
+            driver.quit()
+
+
+def status(driver: Any) -> tuple[int, int, int, int] | None:
+    """What the page states: milliseconds of the last picture, its width and height, and its number."""
+    return stated(driver.execute_script("return document.body.textContent"))  # needs no layout, unlike innerText
+
+
+def stated(text: str) -> tuple[int, int, int, int] | None:
+    """Milliseconds, width, height and number of a picture, as a page's text states them; None where it does not."""
+    found = STATUS.search(text)
+    return None if found is None else tuple(map(int, found.groups()))  # type: ignore[return-value]
+
+
+def settled(driver: Any, seconds: float = 5.0) -> None:
+    """Wait until the page's picture has not changed for some seconds.
+
+    Raises:
+        InputError: it goes on changing, or none comes.
+    """
+    began, last, since = time.monotonic(), None, time.monotonic()
+    while last is None or time.monotonic() - since < seconds:
+        if time.monotonic() - began > WAIT:
+            raise InputError("the page", f"shows no still picture after {WAIT:.0f} s", "choose a smaller width")
+        now = status(driver)
+        if now != last:
+            last, since = now, time.monotonic()
+        time.sleep(0.1)
+
+
+def processor_seconds(process: int) -> float:
+    """What a process and its children have taken of all cores together."""
+    family = [psutil.Process(process), *psutil.Process(process).children(recursive=True)]
+    return float(sum(sum(one.cpu_times()[:2]) for one in family))
+
+
+def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
+    """Drag the camera to and fro and count the pictures that arrive."""
+    from selenium.webdriver import ActionChains
+
+    canvas = max(driver.find_elements("tag name", "canvas"), key=lambda one: one.size["width"])
+    ActionChains(driver, duration=0).move_to_element(canvas).click_and_hold().perform()
+    seen: dict[int, int] = {}
+    sizes, moves = set(), 0
+    processes = {"job": job, "browser": driver.service.process.pid}
+    spent = {name: processor_seconds(process) for name, process in processes.items()}
+    first, began = status(driver), time.monotonic()
+    while time.monotonic() - began < seconds:
+        direction = 1 if moves // 20 % 2 == 0 else -1
+        ActionChains(driver, duration=0).move_by_offset(direction * STEP, 0).perform()
+        moves += 1
+        if (now := status(driver)) is not None:
+            seen[now[3]] = now[0]
+            sizes.add(now[1:3])
+    last, taken = status(driver), time.monotonic() - began
+    spent = {name: processor_seconds(process) - spent[name] for name, process in processes.items()}
+    ActionChains(driver, duration=0).release().perform()
+    if first is None or last is None:
+        raise RuntimeError("the page states no picture")
+    count = last[3] - first[3]
+    sizes_shown = sorted(f"{width}x{height}" for width, height in sizes)
+    return {
+        "pictures": count,
+        "seconds": round(taken, 2),
+        "pictures_a_second": round(count / taken, 2),
+        "median_ms": statistics.median(seen.values()),
+        "processor_seconds_a_picture": {name: round(each / max(1, count), 3) for name, each in spent.items()},
+        "sizes": sizes_shown,
+        "moves": moves,
+    }
+
+
+def words_of(cfg: DictConfig) -> list[str]:
+    """Options of the job ``view`` beside run, width and what it shows."""
+    device, threads = cfg.runtime.device, cfg.runtime.threads
+    words = [f"runtime.device={device}"] if device != "auto" else []
+    return [*words, *([f"runtime.threads={threads}"] if threads is not None else []), *cfg.overrides]
+
+
+def pictured(driver: Any, path: str) -> None:
+    """Write a picture of the page.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    driver.execute_script("document.querySelectorAll('[role=alert]').forEach((one) => one.remove())")
+    picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+    with whole_file(path) as temporary:
+        picture.save(temporary, format="JPEG", quality=85, optimize=True)
+
+
+def run(cfg: DictConfig) -> None:
+    """Measure, print and record; or make a picture of the page.
+
+    Args:
+        cfg: conf/viewer_speed.yaml, composed.
+
+    Raises:
+        InputError: there is no browser, the job ``view`` does not start, or a file cannot be written.
+    """
+    require(cfg)
+    refuse_without_browser()
+    words, load = words_of(cfg), os.getloadavg()[0]
+    own = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
+    with viewing([*own, *words]) as (address, job), browsing(address) as driver:
+        if cfg.picture:
+            pictured(driver, cfg.picture)
+            return
+        found = dragged(driver, job, float(cfg.seconds))
+    about = {
+        "run": Path(cfg.run).name,
+        "show": cfg.show,
+        "options": words,
+        "cores": len(os.sched_getaffinity(0)),
+        "load_before": round(load, 2),
+        "machine": this_machine(),
+        "commit": this_commit(),
+    }
+    text = json.dumps({**found, **about}, indent=2)
+    print(text)
+    if cfg.records:
+        write_text(cfg.records, text + "\n")
+
+
+def quoted(text: str) -> str:
+    """A value of an override, which may hold characters that Hydra gives a meaning."""
+    return "'" + text.replace("'", "\\'") + "'"

@@ -1,0 +1,59 @@
+"""The job ``train_confidence``: from weights and fits with held-out views to weights that know where to hold back."""
+
+import json
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import track
+
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.weights import load_weights, save_weights
+from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.run import open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.train.confidence import judged_views, train_confidence
+
+
+def run(cfg: DictConfig) -> None:
+    """Enhance the held-out views, train, and write ``weights.safetensors`` and its card.
+
+    Args:
+        cfg: see ``conf/train_confidence.yaml``.
+
+    Raises:
+        InputError: weights or fits cannot be used, or a file cannot be written.
+    """
+    job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
+    device = start(cfg.runtime)
+    console = Console(stderr=True)
+    weights = job.folder / "weights.safetensors"
+    if job.done:
+        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        return
+    before = load_weights(cfg.weights)
+    if before.network.scale > 1 or not before.reference_config.references:
+        raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
+    whole = EnhancementOptions(strength=1.0, confidence=False)
+    enhancer = whole.enhancer(before, before.reference_config, device)
+    folders = [Path(folder) for folder in cfg.fits]
+    shown = track(folders, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
+    views = [view for folder in shown for view in judged_views(folder, enhancer)]
+    if not views:
+        raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
+    confidence = train_confidence(views, cfg.hidden, cfg.steps, cfg.harm, cfg.seed)
+    learnt = {
+        **plain(cfg.card),
+        "fits": [folder.name for folder in folders],
+        "views": len(views),
+        "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
+        **{name: cfg[name] for name in ("steps", "harm", "seed")},
+    }
+    card = {**before.card, "confidence": learnt}
+    save_weights(weights, before.network, before.reference_config, card, confidence)
+    write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
+    job.finish()
+    console.print(f"{weights}: learnt from {len(views)} views", highlight=False, soft_wrap=True)

@@ -1,0 +1,1 @@
+"""A better splat from enhanced views: new cameras, their confidence, further steps, pruning by free space."""

@@ -1,0 +1,84 @@
+"""Enhanced views at new cameras with their confidence, on disk, so that a killed run makes none of them twice.
+
+Axes: h height, w width.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.runs.rendered_capture import SplatRenderer
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.photos import read_photo
+from gaussian_enhancer.scene.scene import Photo
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True)
+class EnhancedViews:
+    """The enhanced views of one round.
+
+    Args:
+        folder: where they lie; it need not exist.
+        cameras: of the views, in their order.
+    """
+
+    folder: Path
+    cameras: Sequence[Camera]
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def read(self, index: int) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
+        """A view and its confidence, as they are on disk, in 8 bits.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        return read_photo(self._image(index)), read_photo(self._confidence(index))[:1]
+
+    def make(self, renderer: SplatRenderer, photos: Sequence[Photo], enhancer: SetEnhancer) -> Iterator[int]:
+        """Render and enhance the views that are not on disk yet; yields the number of each.
+
+        The confidence is how surely the reference that shows a pixel best shows the splat's surface there: 0 where no
+        photo sees it.
+
+        Args:
+            renderer: renders the splat.
+            photos: the training photos, which are the references.
+            enhancer: enhances at the render's own resolution.
+
+        Raises:
+            InputError: a photo cannot be read, or the folder cannot be written.
+        """
+        pool = Pool(tuple(map(renderer.reference, photos)))
+        for index, camera in enumerate(self.cameras):
+            if self._confidence(index).is_file():
+                continue
+            view = renderer.target(self._image(index).name, camera)
+            target = read_target(view).on(enhancer.device)
+            aligned = enhancer.reference_config.align(target, view, pool)
+            image = enhancer.enhance(join(target, aligned), aligned.names)[0]
+            shown = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
+            write_image(self._image(index), image)
+            _write_grey(self._confidence(index), shown.amax(0))
+            yield index
+
+    def _image(self, index: int) -> Path:
+        return self.folder / f"view_{index:04d}.png"
+
+    def _confidence(self, index: int) -> Path:
+        return self.folder / "confidence" / f"view_{index:04d}.png"
+
+
+def _write_grey(path: Path, image: Float[Tensor, "1 h w"]) -> None:
+    with whole_file(path) as temporary:
+        Image.fromarray((image[0].clamp(0, 1) * 255).round().byte().cpu().numpy()).save(temporary, compress_level=3)

@@ -1,0 +1,192 @@
+"""How much of a network's change to apply, block by block, judged by what the references show there.
+
+A network changes a render where warped photos differ from it. Where depth is wrong, photos differ by misalignment, and
+the change does harm. Photos that are aligned support the change and each other. Of two photos whose errors are
+independent, the mean product of their differences from the render estimates the render's squared error (the "three-
+cornered hat" of Gray and Allan, 1974). A small network judges each block by such products. Its training is the job
+``train_confidence``.
+
+Axes: b batch, r references, h height, w width, i j blocks, v vectors of a block, n their values, f features.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from gaussian_enhancer.types import NetworkInput
+
+BLOCK = 8
+"""Side of a block, in pixels."""
+STEP = 2
+"""Every so many rows and columns of pixels are looked at; all of them take four times as long."""
+SAMPLES = BLOCK // STEP
+BAND = 64
+"""Rows of blocks that are worked on at once, so that large images need little memory."""
+SEEN = 0.1
+"""Share of a block's pixels that a reference has to see to have a say."""
+TINY = 1e-6
+"""Added to squared colour differences before something is divided by them."""
+OF_IMAGE, OF_REFERENCE, OF_PAIR = 4, 7, 3
+FEATURES = OF_IMAGE + 3 * (OF_REFERENCE + OF_PAIR)
+"""Numbers that describe a block: the mean, least and greatest of what each reference, and each pair, says."""
+INPUTS = 3 * FEATURES
+"""The block's own, those averaged over 3x3 blocks, and over the image."""
+
+
+class ChangeConfidence(nn.Module):
+    """The share of a network's change to apply at each pixel.
+
+    Args:
+        hidden: width of the two hidden layers.
+    """
+
+    centre: Tensor
+    scale: Tensor
+
+    def __init__(self, hidden: int = 48) -> None:
+        super().__init__()
+        self.hidden = hidden
+        self.register_buffer("centre", torch.zeros(INPUTS))
+        self.register_buffer("scale", torch.ones(INPUTS))
+        self.layers = nn.Sequential(
+            nn.Conv2d(INPUTS, hidden, 1),
+            nn.ReLU(),
+            nn.Dropout(0.1),
+            nn.Conv2d(hidden, hidden, 1),
+            nn.ReLU(),
+            nn.Conv2d(hidden, 1, 1),
+        )
+
+    def judge(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b 1 i j"]:
+        """The share of each block, not limited; see `block_features`."""
+        standard = (features - self.centre[:, None, None]) / self.scale[:, None, None]
+        judged: Tensor = self.layers(standard.clamp(-4, 4))
+        return judged
+
+    def forward(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 1 h w"]:
+        """The share of the change to apply, in [0, 1], linear between the blocks' centres.
+
+        Args:
+            enhanced: what the network made of the render, in [0, 1].
+            views: the render and its references.
+        """
+        height, width = enhanced.shape[-2:]
+        share = self.judge(block_features(enhanced, views)).clamp(0, 1)
+        return spread(share, height, width)
+
+
+def spread(share: Float[Tensor, "b 1 i j"], height: int, width: int) -> Float[Tensor, "b 1 {height} {width}"]:
+    """Blocks' values at each pixel, linear between the blocks' centres."""
+    fine = F.interpolate(share, scale_factor=BLOCK, mode="bilinear", align_corners=False)
+    return fine[..., :height, :width]
+
+
+def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b f i j"]:
+    """What the change and the references say of each block, and the same averaged over 3x3 blocks and over the image.
+
+    Args:
+        enhanced: what the network made of the render.
+        views: the render, its references, their visibility and the splat's renders of their views.
+    """
+    image, render, photos, visibility = (
+        image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
+    )
+    seen, change = (visibility > 0).float(), image - render
+    apart = (photos - render[:, None]) * seen
+    own = apart
+    if views.reference_renders is not None:
+        own = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * seen
+    vectors = torch.cat([change[:, None], render[:, None], change[:, None] * seen, apart, own], dim=1)
+    products = torch.cat([_products(vectors[..., y : y + BAND * SAMPLES, :]) for y in _bands(vectors)], dim=-2)
+    share = _pooled(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])[:, :, 0]
+    features = _described(products, share, _pooled(change), _pooled(render))
+    around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
+    return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
+
+
+def _bands(images: Float[Tensor, "b v 3 h w"]) -> range:
+    return range(0, images.shape[-2], BAND * SAMPLES)
+
+
+def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
+    """Means over blocks; those at the far borders are means of what is there."""
+    return F.avg_pool2d(image, SAMPLES, ceil_mode=True)
+
+
+def _products(images: Float[Tensor, "b v 3 h w"]) -> Float[Tensor, "b v v i j"]:
+    """Mean products, by block, of every two of some images."""
+    height, width = images.shape[-2:]
+    padding = 0, -width % SAMPLES, 0, -height % SAMPLES
+    blocks = F.pad(images, padding).unflatten(-1, (-1, SAMPLES)).unflatten(-3, (-1, SAMPLES))
+    vectors = blocks.permute(0, 3, 5, 1, 2, 4, 6).flatten(4)  # b i j v n
+    products = (vectors @ vectors.transpose(-1, -2)).permute(0, 3, 4, 1, 2)
+    filled = F.avg_pool2d(F.pad(torch.ones_like(images[:1, 0, :1]), padding), SAMPLES)[0, 0]
+    return products / (3 * SAMPLES**2 * filled)
+
+
+def _described(
+    products: Float[Tensor, "b v v i j"],
+    seen: Float[Tensor, "b r i j"],
+    change: Float[Tensor, "b 3 i j"],
+    render: Float[Tensor, "b 3 i j"],
+) -> Float[Tensor, "b f i j"]:
+    """Features of blocks from mean products of their vectors.
+
+    The vectors: the change, the render, then where each reference sees, the change, photo - render, and photo - the
+    splat's render of its view. Beside them the means of the change and of the render.
+    """
+    count = seen.shape[1]
+    whole = products[:, 0, 0]
+    detail = (products[:, 1, 1] - render.square().mean(1)).clamp_min(0).sqrt()
+    of_image = [whole.sqrt(), change.mean(1).abs(), change.square().mean(1) / (whole + TINY), detail]
+    images, pairs = [], []
+    for i in range(count):
+        c, d, s = 2 + i, 2 + count + i, 2 + 2 * count + i
+        area, mine = seen[:, i].clamp_min(SEEN), products[:, c, c] + TINY
+        squares = (
+            products[:, d, d],
+            products[:, d, d] + products[:, c, c] - 2 * products[:, c, d],
+            products[:, s, s],
+            products[:, d, d] + products[:, s, s] - 2 * products[:, d, s],
+        )
+        images.append(
+            torch.stack(
+                [
+                    products[:, c, d] / mine,
+                    products[:, c, s] / mine,
+                    *((square.clamp_min(0) / area).sqrt() for square in squares),
+                    seen[:, i],
+                ],
+                dim=1,
+            )
+        )
+        for j in range(i):
+            e = 2 + count + j
+            both = products[:, d, e]
+            between = (products[:, d, d] + products[:, e, e] - 2 * both).clamp_min(0).sqrt()
+            alike = both / ((products[:, d, d] * products[:, e, e]).clamp_min(0).sqrt() + TINY)
+            pairs.append(torch.stack([between, both, alike], dim=1))
+    says = [seen[:, i] > SEEN for i in range(count)]
+    both_say = [says[i] & says[j] for i in range(count) for j in range(i)]
+    empty = whole[:, None]
+    parts = [torch.stack(of_image, dim=1), *_summary(images, says, empty, OF_REFERENCE)]
+    features = torch.cat([*parts, *_summary(pairs, both_say, empty, OF_PAIR)], dim=1)
+    return features.sign() * torch.log1p(20 * features.abs())
+
+
+def _summary(
+    values: list[Float[Tensor, "b f i j"]],
+    says: list[Bool[Tensor, "b i j"]],
+    empty: Float[Tensor, "b 1 i j"],
+    count: int,
+) -> list[Float[Tensor, "b f i j"]]:
+    """Mean, least and greatest of the values that have a say; zeros where none has."""
+    if not values:
+        return [torch.zeros_like(empty).expand(-1, 3 * count, -1, -1)]
+    stacked, valid = torch.stack(values), torch.stack(says)[:, :, None]
+    number = valid.sum(0)
+    mean = torch.where(valid, stacked, 0.0).sum(0) / number.clamp_min(1)
+    least = torch.where(valid, stacked, torch.inf).amin(0)
+    greatest = torch.where(valid, stacked, -torch.inf).amax(0)
+    return [torch.where(number > 0, one, 0.0) for one in (mean, least, greatest)]

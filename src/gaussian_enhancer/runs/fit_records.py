@@ -1,0 +1,63 @@
+"""Records of a splat's run: the quality of its held-out renders, and what it cost."""
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+
+from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
+from gaussian_enhancer.metrics.records import Record, read_records, write_records
+from gaussian_enhancer.runs.run import Run
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Scene
+
+
+def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int], seconds: float, count: int) -> None:
+    """Write the quality of every held-out render, as stored in 8 bits, and the cost of the run.
+
+    Args:
+        job: the run; its renders are there.
+        scene: what was photographed.
+        method: name of the splat's method.
+        steps: those that views were rendered after.
+        seconds: that the run took.
+        count: of Gaussians.
+
+    Raises:
+        InputError: a render cannot be read, or the records cannot be written.
+    """
+    records = []
+    for step in steps if scene.test else ():
+        rendered = read_run(job.folder, step, background=scene.background)
+        for view in rendered.targets:
+            if view.read is None or view.read_photo is None:
+                continue
+            image, photo = view.read(), view.read_photo()
+            found = measure_pair(image, photo)
+            size = (image.shape[2], image.shape[1])
+            what = (job.folder.name, scene.name, f"{method}/{step}", view.name, "raw")
+            records.append(Record("quality", *what, found.metrics, found.reasons, size, PROTOCOL))
+    cost: dict[str, float | None] = {"milliseconds": 1e3 * seconds, "gaussians": float(count)}
+    records.append(Record("cost", job.folder.name, scene.name, method, "", "raw", cost))
+    write_records(job.folder / "records.jsonl", records)
+
+
+def held_out_psnr(folder: Path) -> tuple[float | None, float | None]:
+    """Mean PSNR in dB of the held-out renders of the first and the last step, from a run's records.
+
+    Args:
+        folder: the run's.
+
+    Returns:
+        None, None where no view is held out.
+    """
+    quality = [record for record in read_records(folder / "records.jsonl") if record.kind == "quality"]
+    if not quality:
+        return None, None
+    first, last = (
+        [record.metrics["psnr"] for record in quality if record.splat == quality[end].splat] for end in (0, -1)
+    )
+    return _mean(first), _mean(last)
+
+
+def _mean(values: Sequence[float | None]) -> float:
+    return statistics.fmean(value for value in values if value is not None)

@@ -1,0 +1,121 @@
+"""A splat with the capture that it was fitted to: a run's folder, or a splat file and its scene."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.types import Camera
+
+
+@dataclass(frozen=True)
+class Capture:
+    """The cameras and photos of a splat.
+
+    Args:
+        splat: the splat's file.
+        cameras: of all photos, in the capture's order.
+        rendered: the photos to refer to as references of a set; a run brings their renders. Its targets are those of
+            the run, if any.
+        scene: the photographed scene; None for a run.
+    """
+
+    splat: Path
+    cameras: tuple[Camera, ...]
+    rendered: RenderedSet
+    scene: Scene | None = None
+
+    def renderer(self, cfg: DictConfig, device: str, splat: str | Path | None = None) -> SplatRenderer:
+        """What renders the splat.
+
+        Args:
+            cfg: configuration with ``method`` and ``invalid``.
+            device: "cpu" or "cuda".
+            splat: another splat of the same capture; None takes its own.
+
+        Raises:
+            InputError: the splat cannot be read, or the method is unknown.
+        """
+        if self.scene is None:
+            training = [view.camera for view in self.rendered.references if view.camera is not None]
+        else:
+            training = [photo.camera for photo in self.scene.train_photos if photo.camera is not None]
+        file = self.splat if splat is None else splat
+        return open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
+
+    def rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
+        """The references, with renders of a splat where the capture brings none.
+
+        Args:
+            renderer: of the splat.
+        """
+        if self.scene is None:
+            return self.rendered
+        references = tuple(map(renderer.reference, self.scene.train_photos))
+        return RenderedSet(self.scene.name, (), references, self.scene.background, own_depth=True)
+
+
+def open_capture(cfg: DictConfig, job: str) -> Capture:
+    """Read the capture of a configuration with one of ``run`` and ``gaussians``. The splat is not read yet.
+
+    Args:
+        cfg: configuration of the job.
+        job: its name, for messages.
+
+    Raises:
+        InputError: no splat or several were given, or the capture cannot be read or has photos without a camera.
+    """
+    given = [name for name in ("run", "gaussians") if cfg[name] is not None]
+    if len(given) != 1:
+        received = f"was given {' and '.join(given)}" if given else "was given nothing to render"
+        raise InputError(job, received, "give one of run=FOLDER, gaussians=FILE with scene=...")
+    return _of_run(cfg) if cfg.run is not None else _of_splat(cfg)
+
+
+def splat_file(run: str | Path) -> Path:
+    """The splat of a run's folder: of this project's, or of original 3DGS output at its latest iteration.
+
+    Args:
+        run: the folder.
+
+    Raises:
+        InputError: it holds no splat.
+    """
+    own = Path(run) / "splat.ply"
+    if own.is_file():
+        return own
+    others = {
+        int(found[1]): path
+        for path in Path(run).glob("point_cloud/iteration_*/point_cloud.ply")
+        if (found := re.fullmatch(r"iteration_(\d+)", path.parent.name))
+    }
+    if not others:
+        received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
+        raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
+    return others[max(others)]
+
+
+def _of_run(cfg: DictConfig) -> Capture:
+    rendered = read_run(cfg.run)
+    views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
+    cameras = tuple(view.camera for view in views if view.camera is not None)
+    if len(cameras) < len(views):
+        raise InputError(cfg.run, "has views without a camera", "give gaussians=FILE with scene=... instead")
+    return Capture(splat_file(cfg.run), cameras, rendered)
+
+
+def _of_splat(cfg: DictConfig) -> Capture:
+    if not cfg.get("scene"):
+        raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
+    scene: Scene = build(cfg.scene)
+    cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
+    if len(cameras) < len(scene.photos):
+        raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
+    return Capture(Path(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)

@@ -1,0 +1,140 @@
+"""Training of a change confidence on the held-out views of finished fits.
+
+Axes: f features, n blocks, h height, w width.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Aligned, Pixels
+from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.change_confidence import BLOCK, ChangeConfidence, block_features
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.scene.renders import read_run, run_steps
+
+LEAST = 1e-5
+"""Mean squared error below which a render does not count as better."""
+START = 0.75
+"""The share that an untrained confidence gives."""
+BATCH = 4096
+"""Blocks of a step."""
+NOISE = 0.4
+"""Standard deviation of what is added to features in training, in theirs over all blocks."""
+
+
+@dataclass(frozen=True)
+class JudgedView:
+    """Blocks of one enhanced view. Applying a share s of the change adds s^2 squared - 2 s helpful to the error.
+
+    Args:
+        features: what describes each block (`block_features`).
+        squared: mean squared change of each block, as a share of the view's mean squared error.
+        helpful: mean product of the change and of what it should be, likewise.
+    """
+
+    features: Float[Tensor, "n f"]
+    squared: Float[Tensor, " n"]
+    helpful: Float[Tensor, " n"]
+
+
+def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
+    """Blocks of every held-out view of a fit, at each of its steps: with all its references, and with fewer.
+
+    Photos are brought to the colours of the render first: nothing tells a held-out photo's exposure.
+
+    Args:
+        folder: of the fit, with held-out photos.
+        enhancer: applies the whole change.
+
+    Raises:
+        InputError: a view has no photo, camera or depth.
+    """
+    for step in run_steps(folder):
+        rendered = read_run(folder, step)
+        pool = Pool(rendered.references)
+        for view in rendered.targets:
+            if view.read_photo is None:
+                raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
+            target, photo = read_target(view), view.read_photo()
+            aligned = enhancer.reference_config.align(target, view, pool)
+            truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
+            for some in _with_fewer(aligned):
+                yield _judged(enhancer, target, some, truth - target.image)
+
+
+def _with_fewer(aligned: Aligned) -> list[Aligned]:
+    """References, and where there are three or more, all but the last and all but the first."""
+    parts = [slice(None)] if len(aligned.names) < 3 else [slice(None), slice(None, -1), slice(1, None)]
+    return [
+        replace(
+            aligned,
+            references=aligned.references[part],
+            visibility=aligned.visibility[part],
+            names=aligned.names[part],
+            renders=None if aligned.renders is None else aligned.renders[part],
+        )
+        for part in parts
+    ]
+
+
+def _judged(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Float[Tensor, "3 h w"]) -> JudgedView:
+    views = join(target, aligned)
+    enhanced = enhancer.enhance(views, aligned.names)
+    change = enhanced[0] - target.image
+    error = float(wanted.square().mean().clamp_min(LEAST))
+    features = block_features(enhanced, views)[0].flatten(1).T.contiguous()
+    return JudgedView(features, _mean_product(change, change) / error, _mean_product(change, wanted) / error)
+
+
+def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, " n"]:
+    return F.avg_pool2d((first * second).mean(0)[None, None], BLOCK, ceil_mode=True).flatten()
+
+
+def train_confidence(
+    views: Sequence[JudgedView], hidden: int = 48, steps: int = 1200, harm: float = 0.5, seed: int = 0
+) -> ChangeConfidence:
+    """Minimise the squared error that blocks are left with, relative to their view's.
+
+    Args:
+        views: what `judged_views` gives, of all fits.
+        hidden: width of the layers.
+        steps: of the optimiser.
+        harm: what error that is added to a block counts beside error that is removed, more than 1 time.
+        seed: of initial values and batches.
+    """
+    blocks = torch.cat([view.features for view in views])
+    weights = torch.cat([torch.full_like(view.squared, 1 / len(view.squared)) for view in views])
+    weights = weights / weights.mean()
+    squared = torch.cat([view.squared for view in views]) * weights
+    helpful = torch.cat([view.helpful for view in views]) * weights
+    draw = torch.Generator().manual_seed(seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        confidence = ChangeConfidence(hidden)
+        weight, bias = list(confidence.layers[-1].parameters())
+        torch.nn.init.zeros_(weight)
+        torch.nn.init.constant_(bias, START)
+        confidence.centre.copy_(blocks.mean(0))
+        confidence.scale.copy_(blocks.std(0) + 1e-3)
+        optimizer = torch.optim.AdamW(confidence.parameters(), 4e-3, weight_decay=1e-2)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 4e-3, total_steps=steps)
+        confidence.train()
+        for _ in range(steps):
+            chosen = torch.randint(len(blocks), (BATCH,), generator=draw)
+            noisy = blocks[chosen] + NOISE * confidence.scale * torch.randn(BATCH, blocks.shape[1])
+            share = confidence.judge(noisy.T[None, :, None])[0, 0, 0].clamp(-0.2, 1.4)
+            added = share.square() * squared[chosen] - 2 * share * helpful[chosen]
+            loss = (added + harm * added.clamp_min(0)).mean()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+    return confidence.eval()

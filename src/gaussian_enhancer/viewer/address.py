@@ -1,0 +1,49 @@
+"""Where the page is served."""
+
+import errno
+import socket
+from typing import Any
+
+from gaussian_enhancer.errors import InputError
+
+
+def refuse_taken(host: str, port: int) -> None:
+    """Refuse an address that cannot be listened at.
+
+    Args:
+        host: address or name of this machine.
+        port: 0 for a free one.
+
+    Raises:
+        InputError: the port is in use or not allowed, or this machine has no such address.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"host={host}", f"is no address ({error})", "give 127.0.0.1, or 0.0.0.0") from error
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as tried:
+        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            tried.bind(address)
+            tried.listen(1)
+        except OSError as error:
+            if error.errno == errno.EADDRNOTAVAIL:
+                received, remedy = "is no address of this machine", "give 127.0.0.1, or 0.0.0.0 for all networks"
+                raise InputError(f"host={host}", received, remedy) from error
+            received = f"cannot be listened at on {host} ({error.strerror})"
+            raise InputError(f"port={port}", received, "give another port, or port=0 for a free one") from error
+
+
+def library() -> Any:
+    """Viser, which is an extra.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import viser
+    except ImportError as error:
+        remedy = 'install it with pip install "gaussian-enhancer[viewer]"'
+        raise InputError("view", f"needs viser, which cannot be imported ({error})", remedy) from error
+    return viser

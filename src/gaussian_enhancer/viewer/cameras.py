@@ -1,0 +1,90 @@
+"""Cameras of the viewer's page: upright pinholes that look through the middle of the picture.
+
+A page's camera has OpenCV axes, a camera-to-world pose as position and quaternion (w, x, y, z), and a vertical field of
+view in radians.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Camera
+
+LEAST = 16
+"""Smallest side of a picture in pixels."""
+NARROWEST = 8.0
+"""Largest ratio of a picture's sides."""
+
+
+@dataclass(frozen=True)
+class PageCamera:
+    """A camera as the page states it.
+
+    Args:
+        position: of the camera in the world, scene units.
+        wxyz: quaternion from the camera's axes to the world's.
+        fov: vertical field of view in radians.
+        aspect: width over height of the page's picture.
+    """
+
+    position: tuple[float, ...]
+    wxyz: tuple[float, ...]
+    fov: float
+    aspect: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> "PageCamera":
+        """The page's camera with the pose and the vertical field of view of another.
+
+        Args:
+            camera: of a photo.
+        """
+        x, y, z, w = Rotation.from_matrix(camera.rotation.T.double().cpu().numpy()).as_quat()
+        position = tuple(camera.centre.double().tolist())
+        fov = 2 * math.atan(camera.height / (2 * float(camera.K[1, 1])))
+        return cls(position, (float(w), float(x), float(y), float(z)), fov, camera.width / camera.height)
+
+    def at(self, width: int) -> Camera:
+        """The camera of a picture.
+
+        Args:
+            width: of the picture in pixels; its height follows from the aspect. Both sides are even, as videos have
+                them.
+
+        Raises:
+            InputError: the camera is none: a number is not finite, the quaternion is 0, or the field of view is no
+                angle between 0 and 180 degrees.
+        """
+        if not (np.isfinite([*self.position, *self.wxyz]).all() and any(self.wxyz) and 0 < self.fov < math.pi):
+            raise InputError("the page's camera", f"is {self}", "reset the view")
+        width = max(LEAST, width // 2 * 2)
+        height = max(LEAST, round(width / min(max(self.aspect, 1 / NARROWEST), NARROWEST) / 2) * 2)
+        focal = height / (2 * math.tan(self.fov / 2))
+        w, x, y, z = self.wxyz
+        rotation = Rotation.from_quat([x, y, z, w]).as_matrix().T
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ np.asarray(self.position, dtype=np.float64)
+        K = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+        return Camera(K, torch.from_numpy(pose).float(), height, width)
+
+    def narrowed(self) -> "PageCamera":
+        """The camera of the middle half of the picture's columns."""
+        return dataclasses.replace(self, aspect=self.aspect / 2)
+
+
+def upward(cameras: Sequence[Camera]) -> np.ndarray:
+    """The mean upward direction of cameras, of length 1; the first camera's where they cancel.
+
+    Args:
+        cameras: of a capture, at least one.
+    """
+    ups = -np.stack([camera.rotation[1].double().cpu().numpy() for camera in cameras])
+    mean = ups.mean(0)
+    up = mean if np.linalg.norm(mean) > 1e-3 else ups[0]
+    return up / np.linalg.norm(up)

@@ -1,0 +1,134 @@
+"""What can be chosen and pressed beside the picture."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.viewer.modes import MODES, Mode
+from gaussian_enhancer.viewer.session import Choice, Session
+from gaussian_enhancer.viewer.stage import View
+
+TRAINED = "as in training"
+MOST_REFERENCES = 8
+SECONDS = (1.0, 60.0, 8.0)
+"""Of a path: shortest, longest, and at the start."""
+
+
+class Controls:
+    """The panel of the page.
+
+    Args:
+        server: viser's.
+        session: whose choices are offered.
+        mode: that is shown at the start.
+        changed: called when something else is chosen.
+    """
+
+    def __init__(self, server: Any, session: Session, mode: Mode, changed: Callable[[], None]) -> None:
+        gui, first = server.gui, session.first
+        self.status = gui.add_markdown("Waiting for the first picture.")
+        with gui.add_folder("Show"):
+            names = [_label(name) for name in MODES]
+            self._mode = gui.add_dropdown("mode", names, initial_value=_label(mode.name))
+            self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, mode.wipe, hint="the mode wipe's line")
+        with gui.add_folder("Enhance"):
+            choices = session.choices
+            self._splat = gui.add_dropdown("splat", choices.splats, initial_value=first.splat)
+            self._weights = gui.add_dropdown("weights", choices.weights, initial_value=first.weights)
+            self.strength = gui.add_slider("strength", 0.0, 1.0, 0.01, session.strength(first))
+            counts = [TRAINED, *map(str, range(MOST_REFERENCES + 1))]
+            given = TRAINED if first.max_references is None else str(first.max_references)
+            self._references = gui.add_dropdown("references", counts, initial_value=given, hint="photos a view may use")
+            self._plan = gui.add_dropdown("plan", tuple(choices.plans), initial_value=first.plan)
+        with gui.add_folder("Nearest photo"):
+            self._photo = gui.add_image(np.zeros((2, 3, 3), np.uint8), label="", visible=False)
+            self.go = gui.add_button("Go to its camera")
+        with gui.add_folder("Save"):
+            self.save_view = gui.add_button("Save view", hint="the picture as it is shown, and its camera")
+            self.add = gui.add_button("Add camera to path")
+            self._count = gui.add_markdown("")
+            self.seconds = gui.add_slider("seconds", SECONDS[0], SECONDS[1], 0.5, SECONDS[2], hint="of the path")
+            self.save_path = gui.add_button("Save path", hint="a file that gaussian-enhancer video path=FILE reads")
+            self.clear = gui.add_button("Clear path")
+        self.show_count(0)
+        chosen = (self._mode, self._wipe, self._splat, self._weights, self.strength, self._references, self._plan)
+        for control in chosen:
+            control.on_update(lambda _: changed())
+
+    @property
+    def mode(self) -> Mode:
+        """What is shown.
+
+        Raises:
+            InputError: a browser asks for what is not offered.
+        """
+        name = {_label(name): name for name in MODES}.get(self._mode.value, str(self._mode.value))
+        return Mode(name, float(self._wipe.value))
+
+    @property
+    def choice(self) -> Choice:
+        """What is chosen.
+
+        Raises:
+            InputError: a browser asks for what is not offered: a file of its own choice, for instance.
+        """
+        for control in (self._splat, self._weights, self._references, self._plan):
+            if control.value not in control.options:
+                raise InputError("the page", f"asks for {control.value!r}", "choose what it offers")
+        count = None if self._references.value == TRAINED else int(self._references.value)
+        strength = float(self.strength.value)
+        return Choice(self._splat.value, self._weights.value, self._plan.value, count, strength)
+
+    def tell(self, frame: int, picture: Float[Tensor, "3 _ _"], view: View, mode: Mode) -> None:
+        """Show what a picture took and what it was made of.
+
+        Args:
+            frame: number of the picture, from 1.
+            picture: as it is shown.
+            view: what it shows.
+            mode: how it is shown.
+        """
+        self.status.content = status(frame, picture, view, mode)
+
+    def show_photo(self, image: np.ndarray, name: str) -> None:
+        """Show the nearest photo.
+
+        Args:
+            image: 8 bits, height x width x 3.
+            name: of the photo.
+        """
+        self._photo.image, self._photo.label, self._photo.visible = image, name, True
+
+    def show_count(self, count: int) -> None:
+        """Show how many cameras the path passes."""
+        self._count.content = f"The path passes {count} cameras."
+
+
+def status(frame: int, picture: Float[Tensor, "3 _ _"], view: View, mode: Mode) -> str:
+    """The line above the controls, in Markdown.
+
+    Args:
+        frame: number of the picture, from 1.
+        picture: as it is shown.
+        view: what it shows.
+        mode: how it is shown.
+    """
+    height, width = picture.shape[-2:]
+    times = view.times
+    parts = f"render {times.rendering:.0f}"
+    if view.enhanced is not None:
+        parts += f", references {times.preparing:.0f}, network {times.enhancing:.0f}"
+    lines = [f"**{times.total:.0f} ms** ({parts}), {width} × {height}, frame {frame}"]
+    if view.blank:
+        lines.append("Nothing of the splat is seen from here: turn round, or move back.")
+    elif view.enhanced is not None and not view.references:
+        lines.append("No photo is used here.")
+    return "\n\n".join(filter(None, [*lines, mode.legend]))
+
+
+def _label(name: str) -> str:
+    return name.replace("_", " ")

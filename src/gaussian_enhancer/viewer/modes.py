@@ -1,0 +1,110 @@
+"""What the page shows of a view: render, enhanced, both, or a map.
+
+Axes: h height, w width.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.report.figures import colour_map, error
+from gaussian_enhancer.types import usable
+from gaussian_enhancer.video.layout import Layout
+from gaussian_enhancer.viewer.stage import View
+
+MODES = {
+    "enhanced": "",
+    "render": "",
+    "side_by_side": "Render left, enhanced right.",
+    "wipe": "Render left of the line, enhanced right of it.",
+    "difference": "What enhancement changes: dark nothing, light 0.2 of the colours' range and more.",
+    "confidence": "Share of the photos asked for that show a pixel's surface: dark none, light all.",
+    "depth": "Near is light, far is dark; black: nothing is there.",
+}
+"""The modes by name, with what their colours mean."""
+LARGEST = 0.2
+"""Difference, of colours in [0, 1], that the difference map shows lightest."""
+OUTER = 0.02
+"""Share of the pixels that lie nearer, and farther, than the depth map's ends."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A way to show a view.
+
+    Args:
+        name: one of `MODES`.
+        wipe: of the mode "wipe": share of the width left of the line, in [0, 1].
+
+    Raises:
+        InputError: the name is unknown, or the share is out of range.
+    """
+
+    name: str = "enhanced"
+    wipe: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.name not in MODES:
+            raise InputError("show", f"is {self.name!r}", f"choose {', '.join(MODES)}")
+        if not 0 <= self.wipe <= 1:
+            raise InputError("wipe", f"is {self.wipe}", "give a share of the width from 0 to 1")
+
+    @property
+    def legend(self) -> str:
+        """What the picture shows; empty where that is plain."""
+        return MODES[self.name]
+
+    @property
+    def enhances(self) -> bool:
+        """Whether the network is needed."""
+        return self.name not in ("render", "depth")
+
+    @property
+    def halves(self) -> bool:
+        """Whether two views share the picture's width."""
+        return self.name == "side_by_side"
+
+    def __call__(self, view: View) -> Float[Tensor, "3 _ _"]:
+        """The picture, in [0, 1].
+
+        Args:
+            view: enhanced where the mode needs it.
+        """
+        if self.name == "depth":
+            return shaded(_nearness(view.depth))
+        if self.name == "render" or view.enhanced is None:
+            return view.render
+        if self.name == "confidence":
+            coverage = torch.zeros_like(view.depth) if view.coverage is None else view.coverage
+            return shaded(coverage[0])
+        scale = view.enhanced.shape[-1] // view.render.shape[-1]
+        render = upsampled(view.render[None], scale)[0].clamp(0, 1)
+        if self.name == "difference":
+            return shaded(error(view.enhanced, render) / LARGEST)
+        return Layout(self.name, self.wipe)(render, view.enhanced, 0.0)
+
+
+def shaded(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
+    """Values in [0, 1] as colours from dark to light.
+
+    Args:
+        values: of each pixel; what lies outside is clamped.
+    """
+    colours = colour_map().to(values.device)
+    places = (values.clamp(0, 1) * (len(colours) - 1)).round().long()
+    return colours[places].permute(2, 0, 1).contiguous()
+
+
+def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
+    """1 / z between its quantiles: near is light, and what was not hit is dark."""
+    hit = usable(depth[0])
+    if not bool(hit.any()):
+        return torch.zeros_like(depth[0])
+    inverse = torch.where(hit, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)
+    found = inverse[hit][:: max(1, int(hit.sum()) // 20_000)]
+    low, high = (float(torch.quantile(found, share)) for share in (OUTER, 1 - OUTER))
+    return torch.where(hit, 0.1 + 0.9 * (inverse - low) / max(high - low, 1e-12), 0.0)

@@ -1,0 +1,243 @@
+"""The page in the browser: viser's camera, the picture behind it, and what can be chosen beside it."""
+
+from collections import defaultdict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.photos import resize
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.types import Camera
+from gaussian_enhancer.viewer.cameras import PageCamera
+from gaussian_enhancer.viewer.controls import Controls
+from gaussian_enhancer.viewer.modes import Mode
+from gaussian_enhancer.viewer.saved import SavedFiles, path_through
+from gaussian_enhancer.viewer.schedule import Worker
+from gaussian_enhancer.viewer.session import Choice, Session
+from gaussian_enhancer.viewer.stage import View
+
+QUALITY = {True: 95, False: 85}
+"""JPEG quality of full and of small pictures."""
+THUMBNAIL = 400
+"""Width in pixels of the nearest photo beside the picture."""
+SHOWN_SECONDS = 10.0
+"""How long a note stays on the page."""
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """How the page begins, and how large its pictures are.
+
+    Args:
+        mode: what is shown at the start.
+        width: of the picture in pixels while the camera is still, at most.
+        moving_width: of the picture in pixels while the camera moves, at most.
+    """
+
+    mode: Mode
+    width: int = 960
+    moving_width: int = 400
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What a viewer sees.
+
+    Args:
+        key: what the view depends on.
+        view: what was drawn.
+        picture: as the mode shows it.
+        camera: of the whole picture, on the page.
+        full: whether it is drawn at full size.
+    """
+
+    key: tuple[object, ...]
+    view: View
+    picture: Float[Tensor, "3 _ _"]
+    camera: PageCamera
+    full: bool
+
+
+class Page:
+    """Serves a session to browsers. Choices are shared among all of them; each has a camera of its own.
+
+    Args:
+        server: viser's.
+        session: what is seen.
+        saved: where views and paths go.
+        settings: of the page.
+        told: called with each line that a user at the terminal should read.
+    """
+
+    def __init__(
+        self, server: Any, session: Session, saved: SavedFiles, settings: PageSettings, told: Callable[[str], None]
+    ) -> None:
+        self.server, self.session, self.saved, self.settings, self.told = server, session, saved, settings, told
+        self.worker = Worker(self._draw_or_tell)
+        self.controls = Controls(server, session, settings.mode, self._changed)
+        self._bind()
+        self._shown: dict[Hashable, _Shown] = {}
+        self._refused: defaultdict[Hashable, set[str]] = defaultdict(set)
+        self._kept: list[PageCamera] = []
+        self._frame, self._weights = 0, session.first.weights
+        self._photo: RenderedView | None = None
+        server.on_client_connect(self._connected)
+        server.on_client_disconnect(self._disconnected)
+
+    def _bind(self) -> None:
+        """Let the buttons do what they say."""
+        controls = self.controls
+        controls.save_view.on_click(self._guarded(self._save_view))
+        controls.add.on_click(self._guarded(self._add_camera))
+        controls.clear.on_click(self._guarded(self._clear_path))
+        controls.save_path.on_click(self._guarded(self._save_path))
+        controls.go.on_click(self._guarded(self._go_to_photo))
+
+    def _connected(self, client: Any) -> None:
+        last = _page_camera(client)
+
+        def moved(_: Any) -> None:
+            nonlocal last
+            now = _page_camera(client)
+            if now != last:
+                last = now
+                self.worker.moved(client.client_id)
+
+        client.camera.on_update(moved)
+        self.worker.came(client.client_id)
+
+    def _disconnected(self, client: Any) -> None:
+        self.worker.forget(client.client_id)
+        self._shown.pop(client.client_id, None)
+        self._refused.pop(client.client_id, None)
+
+    def _changed(self) -> None:
+        for viewer in self.server.get_clients():
+            self.worker.changed(viewer)
+
+    def _draw_or_tell(self, viewer: Hashable, full: bool, superseded: Callable[[], bool]) -> None:
+        client = self.server.get_clients().get(viewer)
+        if client is None:
+            return
+        try:
+            if self._draw(client, full, superseded):
+                self._refused.pop(viewer, None)
+        except InputError as error:
+            if str(error) not in self._refused[viewer]:  # once, not with each movement
+                self._refused[viewer].add(str(error))
+                self._note(client, str(error))
+
+    def _draw(self, client: Any, full: bool, superseded: Callable[[], bool]) -> bool:
+        """Draw what a viewer asks for and send it; whether it was sent."""
+        mode, choice, camera = self.controls.mode, self._choice(), _page_camera(client)
+        widest = self.settings.width if full else self.settings.moving_width
+        width = min(widest, client.camera.image_width)
+        seen = camera.narrowed().at(width // 2) if mode.halves else camera.at(width)
+        key = (choice, camera, seen.width, mode.halves)
+        before = self._shown.get(client.client_id)
+        if before is not None and before.key == key and (before.view.enhanced is not None or not mode.enhances):
+            view: View | None = before.view
+        else:
+            view = self.session.draw(choice, seen, mode.enhances, superseded)
+        if view is None:
+            return False
+        picture = mode(view)
+        self._shown[client.client_id] = _Shown(key, view, picture, camera, full)
+        if client.client_id not in self.server.get_clients():
+            return False  # gone while its view was drawn
+        client.scene.set_background_image(_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
+        self._frame += 1
+        self.controls.tell(self._frame, picture, view, mode)
+        if full:
+            self._show_photo(choice, seen)
+        return True
+
+    def _choice(self) -> Choice:
+        """What is chosen; other weights come with the strength that their card states."""
+        choice = self.controls.choice
+        if choice.weights != self._weights:
+            own = self.session.strength(replace(choice, strength=self.session.first.strength))
+            self._weights = choice.weights
+            self.controls.strength.value = own
+            choice = replace(choice, strength=own)
+        return choice
+
+    def _show_photo(self, choice: Choice, camera: Camera) -> None:
+        photo = self.session.stage(choice).nearest(camera)
+        if photo is None or photo.read_photo is None:
+            return
+        if self._photo is None or photo.name != self._photo.name:
+            image = photo.read_photo()
+            width = min(THUMBNAIL, image.shape[-1])
+            small = resize(image, max(1, round(image.shape[-2] * width / image.shape[-1])), width)
+            self.controls.show_photo(_bytes(small), photo.name)
+            self._photo = photo
+
+    def _guarded(self, act: Callable[[Any], str]) -> Callable[[Any], None]:
+        """A button's work, which returns what to tell; a user's mistake is told, too."""
+
+        def pressed(event: Any) -> None:
+            if event.client is None:
+                return
+            try:
+                told = act(event.client)
+            except InputError as error:
+                told = str(error)
+            if told:
+                self._note(event.client, told)
+
+        return pressed
+
+    def _save_view(self, client: Any) -> str:
+        shown = self._shown.get(client.client_id)
+        if shown is None or not shown.full or shown.camera != _page_camera(client):
+            raise InputError("view", "is being drawn", "save it when the picture is at full size")
+        height, width = shown.picture.shape[-2:]
+        camera = replace(shown.camera, aspect=width / height).at(width)
+        return f"saved {self.saved.view(shown.picture, camera)}"
+
+    def _add_camera(self, client: Any) -> str:
+        self._kept.append(_page_camera(client))
+        self.controls.show_count(len(self._kept))
+        return ""
+
+    def _clear_path(self, client: Any) -> str:
+        self._kept.clear()
+        self.controls.show_count(0)
+        return ""
+
+    def _save_path(self, client: Any) -> str:
+        seconds = float(self.controls.seconds.value)
+        cameras = path_through(tuple(self._kept), self.settings.width, seconds, self.session.cameras)
+        file = self.saved.path(cameras, len(cameras) / seconds)
+        return f"saved {file}: gaussian-enhancer video path={file} makes a video of it"
+
+    def _go_to_photo(self, client: Any) -> str:
+        if self._photo is None or self._photo.camera is None:
+            raise InputError("nearest photo", "is not known yet", "wait until the picture is at full size")
+        there = PageCamera.of(self._photo.camera)
+        with client.atomic():
+            client.camera.wxyz = there.wxyz
+            client.camera.position = there.position
+            client.camera.fov = there.fov
+        return ""
+
+    def _note(self, client: Any, line: str) -> None:
+        client.add_notification("gaussian-enhancer", line, auto_close_seconds=SHOWN_SECONDS)
+        self.told(line)
+
+
+def _page_camera(client: Any) -> PageCamera:
+    camera = client.camera
+    position, wxyz = (tuple(float(value) for value in values) for values in (camera.position, camera.wxyz))
+    return PageCamera(position, wxyz, float(camera.fov), camera.image_width / max(1, camera.image_height))
+
+
+def _bytes(image: Float[Tensor, "3 h w"]) -> np.ndarray:
+    """An image in 8 bits, height x width x 3."""
+    return np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())

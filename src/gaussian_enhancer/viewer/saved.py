@@ -1,0 +1,97 @@
+"""What the viewer saves: pictures with their cameras, and camera paths that the job ``video`` reads."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.camera_path import refuse_outside
+from gaussian_enhancer.scene.image_files import write_image
+from gaussian_enhancer.scene.path import smooth_path
+from gaussian_enhancer.scene.path_files import write_path
+from gaussian_enhancer.types import Camera
+from gaussian_enhancer.viewer.cameras import PageCamera
+
+FPS = 30.0
+
+
+@dataclass(frozen=True)
+class SavedFiles:
+    """The folder of what is saved; it is made with the first file, and no file is replaced.
+
+    Args:
+        folder: where files go.
+
+    Raises:
+        InputError: it is a file.
+    """
+
+    folder: Path
+
+    def __post_init__(self) -> None:
+        if self.folder.is_file():
+            raise InputError(self.folder, "cannot be written: it is a file", "name a folder")
+
+    def view(self, picture: Float[Tensor, "3 _ _"], camera: Camera) -> Path:
+        """Save a picture as ``view_NNN.png``, and its camera as a path of one frame, ``view_NNN.json``.
+
+        Args:
+            picture: as it is shown.
+            camera: of the whole picture.
+
+        Raises:
+            InputError: the disk is full, or the folder cannot be written.
+        """
+        file = self._next("view", ".png")
+        write_path(file.with_suffix(".json"), [camera], FPS)
+        write_image(file, picture)
+        return file
+
+    def path(self, cameras: Sequence[Camera], fps: float) -> Path:
+        """Save a camera path as ``path_NNN.json``.
+
+        Args:
+            cameras: of its frames.
+            fps: frames a second.
+
+        Raises:
+            InputError: the disk is full, or the folder cannot be written.
+        """
+        file = self._next("path", ".json")
+        write_path(file, cameras, fps)
+        return file
+
+    @property
+    def count(self) -> int:
+        """How many pictures and paths the folder holds."""
+        return sum(1 for kind in ("view_*.png", "path_*.json") for _ in self.folder.glob(kind))
+
+    def _next(self, kind: str, ending: str) -> Path:
+        numbers = [int(file.stem[5:]) for file in self.folder.glob(f"{kind}_*{ending}") if file.stem[5:].isdigit()]
+        return self.folder / f"{kind}_{max(numbers, default=0) + 1:03d}{ending}"
+
+
+def path_through(
+    kept: Sequence[PageCamera], width: int, seconds: float, capture: Sequence[Camera], fps: float = FPS
+) -> tuple[Camera, ...]:
+    """The frames of a path through cameras that were kept on the page, at even speed, all of the first one's aspect.
+
+    Args:
+        kept: in the path's order.
+        width: of the frames in pixels.
+        seconds: that the path takes.
+        capture: cameras of the capture.
+        fps: frames a second.
+
+    Raises:
+        InputError: there are fewer than two cameras, or the path leaves the capture, which `video` refuses.
+    """
+    if len(kept) < 2:
+        raise InputError("camera path", f"passes {len(kept)} cameras", "add the cameras it shall pass, at least 2")
+    passed = [PageCamera(one.position, one.wxyz, one.fov, kept[0].aspect).at(width) for one in kept]
+    laid = smooth_path(passed, max(2, round(seconds * fps)), even_speed=True)
+    refuse_outside(laid, capture, "camera path")
+    return laid

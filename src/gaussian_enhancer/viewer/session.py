@@ -1,0 +1,119 @@
+"""What can be chosen in the viewer, and the stages of what was chosen."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.plan import Rules
+from gaussian_enhancer.types import Camera
+from gaussian_enhancer.viewer.stage import Stage, View, never
+
+KEPT = 4
+"""Stages that stay in memory."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is shown, and by what it is enhanced.
+
+    Args:
+        splat: name of the splat.
+        weights: shipped name or file.
+        plan: name of the rules on what may be left out.
+        max_references: photos that the network sees at most; None takes as many as in training.
+        strength: share of the network's change that is applied, in [0, 1]; None takes what the weights' card states.
+
+    Raises:
+        InputError: the strength is out of range.
+    """
+
+    splat: str
+    weights: str
+    plan: str
+    max_references: int | None = None
+    strength: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.strength is not None and not 0 <= self.strength <= 1:
+            raise InputError("strength", f"is {self.strength:g}", "use a number from 0 (the render) to 1")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the page offers.
+
+    Args:
+        splats: names.
+        weights: shipped names and files.
+        plans: rules by name.
+    """
+
+    splats: tuple[str, ...]
+    weights: tuple[str, ...]
+    plans: Mapping[str, Rules]
+
+
+class Session:
+    """Draws views of what is chosen. One thread draws; stages that were used last stay in memory.
+
+    Args:
+        name: of the capture.
+        cameras: of the capture's photos, at least one.
+        choices: what there is to choose from.
+        first: what is chosen at the start.
+        open_stage: builds the stage of a choice.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        cameras: Sequence[Camera],
+        choices: Choices,
+        first: Choice,
+        open_stage: Callable[[Choice], Stage],
+    ) -> None:
+        self.name, self.cameras, self.choices, self.first = name, tuple(cameras), choices, first
+        self._open = open_stage
+        self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
+
+    def stage(self, choice: Choice) -> Stage:
+        """The stage of a choice, with its strength.
+
+        Args:
+            choice: what is shown.
+
+        Raises:
+            InputError: a splat or weights cannot be read, or a number is out of range.
+        """
+        stage, own = self._kept(choice)
+        stage.enhancer.strength = own if choice.strength is None else choice.strength
+        return stage
+
+    def strength(self, choice: Choice) -> float:
+        """The strength of a choice: its own, or what the weights' card states.
+
+        Raises:
+            InputError: see `stage`.
+        """
+        return self.stage(choice).enhancer.strength
+
+    def draw(
+        self, choice: Choice, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never
+    ) -> View | None:
+        """What a camera sees; see `Stage.draw`.
+
+        Raises:
+            InputError: see `stage`, or a reference cannot be read.
+        """
+        return self.stage(choice).draw(camera, enhance, superseded)
+
+    def _kept(self, choice: Choice) -> tuple[Stage, float]:
+        key = choice.splat, choice.weights, choice.plan, choice.max_references
+        if key not in self._stages:
+            stage = self._open(choice)
+            self._stages[key] = stage, stage.enhancer.strength
+        self._stages.move_to_end(key)
+        while len(self._stages) > KEPT:
+            self._stages.popitem(last=False)
+        return self._stages[key]

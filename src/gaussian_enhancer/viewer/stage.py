@@ -1,0 +1,151 @@
+"""One splat before one network: what a camera sees of it, raw and enhanced.
+
+Axes: h height, w width, H, W the same times the network's scale.
+"""
+
+import itertools
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.planner import Planner
+from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
+from gaussian_enhancer.network.network import CachesReferences
+from gaussian_enhancer.scene.in_memory import held
+from gaussian_enhancer.scene.neighbours import rank_references
+from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Camera, usable
+
+
+def never() -> bool:
+    """Nothing takes the place of what is being drawn."""
+    return False
+
+
+@dataclass(frozen=True)
+class Times:
+    """What a view took, in milliseconds.
+
+    Args:
+        rendering: of the splat.
+        preparing: choosing, reading and warping references.
+        enhancing: the network.
+    """
+
+    rendering: float
+    preparing: float = 0.0
+    enhancing: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """All of it."""
+        return self.rendering + self.preparing + self.enhancing
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera sees.
+
+    Args:
+        camera: of the render.
+        render: the splat's colours, [0, 1].
+        depth: rendered z, 0 where nothing was hit.
+        alpha: rendered opacity.
+        enhanced: the enhanced render; None where it was not asked for.
+        coverage: share of the references asked for that show each pixel, in [0, 1]; None without enhancement.
+        references: names of the photos that were used, best first.
+        times: what it took.
+    """
+
+    camera: Camera
+    render: Float[Tensor, "3 h w"]
+    depth: Float[Tensor, "1 h w"]
+    alpha: Float[Tensor, "1 h w"]
+    enhanced: Float[Tensor, "3 H W"] | None
+    coverage: Float[Tensor, "1 h w"] | None
+    references: tuple[str, ...]
+    times: Times
+
+    @property
+    def blank(self) -> bool:
+        """Whether nothing of the splat is seen: the camera looks past it, or stands within it."""
+        return not bool(usable(self.depth).any()) or float(self.alpha.mean()) < 1e-3
+
+
+class Stage:
+    """Draws the views of a splat and enhances them.
+
+    Args:
+        target: gives the view of a camera, which is rendered when it is read.
+        enhancer: with the references' configuration for paths, so that they change seldom.
+        rendered: the references.
+        planner: decides what a view does not need; None enhances every pixel.
+        pool: the references' pixels.
+        uses_depth: whether views are enhanced with their depth.
+    """
+
+    def __init__(
+        self,
+        target: Callable[[str, Camera], RenderedView],
+        enhancer: SetEnhancer,
+        rendered: RenderedSet,
+        planner: Planner | None,
+        pool: Pool,
+        uses_depth: bool = True,
+    ) -> None:
+        self.target, self.enhancer, self.rendered = target, enhancer, rendered
+        self.planner, self.pool, self.uses_depth = planner, pool, uses_depth
+        enhancer.keeps_coverage = True
+        network = enhancer.network
+        self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
+        self._names = map("view {}.png".format, itertools.count())
+
+    def draw(self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never) -> View | None:
+        """What a camera sees; None where another view took its place before it was enhanced.
+
+        Args:
+            camera: of the picture; the render is smaller by the network's scale.
+            enhance: whether the network is needed.
+            superseded: asked between rendering and enhancing.
+
+        Raises:
+            InputError: a reference cannot be read.
+        """
+        started = time.perf_counter()
+        scale = self.enhancer.network.scale
+        camera = camera.resized(max(1, camera.height // scale), max(1, camera.width // scale))
+        view = held(self.target(next(self._names), camera))
+        pixels = read_target(view)
+        if pixels.depth is None or pixels.alpha is None:
+            raise ValueError("a splat's view has depth and opacity")
+        rendering = 1e3 * (time.perf_counter() - started)
+        parts = camera, pixels.image, pixels.depth, pixels.alpha
+        if not enhance:
+            return View(*parts, None, None, (), Times(rendering))
+        if superseded():
+            return None
+        given = view if self.uses_depth else replace(view, read_depth=None)
+        alone = replace(self.rendered, targets=(given,))
+        (one,) = self.enhancer(alone, self.planner, self.pool, self._features)
+        if self.planner is not None:
+            self.planner.known.clear()  # no view comes twice
+        asked = max(1, self.enhancer.reference_config.references)
+        coverage = None if one.coverage is None else (one.coverage / asked).clamp(0, 1)
+        times = Times(rendering, one.preparing, one.enhancing)
+        return View(*parts, one.image, coverage, one.references, times)
+
+    def nearest(self, camera: Camera) -> RenderedView | None:
+        """The photo that was taken nearest to a camera, by place and direction; None without photos.
+
+        Args:
+            camera: of the page.
+        """
+        if not self.pool.views:
+            return None
+        (index,) = rank_references(RenderedView("", None, camera), self.pool.views, 1)
+        return self.pool.views[index]

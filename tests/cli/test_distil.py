@@ -1,0 +1,227 @@
+"""The job distil on a small run of a textured plane, whose splat is a sheet of coloured Gaussians."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.cli.distil import run
+from gaussian_enhancer.cli.enhance import run as enhance
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.io.open import read_splat
+from gaussian_enhancer.splat.io.ply import read_ply, write_ply
+from gaussian_enhancer.types import Gaussians
+from support import paths
+from support.synthetic_runs import coloured_sheet, plane_camera
+
+STEPS = 40
+CAMERAS = [plane_camera(index, 48, 64) for index in range(8)]
+
+
+def configured(*overrides: str, job: str = "distil"):
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(paths.CONF, version_base="1.3"):
+        return compose(job, [*overrides, "runtime.progress=false", "runtime.threads=1", "runtime.device=cpu"])
+
+
+def kinds() -> dict[str, Gaussians]:
+    sheet = coloured_sheet(24)
+    return {
+        "3dgs": replace(sheet, sh=torch.cat([sheet.sh, torch.zeros(len(sheet), 3, 3)], 1)),
+        "2dgs": replace(sheet, log_scales=sheet.log_scales[:, :2]),
+        "mip_splatting": replace(sheet, smoothing=smoothing_size(sheet.means, CAMERAS)),
+    }
+
+
+def fitted_as(plane_run: Path, folder: Path, gaussians: Gaussians) -> Path:
+    shutil.copytree(plane_run, folder)
+    write_ply(folder / "splat.ply", gaussians)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(plane_run, tmp_path_factory) -> Path:
+    return fitted_as(plane_run, tmp_path_factory.mktemp("fitted") / "plane", kinds()["3dgs"])
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "sif.safetensors"
+    torch.manual_seed(0)
+    save_weights(path, SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {"strength": 1.0})
+    return path
+
+
+@pytest.fixture
+def words(fitted, weights, tmp_path) -> tuple[str, ...]:
+    few = f"settings.steps={STEPS}", "settings.views=3", "settings.fade=1"
+    return f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", *few
+
+
+@pytest.mark.parametrize("kind", ["3dgs", "2dgs", "mip_splatting"])
+def test_a_run_becomes_a_better_run_of_the_same_kind(plane_run, words, weights, tmp_path, kind, capsys):
+    before = kinds()[kind]
+    source = fitted_as(plane_run, tmp_path / "source", before)
+    after = run(configured(*words, f"run={source}", f"output={tmp_path / 'better'}"))
+    assert sorted(path.name for path in (tmp_path / "better").iterdir()) == sorted(
+        ["cameras.json", "cfg_args", "config.yaml", "done", "records.jsonl", "rounds", "splat.ply", "test", "train"]
+    )
+    stored = read_ply(tmp_path / "better/splat.ply")
+    assert stored.log_scales.shape == before.log_scales.shape
+    assert stored.sh.shape == before.sh.shape
+    assert (stored.smoothing is None) == (before.smoothing is None)
+    assert run_steps(tmp_path / "better") == (0, STEPS)
+    records = [one for one in read_records(tmp_path / "better/records.jsonl") if one.kind == "quality"]
+    assert [one.splat for one in records] == [f"{kind}/0"] * 2 + [f"{kind}/{STEPS}"] * 2
+    raw, found = (sum(one.metrics["psnr"] for one in half) / 2 for half in (records[:2], records[2:]))
+    assert after == pytest.approx(found)
+    assert found > raw + 0.1
+    assert f"held-out PSNR {raw:.2f} -> {found:.2f} dB" in capsys.readouterr().err
+    rendered = read_run(tmp_path / "better")
+    assert (len(rendered.targets), len(rendered.references)) == (2, 6)
+    enhance(configured(f"run={tmp_path / 'better'}", f"weights={weights}", f"output={tmp_path / 'out'}", job="enhance"))
+    assert len(list((tmp_path / "out").glob("*.png"))) == 2
+
+
+def test_the_same_command_finds_the_finished_run(words, tmp_path, monkeypatch):
+    first = run(configured(*words))
+    monkeypatch.setattr("gaussian_enhancer.cli.distil.distil", lambda *_, **__: pytest.fail("was made again"))
+    assert run(configured(*words)) == first
+    assert len(list((tmp_path / "runs/distil").iterdir())) == 1
+
+
+def test_held_out_photos_change_nothing_but_the_measurement(fitted, words, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(fitted, other)
+    for path in (other / "test").rglob("*.png"):
+        size = Image.open(path).size
+        noise = np.random.default_rng(0).integers(0, 255, (size[1], size[0], 3), np.uint8)
+        Image.fromarray(noise if path.parent.name != "alpha" else noise[..., 0]).save(path)
+    one = run(configured(*words, f"output={tmp_path / 'one'}"))
+    two = run(configured(*words, f"run={other}", f"output={tmp_path / 'two'}"))
+    assert (tmp_path / "one/splat.ply").read_bytes() == (tmp_path / "two/splat.ply").read_bytes()
+    assert one != two
+
+
+def test_original_3dgs_output_whose_sides_are_both_numbered_from_0(fitted, words, tmp_path):
+    source, cameras = tmp_path / "original", json.loads((fitted / "cameras.json").read_text())
+    ordered = sorted(cameras, key=lambda one: (one["split"] != "test", one["img_name"]))
+    counts = {"test": 0, "train": 0}
+    for entry in ordered:
+        side, stem = entry["split"], Path(entry["img_name"]).stem
+        for part in ("renders", "gt"):
+            place = source / side / "ours_100" / part / f"{counts[side]:05d}.png"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(fitted / side / "ours_100" / part / f"{stem}.png", place)
+        counts[side] += 1
+    kept = [{key: value for key, value in entry.items() if key != "split"} for entry in ordered]
+    (source / "cameras.json").write_text(json.dumps(kept))
+    write_ply(source / "point_cloud/iteration_100/point_cloud.ply", kinds()["3dgs"])
+    assert run(configured(*words, f"run={source}", f"output={tmp_path / 'better'}")) > 0
+    rendered = read_run(tmp_path / "better")
+    assert [view.name for view in rendered.targets] == ["test_00000.png", "test_00001.png"]
+    assert len(rendered.references) == 6
+
+
+@pytest.mark.parametrize(("name", "file"), [("compressed", "splat.compressed.ply"), ("spz", "splat.spz")])
+def test_a_small_file_beside_the_splat(words, tmp_path, name, file):
+    pytest.importorskip("gsply", reason="gsply is in the dependency group `test`")
+    run(configured(*words, f"format={name}", "settings.share=0", "settings.steps=3", f"output={tmp_path / 'small'}"))
+    small, whole = (read_splat(tmp_path / "small" / one) for one in (file, "splat.ply"))
+    assert len(small) == len(whole)
+    assert (tmp_path / "small" / file).stat().st_size < 0.6 * (tmp_path / "small/splat.ply").stat().st_size
+
+
+def test_a_splat_and_its_capture(fitted, words, tmp_path, monkeypatch):
+    photos = tuple(
+        Photo(view.name, plane_camera(index, 48, 64), view.read_photo)  # type: ignore[arg-type]
+        for index, view in enumerate(read_run(fitted).references)
+    )
+    capture = Scene("capture", photos, tuple(range(len(photos))), ())
+    monkeypatch.setattr("gaussian_enhancer.distil.task.build", patched_build(capture))
+    given = f"gaussians={fitted / 'splat.ply'}", "run=null", "scene=capture", "scene.path=x"
+    assert run(configured(*words, *given, f"output={tmp_path / 'better'}")) is None
+    assert read_ply(tmp_path / "better/splat.ply").sh.shape == (576, 4, 3)
+    assert not (tmp_path / "better/test").exists()
+
+
+def patched_build(capture: Scene):
+    from gaussian_enhancer.runs.instantiate import build
+
+    return lambda node: capture if "open_capture" in str(node.get("_target_")) else build(node)
+
+
+def test_pruning_alone_needs_no_weights_and_takes_the_floater(fitted, words, tmp_path, capsys):
+    clean = read_ply(fitted / "splat.ply")
+    floater = replace(
+        clean[torch.arange(1)], means=torch.tensor([[0.0, 0.0, 1.5]]), log_scales=torch.full((1, 3), 0.05).log()
+    )
+    joined = {
+        name: torch.cat([value, getattr(floater, name)]) for name, value in vars(clean).items() if value is not None
+    }
+    renders = tmp_path / "spoilt"
+    shutil.copytree(fitted, renders)
+    for view in (*read_run(fitted).targets, *read_run(fitted).references):  # photos of the sheet itself
+        (photo,) = renders.glob(f"*/ours_100/gt/{view.name}")
+        save_render(photo, clean, view.camera)
+    write_ply(renders / "splat.ply", Gaussians(**joined))
+    after = run(
+        configured(*words, f"run={renders}", "prune_only=true", "weights=none_such", f"output={tmp_path / 'less'}")
+    )
+    assert "1 of 577 Gaussians removed as floaters" in capsys.readouterr().err
+    assert len(read_ply(tmp_path / "less/splat.ply")) == 576
+    assert torch.equal(read_ply(tmp_path / "less/splat.ply").means, clean.means)
+    assert run_steps(tmp_path / "less") == (0, 1)
+    assert after > 40
+
+
+def save_render(path: Path, gaussians: Gaussians, camera) -> None:
+    from gaussian_enhancer.scene.image_files import write_image
+    from gaussian_enhancer.splat.methods import ThreeDGS
+    from gaussian_enhancer.splat.render import render
+
+    write_image(path, render(gaussians, camera, ThreeDGS()).colour)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (["run=null"], "distil: was given no splat; give one of run="),
+        (["gaussians=a.ply"], "was given run and gaussians"),
+        (["run=null", "gaussians=a.ply"], "comes without its capture; add scene=capture"),
+        (["settings.share=2"], r"settings\.share"),
+        (["settings.steps=1"], r"settings\.rounds: is 2 for 1 steps"),
+        (["evidence.views=0"], r"evidence|prune\.views"),
+        (["method=4dgs"], "method: is '4dgs'"),
+        (["format=sog"], "format: is 'sog'; choose ply, compressed, spz"),
+        (["method=2dgs"], "has 3 scale axes"),
+        (["strength=3"], "strength: is 3"),
+        (["max_references=0"], "max_references: is 0"),
+        (["weights=none_such"], "is neither a file nor a shipped name"),
+        (["weights=sr_tiny"], "sr_tiny: enlarge what they enhance"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(words, tmp_path, monkeypatch, more, told):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=told):
+        run(configured(*words, *more))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_without_its_splat_is_refused(plane_run, weights, tmp_path):
+    with pytest.raises(InputError, match=r"holds neither splat\.ply nor point_cloud"):
+        run(configured(f"run={plane_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
+    assert not list(tmp_path.iterdir())

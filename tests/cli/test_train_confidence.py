@@ -1,0 +1,47 @@
+"""The job train_confidence."""
+
+import json
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+from test_sif import trained
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.checkpoint import checkpoint_digest
+from gaussian_enhancer.cli.train_confidence import run
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import load_weights, save_weights
+from support.paths import CONF
+
+
+def job(fits, weights, tmp_path, *words: str) -> DictConfig:
+    quiet = ("runtime.progress=false", "runtime.threads=1", "steps=20", "hidden=8")
+    places = (f"fits=[{fits}]", f"weights={weights}", f"output={tmp_path / 'out'}")
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose("train_confidence", [*places, *quiet, *words])
+
+
+def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_path, capsys):
+    network = trained()
+    save_weights(tmp_path / "a.safetensors", network, ReferenceConfig(), {"name": "a", "strength": 0.5})
+    cfg = job(plane_run, tmp_path / "a.safetensors", tmp_path)
+    run(cfg)
+    before, after = load_weights(tmp_path / "a.safetensors"), load_weights(tmp_path / "out/weights.safetensors")
+    assert after.confidence is not None
+    assert after.confidence.hidden == 8
+    for name, value in before.network.state_dict().items():
+        assert value.equal(after.network.state_dict()[name]), name
+    card = json.loads((tmp_path / "out/card.json").read_text())
+    assert card == after.card
+    assert card["confidence"]["fits"] == [plane_run.name]
+    assert card["confidence"]["weights"] == checkpoint_digest(tmp_path / "a.safetensors")
+    assert checkpoint_digest(tmp_path / "out/weights.safetensors") != checkpoint_digest(tmp_path / "a.safetensors")
+    run(cfg)
+    assert "trained already" in capsys.readouterr().err
+
+
+def test_weights_that_enlarge_are_refused(plane_run, tmp_path):
+    with pytest.raises(InputError, match="not for enhancement by references"):
+        run(job(plane_run, "sr_tiny", tmp_path))
+    assert not (tmp_path / "out/weights.safetensors").exists()

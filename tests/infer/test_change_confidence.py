@@ -1,0 +1,144 @@
+"""A change confidence holds back what the references do not support."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from test_sif import trained
+
+from gaussian_enhancer.align.alignment import Reprojected
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer import change_confidence
+from gaussian_enhancer.infer.change_confidence import BLOCK, FEATURES, INPUTS, STEP, ChangeConfidence, block_features
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.weights import Pretrained, load_weights, save_weights
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.types import NetworkInput
+
+
+def views(height: int = 40, width: int = 52, references: int = 3, renders: bool = True) -> NetworkInput:
+    draw = torch.Generator().manual_seed(0)
+    render = torch.rand(1, 3, height, width, generator=draw)
+    photos = (render[:, None] + 0.1 * torch.randn(1, references, 3, height, width, generator=draw)).clamp(0, 1)
+    visibility = (torch.rand(1, references, 1, height, width, generator=draw) > 0.3).float()
+    own = (photos - 0.05).clamp(0, 1) if renders else None
+    return NetworkInput(render, photos * visibility, visibility, reference_renders=own)
+
+
+def judging(share: float) -> ChangeConfidence:
+    confidence = ChangeConfidence(8)
+    torch.nn.init.zeros_(confidence.layers[-1].weight)
+    torch.nn.init.constant_(confidence.layers[-1].bias, share)
+    return confidence.eval()
+
+
+def by_hand(enhanced: torch.Tensor, seen: NetworkInput, y: int, x: int) -> torch.Tensor:
+    """Features of one block in double precision, pixel by pixel as the docstrings have them."""
+
+    def cut(image: torch.Tensor) -> torch.Tensor:
+        return image[..., y : y + BLOCK : STEP, x : x + BLOCK : STEP].double()
+
+    render, image = cut(seen.render)[0], cut(enhanced)[0]
+    change = image - render
+    size = change.square().mean()
+    values = [size.sqrt(), change.mean().abs(), change.mean((1, 2)).square().mean() / (size + 1e-6)]
+    values.append((render - render.mean((1, 2), keepdim=True)).square().mean().sqrt())
+    masks = [(cut(v) > 0).double() for v in seen.visibility[0]]
+    apart = [(cut(p) - render) * m for p, m in zip(seen.references[0], masks, strict=True)]
+    own = [(cut(p) - cut(r)) * m for p, r, m in zip(seen.references[0], seen.reference_renders[0], masks, strict=True)]
+    single, pairs = [], []
+    for i, (mask, d, s) in enumerate(zip(masks, apart, own, strict=True)):
+        c, area = change * mask, mask.mean()
+        mine = c.square().mean() + 1e-6
+        roots = [(one.square().mean() / area).sqrt() for one in (d, d - c, s, d - s)]
+        single.append(torch.stack([(c * d).mean() / mine, (c * s).mean() / mine, *roots, area]))
+        for j in range(i):
+            both, lengths = (d * apart[j]).mean(), d.square().mean() * apart[j].square().mean()
+            between = (d - apart[j]).square().mean().sqrt()
+            pairs.append(torch.stack([between, both, both / (lengths.sqrt() + 1e-6)]))
+    parts = [torch.stack(values)]
+    for group in (single, pairs):
+        stacked = torch.stack(group)
+        parts += [stacked.mean(0), stacked.amin(0), stacked.amax(0)]
+    features = torch.cat(parts)
+    return features.sign() * torch.log1p(20 * features.abs())
+
+
+def test_features_are_those_of_a_block_worked_out_by_hand():
+    seen = views()
+    enhanced = (seen.render + 0.1).clamp(0, 1)
+    features = block_features(enhanced, seen)
+    assert features.shape == (1, INPUTS, 5, 7)
+    for i, j in ((0, 0), (2, 3), (4, 5)):
+        torch.testing.assert_close(
+            features[0, :FEATURES, i, j].double(), by_hand(enhanced, seen, 8 * i, 8 * j), rtol=1e-4, atol=1e-4
+        )
+
+
+def test_large_images_are_worked_on_in_bands_with_the_same_result(monkeypatch: pytest.MonkeyPatch):
+    seen = views(70, 52)
+    enhanced = (seen.render + 0.1).clamp(0, 1)
+    whole = block_features(enhanced, seen)
+    monkeypatch.setattr(change_confidence, "BAND", 2)
+    torch.testing.assert_close(block_features(enhanced, seen), whole)
+
+
+@pytest.mark.parametrize("references", [0, 1, 8])
+@pytest.mark.parametrize("renders", [True, False])
+def test_any_number_of_references_gives_finite_shares(references: int, renders: bool):
+    seen = views(references=references, renders=renders and references > 0)
+    torch.manual_seed(0)
+    share = ChangeConfidence(8).eval()((seen.render + 0.2).clamp(0, 1), seen)
+    assert share.shape == (1, 1, 40, 52)
+    assert bool(torch.isfinite(share).all())
+    assert 0 <= float(share.min()) <= float(share.max()) <= 1
+
+
+def test_nothing_changed_and_nothing_seen_is_finite():
+    seen = views()
+    seen = replace(seen, visibility=torch.zeros_like(seen.visibility), references=torch.zeros_like(seen.references))
+    assert bool(torch.isfinite(block_features(seen.render, seen)).all())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_the_enhancer_applies_the_share(share: float):
+    options = {"precision": "float32", "colour_clamping": 3, "colour_completion": False}
+    seen, network = views(), trained()
+    whole = SetEnhancer(network, ReferenceConfig(Reprojected()), **options).enhance(seen)
+    some = SetEnhancer(network, ReferenceConfig(Reprojected()), confidence=judging(share), **options).enhance(seen)
+    assert float((whole - seen.render).abs().max()) > 0.01
+    torch.testing.assert_close(some, seen.render + share * (whole - seen.render), rtol=0, atol=2e-6)
+
+
+def test_weights_keep_their_confidence(tmp_path):
+    network, confidence = trained(), judging(0.5)
+    torch.nn.init.normal_(confidence.scale)
+    save_weights(tmp_path / "a.safetensors", network, ReferenceConfig(), {"name": "a"}, confidence)
+    found = load_weights(tmp_path / "a.safetensors")
+    assert found.confidence is not None
+    for name, value in confidence.state_dict().items():
+        assert torch.equal(found.confidence.state_dict()[name], value.half().float()), name
+    save_weights(tmp_path / "b.safetensors", network, ReferenceConfig(), {"name": "a"})
+    assert load_weights(tmp_path / "b.safetensors").confidence is None
+
+
+def test_a_confidence_of_another_width_than_its_values_is_refused(tmp_path):
+    confidence = judging(0.5)
+    confidence.hidden = 1000
+    save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {}, confidence)
+    with pytest.raises(InputError, match="does not fit its own design"):
+        load_weights(tmp_path / "a.safetensors")
+
+
+def test_strength_of_the_card_is_for_use_without_confidence():
+    pretrained = Pretrained(SIF((8, 8), (1, 1)), ReferenceConfig(), {"strength": 0.75}, judging(0.5))
+
+    def made(**options: float | bool) -> tuple[float, bool]:
+        enhancer = EnhancementOptions(**options).enhancer(pretrained, pretrained.reference_config)
+        return enhancer.strength, enhancer.confidence is not None
+
+    assert made() == (1.0, True)
+    assert made(confidence=False) == (0.75, False)
+    assert made(strength=0.5) == (0.5, True)

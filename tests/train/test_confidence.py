@@ -1,0 +1,72 @@
+"""Training of a change confidence: what its blocks say, and that it learns from them."""
+
+import torch
+
+from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
+from gaussian_enhancer.infer.change_confidence import BLOCK, INPUTS
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.train.confidence import JudgedView, judged_views, train_confidence
+
+
+def changing() -> SetEnhancer:
+    torch.manual_seed(0)
+    network = SIF((8, 8, 8), (1, 1, 1))
+    for value in network.parameters():
+        torch.nn.init.normal_(value, std=0.1)
+    return SetEnhancer(network, ReferenceConfig(), precision="float32")
+
+
+def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
+    enhancer = changing()
+    rendered = read_run(plane_run, run_steps(plane_run)[0])
+    view = rendered.targets[0]
+    target, photo = read_target(view), view.read_photo()
+    aligned = enhancer.reference_config.align(target, view, Pool(rendered.references))
+    enhanced = enhancer.enhance(join(target, aligned))[0]
+    truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
+    found = next(judged_views(plane_run, enhancer))
+    height, width = (-(-side // BLOCK) for side in target.image.shape[-2:])
+    assert found.features.shape == (height * width, INPUTS)
+    assert target.image.shape[-2] % BLOCK == target.image.shape[-1] % BLOCK == 0
+    for share in (0.3, 1.0):
+        applied = target.image + share * (enhanced - target.image)
+        left, raw = ((image - truth).square().mean() for image in (applied, target.image))
+        told = 1 + (share**2 * found.squared - 2 * share * found.helpful).mean()
+        torch.testing.assert_close(told, left / raw, rtol=1e-4, atol=1e-5)
+
+
+def test_more_than_two_references_give_every_view_with_fewer_as_well(plane_run):
+    rendered = read_run(plane_run)
+    expected = 3 * len(rendered.targets) * len(run_steps(plane_run))
+    assert len(list(judged_views(plane_run, changing()))) == expected
+
+
+def test_it_learns_which_blocks_gain():
+    torch.manual_seed(0)
+    features = torch.randn(3000, INPUTS)
+    good = (features[:, 5] > 0).float()
+    view = JudgedView(features, torch.ones(3000), good)
+    confidence = train_confidence([view], hidden=32, steps=400)
+    again = train_confidence([view], hidden=32, steps=400)
+    with torch.no_grad():
+        share = confidence.judge(features.T[None, :, None])[0, 0, 0]
+        assert torch.equal(share, again.judge(features.T[None, :, None])[0, 0, 0])
+    clear = features[:, 5].abs() > 0.5
+    assert float(share[clear & (good > 0)].mean()) > 0.8
+    assert float(share[clear & (good == 0)].mean()) < 0.15
+
+
+def test_harm_that_counts_more_makes_it_hold_back():
+    features = torch.randn(3000, INPUTS, generator=torch.Generator().manual_seed(0))
+    helpful = torch.randn(3000, generator=torch.Generator().manual_seed(1)) + 0.7
+    view = JudgedView(features, torch.ones(3000), helpful)
+
+    def mean(harm: float) -> float:
+        confidence = train_confidence([view], hidden=8, steps=200, harm=harm)
+        with torch.no_grad():
+            return float(confidence.judge(features.T[None, :, None]).mean())
+
+    assert mean(0.0) - mean(3.0) > 0.1

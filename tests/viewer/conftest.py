@@ -1,0 +1,55 @@
+"""A session on the plane's run, whose splat is a sheet of coloured Gaussians, and a network that brightens."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import DictConfig
+
+from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.infer.weights import save_weights
+from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.splat.io.ply import write_ply
+from gaussian_enhancer.viewer.session import Session
+from gaussian_enhancer.viewer.source import open_session
+from support import paths
+from support.synthetic_runs import coloured_sheet
+
+
+@pytest.fixture(scope="session")
+def viewed(plane_run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("viewed") / "plane"
+    shutil.copytree(plane_run, folder)
+    write_ply(folder / "splat.ply", coloured_sheet(24))
+    write_ply(folder / "distilled.ply", coloured_sheet(12))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def bright(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "bright.safetensors"
+    torch.manual_seed(0)
+    network = SIF((8, 8, 8), (1, 1, 1))
+    torch.nn.init.constant_(network.decode.head.bias, 0.1)
+    save_weights(path, network, ReferenceConfig(), {"strength": 0.5})
+    return path
+
+
+@pytest.fixture(scope="session")
+def configured(viewed, bright) -> Callable[..., DictConfig]:
+    def composed(*overrides: str) -> DictConfig:
+        from hydra import compose, initialize_config_dir
+
+        usual = ("runtime.progress=false", "runtime.threads=1", "runtime.device=cpu", "precision=float32")
+        words = [f"run={viewed}", f"weights={bright}", "colour_clamping=0", *usual, *overrides]
+        with initialize_config_dir(paths.CONF, version_base="1.3"):
+            return compose("view", words)
+
+    return composed
+
+
+@pytest.fixture
+def session(configured) -> Session:
+    return open_session(configured(), torch.device("cpu"))

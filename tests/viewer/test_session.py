@@ -1,0 +1,167 @@
+"""Choices, stages and what cameras see, on the plane's run."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from gaussian_enhancer.align.references import read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.types import Camera, identity_camera
+from gaussian_enhancer.viewer.cameras import PageCamera
+from gaussian_enhancer.viewer.session import KEPT
+from gaussian_enhancer.viewer.source import DISTILLED, GIVEN, RAW, open_session
+from gaussian_enhancer.viewer.stage import View
+
+CPU = torch.device("cpu")
+
+
+def looking(z: float, turned: bool = False) -> Camera:
+    """A camera on the plane's axis at a depth, the plane being at 3; turned, it looks away."""
+    camera = identity_camera(48, 64, 64.0)
+    pose = torch.eye(4)
+    pose[2, 3] = -z
+    if turned:
+        pose = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0])) @ pose
+    return Camera(camera.K, pose, 48, 64)
+
+
+def drawn(session, camera, choice=None, **how) -> View:
+    view = session.draw(session.first if choice is None else choice, camera, **how)
+    assert view is not None
+    return view
+
+
+def test_a_view_is_rendered_and_enhanced_by_the_share_of_the_weights_card(session):
+    view = drawn(session, looking(0.0))
+    assert view.enhanced is not None
+    assert view.render.shape == view.enhanced.shape == (3, 48, 64)
+    inner = (view.enhanced < 1) & (view.enhanced > 0)
+    half = (view.enhanced - view.render)[inner]
+    full = drawn(session, looking(0.0), dataclasses.replace(session.first, strength=1.0))
+    assert full.enhanced is not None
+    whole = (full.enhanced - full.render)[inner]
+    assert float(half.mean()) == pytest.approx(float(whole.mean()) / 2, rel=0.1)
+    assert float(half.mean()) > 0.01
+    assert session.strength(session.first) == 0.5
+    assert 1 <= len(view.references) <= 3
+    assert view.times.total == view.times.rendering + view.times.preparing + view.times.enhancing
+    assert not view.blank
+
+
+def test_coverage_is_the_share_of_the_photos_that_show_a_pixel(session):
+    camera = looking(0.0)
+    view, stage = drawn(session, camera), session.stage(session.first)
+    config = stage.enhancer.reference_config
+    target = stage.target("again.png", camera)
+    aligned = config.align(read_target(target), target, stage.pool)
+    assert view.coverage is not None
+    torch.testing.assert_close(view.coverage, (aligned.visibility.sum(0) / 3).clamp(0, 1))
+    assert 0 < float(view.coverage.mean()) <= 1
+
+
+def test_the_network_is_left_out_where_it_is_not_needed(session, monkeypatch):
+    stage = session.stage(session.first)
+    monkeypatch.setattr(type(stage.enhancer), "enhance", lambda *_: pytest.fail("the network ran"))
+    view = drawn(session, looking(0.0), enhance=False)
+    assert view.enhanced is view.coverage is None
+    assert view.times.enhancing == 0
+    assert session.draw(session.first, looking(0.0), superseded=lambda: True) is None
+
+
+@pytest.mark.parametrize("camera", [looking(3.0), looking(2.9999), looking(0.0, turned=True), looking(1e6)])
+def test_a_camera_within_the_wall_or_past_it_gives_a_picture(session, camera):
+    view = drawn(session, camera)
+    assert view.enhanced is not None
+    assert bool(torch.isfinite(view.enhanced).all())
+    assert bool(torch.isfinite(view.render).all())
+
+
+def test_a_camera_that_looks_away_sees_nothing_and_changes_nothing(session):
+    view = drawn(session, looking(0.0, turned=True))
+    assert view.blank
+    assert view.references == () or float(view.coverage.max()) == 0
+    assert torch.equal(view.enhanced, view.render)
+
+
+def test_the_nearest_photo_is_that_of_its_own_camera(session):
+    stage = session.stage(session.first)
+    for view in stage.pool.views:
+        found = stage.nearest(PageCamera.of(view.camera).at(64))
+        assert found is not None
+        assert found.name == view.name
+
+
+def test_plans_of_past_views_are_forgotten(session):
+    for _ in range(3):
+        drawn(session, looking(0.0))
+    planner = session.stage(session.first).planner
+    assert planner is not None
+    assert not planner.known
+
+
+def test_the_number_of_references_is_chosen(session):
+    one = drawn(session, looking(0.0), dataclasses.replace(session.first, max_references=1))
+    assert len(one.references) == 1
+    none = drawn(session, looking(0.0), dataclasses.replace(session.first, max_references=0))
+    assert none.references == ()
+
+
+def test_stages_are_kept_and_the_oldest_is_dropped(session):
+    first = session.stage(session.first)
+    assert session.stage(dataclasses.replace(session.first, strength=0.1)) is first
+    assert first.enhancer.strength == 0.1
+    assert session.strength(session.first) == 0.5
+    others = [dataclasses.replace(session.first, max_references=count) for count in range(KEPT)]
+    for choice in others:
+        session.stage(choice)
+    assert session.stage(others[-1]) is session.stage(others[-1])
+    assert session.stage(session.first) is not first
+
+
+def test_another_splat_of_the_same_capture_brings_its_own_renders(configured, viewed):
+    session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), CPU)
+    assert session.choices.splats == (RAW, DISTILLED)
+    assert session.first.splat == DISTILLED
+    assert open_session(configured(f"distilled={viewed}"), CPU).choices.splats == (RAW, DISTILLED)
+    raw = dataclasses.replace(session.first, splat=RAW)
+    ours, other = drawn(session, looking(0.0)), drawn(session, looking(0.0), raw)
+    assert float((ours.render - other.render).abs().mean()) > 0.01
+    renders = [session.stage(choice).pool.read(0).render for choice in (session.first, raw)]
+    assert float((renders[0] - renders[1]).abs().mean()) > 0.01
+    assert torch.equal(*(session.stage(choice).pool.read(0).image for choice in (session.first, raw)))
+
+
+def test_what_is_offered(configured):
+    session = open_session(configured("plan.margin=8", "strength=0.25", "max_references=2"), CPU)
+    assert list(session.choices.plans) == [GIVEN, "auto", "full"]
+    assert session.choices.plans[GIVEN].margin == 8
+    assert session.first.strength == session.strength(session.first) == 0.25
+    assert session.first.max_references == 2
+    assert set(session.choices.weights) >= {"lr_tiny", "lr_base", session.first.weights}
+    assert list(open_session(configured("plan=full"), CPU).choices.plans) == ["full", "auto"]
+
+
+def test_super_resolution_shows_a_picture_of_the_same_size(configured):
+    session = open_session(configured("weights=sr_tiny"), CPU)
+    view = drawn(session, looking(0.0).resized(96, 128))
+    assert view.render.shape == (3, 24, 32)
+    assert view.enhanced is not None
+    assert view.enhanced.shape == (3, 96, 128)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["run=null"], "view: was given nothing to render; give one of run="),
+        (["gaussians=a.ply"], "was given run and gaussians"),
+        (["distilled=none_such.ply"], "none_such.ply"),
+        (["weights=none_such"], "is neither a file nor a shipped name"),
+        (["strength=2"], "strength: is 2"),
+        (["max_references=9"], "references: is 9"),
+        (["method=4dgs"], "4dgs"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_a_page_is_served(configured, words, told):
+    with pytest.raises(InputError, match=told):
+        open_session(configured(*words), CPU)
