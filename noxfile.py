@@ -27,9 +27,12 @@ def listed(option: str, values: Iterable[str]) -> str:
 
 
 def run_tests(session: nox.Session, *chosen: str) -> None:
-    """Run pytest in up to four processes; each file's tests stay together and share its fixtures."""
+    """Run pytest in up to four processes; each file's tests stay together and share its fixtures.
+
+    A process that dies ends the run, which names its test: with others in its place pytest-xdist can wait for ever.
+    """
     install(session, "test")
-    processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile")
+    processes = ("--numprocesses=logical", "--maxprocesses=4", "--dist=loadfile", "--max-worker-restart=0")
     session.run("pytest", *processes, *chosen, *session.posargs)
 
 

@@ -40,7 +40,7 @@ HARM = 0.5
 """Decibels that a block must lose to count as harmed."""
 WITHOUT = {
     "": EnhancementOptions(),
-    "unjudged": EnhancementOptions(confidence=False),
+    "without_confidence": EnhancementOptions(confidence=False),
     "plain": EnhancementOptions(confidence=False, colour_completion=False),
 }
 """What may be left out: the confidence, or it and colour completion."""
@@ -96,8 +96,9 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
         pretrained = load_weights(name)
         options = replace(WITHOUT[extra], strength=share_of(method, strength) if strength else None)
         enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
-        judged_whole = enhancer.confidence is not None and enhancer.strength == 1
-        told = f"{Path(name).stem}{'' if judged_whole else f'@{enhancer.strength:g}'}{extra and f' {extra}'}"
+        whole = enhancer.confidence is not None and enhancer.strength == 1
+        left_out = extra.replace("_", " ")
+        told = " ".join(filter(None, (f"{Path(name).stem}{'' if whole else f'@{enhancer.strength:g}'}", left_out)))
         made[told] = checkpoint_digest(find_checkpoint(name)), enhancer
     return made
 
@@ -239,8 +240,8 @@ does not count. Of the training captures, panel17 has taught the network of the 
 tumdesk are among the nine that have taught their confidence.
 
 `lr_tiny` is what is shipped: colours are completed, and the confidence gives the share of the change to apply, block by
-block. `lr_tiny@0.75 unjudged` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and completes
-nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows of
+block. `lr_tiny@0.75 without confidence` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and
+completes nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows of
 `lr_tiny`.
 
 Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fifth of the photos held out
@@ -248,7 +249,7 @@ Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fift
 +densification=gradient +settings.densification.pull=2e-4 +settings.densification.opacity=0.005`); those of fox and
 monstree hold out every eighth. The earlier ones are of `gaussian-enhancer fit '+sweep=[converged_training,two_jobs]'`
 and `converged_validation`. This page is made by `gaussian-enhancer convergence
-methods=[lr_tiny,lr_tiny@0.75:unjudged,lr_tiny@1:plain] runs=[FITS] records=docs/results/convergence.jsonl
+methods=[lr_tiny,lr_tiny@0.75:without_confidence,lr_tiny@1:plain] runs=[FITS] records=docs/results/convergence.jsonl
 page=docs/results/convergence.md`."""
 
 

@@ -15,16 +15,20 @@ from support.paths import DOCS
 
 
 def test_a_method_names_weights_strength_and_what_is_left_out() -> None:
-    made = enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:unjudged", "lr_tiny@1:plain"])
+    made = enhancers(["lr_tiny", "lr_tiny@0.5", "lr_tiny:without_confidence", "lr_tiny@1:plain"])
     own = load_weights("lr_tiny").strength
-    assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} unjudged", "lr_tiny@1 plain"]
+    assert list(made) == ["lr_tiny", "lr_tiny@0.5", f"lr_tiny@{own:g} without confidence", "lr_tiny@1 plain"]
     kept = [(one.strength, one.confidence is not None, one.colour_completion) for _, one in made.values()]
     assert kept == [(1.0, True, True), (0.5, True, True), (own, False, True), (1.0, False, False)]
 
 
 @pytest.mark.parametrize(
     ("method", "said"),
-    [("lr_tiny@1:fast", "write :unjudged or :plain"), ("lr_tiny@2", "from 0 to 1"), ("lr_tiny@x", "from 0 to 1")],
+    [
+        ("lr_tiny@1:fast", "write :without_confidence or :plain"),
+        ("lr_tiny@2", "from 0 to 1"),
+        ("lr_tiny@x", "from 0 to 1"),
+    ],
 )
 def test_another_ending_and_no_share_are_refused(method: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
