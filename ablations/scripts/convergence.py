@@ -241,8 +241,8 @@ tumdesk are among the nine that have taught their confidence.
 
 `lr_tiny` is what is shipped: colours are completed, and the confidence gives the share of the change to apply, block by
 block. `lr_tiny@0.75 without confidence` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and
-completes nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows of
-`lr_tiny`.
+completes nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows
+of `lr_tiny`.
 
 Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fifth of the photos held out
 (`settings.max_gaussians`, `scene.split.test_every=5`; `settings.sh_degree=3 +settings.start_gaussians=30000
