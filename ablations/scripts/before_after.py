@@ -84,10 +84,23 @@ def median_gain(views: list[Compared]) -> Compared:
 
 
 def worst_block(view: Compared) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the crop in which the raw render's mean squared error is largest."""
-    error = (view.raw - view.photo).square().mean(dim=0)[None, None]
-    height, width = (side // CROP for side in error.shape[2:])
-    means = F.avg_pool2d(error, (height, width), stride=1)[0, 0]
+    """The crop in which the raw render's mean squared error is largest."""
+    return _largest(_squared_error(view.raw, view.photo))
+
+
+def harmed_block(view: Compared) -> tuple[int, int, int, int]:
+    """The crop to which the enhancement adds the most squared error, or from which it takes the least."""
+    return _largest(_squared_error(view.enhanced, view.photo) - _squared_error(view.raw, view.photo))
+
+
+def _squared_error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
+    return (image - photo).square().mean(dim=0)
+
+
+def _largest(values: Float[Tensor, "h w"]) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the crop with the largest mean."""
+    height, width = (side // CROP for side in values.shape)
+    means = F.avg_pool2d(values[None, None], (height, width), stride=1)[0, 0]
     row, column = divmod(int(means.argmax()), means.shape[1])
     return column, row, column + width, row + height
 
@@ -103,13 +116,17 @@ def caption(views: list[Compared], shown: Compared, splat: str, capture: str, we
     )
 
 
-def strip(view: Compared) -> Image.Image:
-    """Raw, enhanced and photo side by side; under each its crop, magnified to the view's size."""
+def strip(view: Compared, box: tuple[int, int, int, int]) -> Image.Image:
+    """Raw, enhanced and photo side by side; under each a crop, magnified to the view's size.
+
+    Args:
+        view: what is shown.
+        box: left, top, right and bottom of the crop.
+    """
     before, after = view.decibels
     titles = (f"raw render  {before:.2f} dB", f"enhanced  {after:.2f} dB", "photo (held out)")
     pictures = [_picture(image) for image in (view.raw, view.enhanced, view.photo)]
     width, height = pictures[0].size
-    box = worst_block(view)
     sheet = Image.new("RGB", (3 * width + 2 * GAP, BAND + 2 * height + GAP), "white")
     draw = ImageDraw.Draw(sheet)
     for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
@@ -153,8 +170,17 @@ def run(cfg: DictConfig) -> None:
     views = read_views(folder)
     shown = median_gain(views)
     text = caption(views, shown, cfg.method, cfg.capture or folder.name, used_weights(folder))
+    write_picture(cfg.output, strip(shown, worst_block(shown)), text)
+    print(text)
+
+
+def write_picture(path: str | Path, picture: Image.Image, text: str) -> None:
+    """Write a JPEG that holds its caption as its description.
+
+    Raises:
+        InputError: it cannot be written.
+    """
     exif = Image.Exif()
     exif[DESCRIPTION] = text
-    with whole_file(cfg.output) as temporary:
-        strip(shown).save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)
-    print(text)
+    with whole_file(path) as temporary:
+        picture.save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)

@@ -15,10 +15,12 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from omegaconf import DictConfig
+from PIL import Image
 from torch import Tensor
 
 from ablations.realism.realism import finished_fits, scene_of
-from ablations.study.enhanced_views import enhanced_views
+from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
+from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.markdown import markdown
 from ablations.study.plots import STYLE
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
@@ -142,6 +144,33 @@ def rows(
                 yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
 
 
+def extremes(made: Mapping[str, tuple[str, SetEnhancer]], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
+    """Name, picture and caption of a fit's worst and best view at its last step, by the first method.
+
+    The worst view's crop is where enhancement adds the most error, the best view's where the raw render is worst.
+
+    Args:
+        made: what `enhancers` returns.
+        fit: its folder.
+    """
+    method, (_, enhancer) = next(iter(made.items()))
+    scene, step = scene_of(fit), run_steps(fit)[-1]
+    views = sorted(enhanced_views(read_run(fit, step), {method: enhancer}), key=lambda one: _gain(one, method))
+    for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
+        images = (quantised(image) for image in (one.render, one.results[method].image, one.photo))
+        shown = Compared(Path(one.view.name).stem, step, *images)
+        text = (
+            f"{scene} ({role_of(scene)}), {step:,} steps, view {shown.name}: the {word} of {len(views)}, "
+            f"{_gain(one, method):+.2f} dB colour-aligned by {method}. The crop is where "
+            f"{'enhancement adds the most error' if word == 'worst' else 'the raw render is worst'}."
+        )
+        yield f"{scene}_{word}", strip(shown, crop(shown)), text
+
+
+def _gain(view: EnhancedView, method: str) -> float:
+    return view.gains(method)["psnr_aligned"]
+
+
 def role_of(scene: str) -> str:
     """Whether weights may learn from a capture, are chosen by it, or are tested on it.
 
@@ -178,8 +207,15 @@ def summary(frame: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def page_text(frame: pd.DataFrame, picture: str, about: str) -> str:
-    """The page as Markdown."""
+def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str, str] | None = None) -> str:
+    """The page as Markdown.
+
+    Args:
+        frame: rows of all records.
+        picture: address of the diagram.
+        about: what was measured.
+        views: captions of the pictures of single views, by address.
+    """
     table = summary(frame)
     signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
     finer = {name: "{:+.4f}".format for name in table.columns if name == "SSIM" or name.startswith("LPIPS")}
@@ -202,6 +238,9 @@ def page_text(frame: pd.DataFrame, picture: str, about: str) -> str:
         if len(mine):
             title = TITLES[role]
             parts += [f"## {title}", markdown(mine.astype(str))]
+    if views:
+        parts.append("## The worst and the best view of each fit")
+        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
     return "\n\n".join(parts) + "\n"
 
 
@@ -297,6 +336,15 @@ def read_rows(path: Path, columns: Sequence[str] = COLUMNS, option: str = "metho
     return frame
 
 
+def shown_views(page: Path) -> dict[str, str]:
+    """Captions of the pictures in the folder that is named as a page, by their address on it."""
+    found = {}
+    for path in sorted(page.with_suffix("").glob("*.jpg")):
+        with Image.open(path) as image:
+            found[path.relative_to(page.parent).as_posix()] = str(image.getexif()[DESCRIPTION])
+    return found
+
+
 def run(cfg: DictConfig) -> None:
     """Enhance and measure where methods are given; make the page from the records, and print its numbers.
 
@@ -311,11 +359,15 @@ def run(cfg: DictConfig) -> None:
     if cfg.methods:
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
         made = enhancers(cfg.methods, device)
-        found = [{**row, **provenance()} for fit in fits(cfg.runs) for row in rows(made, fit, distances)]
+        chosen = fits(cfg.runs)
+        found = [{**row, **provenance()} for fit in chosen for row in rows(made, fit, distances)]
         write_text(cfg.records, pd.DataFrame(found).to_json(orient="records", lines=True))
+        if cfg.pictures:
+            for name, picture, text in (shown for fit in chosen for shown in extremes(made, fit)):
+                write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
     frame = read_rows(Path(cfg.records))
     if cfg.page:
         page = Path(cfg.page)
         drawn(frame, page.with_suffix(".svg"))
-        write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT))
+        write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
     print(summary(frame).to_string(index=False))

@@ -9,6 +9,7 @@ from ablations.scripts.before_after import (
     GAP,
     Compared,
     caption,
+    harmed_block,
     median_gain,
     read_views,
     strip,
@@ -41,6 +42,13 @@ def test_the_crop_is_where_the_raw_render_is_worst() -> None:
     assert worst_block(moved) == (24, 8, 36, 16)
 
 
+def test_the_harmed_crop_is_where_enhancement_adds_most() -> None:
+    harmed = view("a", 0.0)
+    harmed.enhanced[:, 8:16, 24:36] += 0.1
+    assert worst_block(harmed) == (0, HEIGHT - HEIGHT // CROP, WIDTH // CROP, HEIGHT)
+    assert harmed_block(harmed) == (24, 8, 36, 16)
+
+
 def test_a_loss_is_captioned_as_one() -> None:
     views = [view("a", 0.4), view("b", 0.4)]
     text = caption(views, views[0], "3DGS", "a capture, MIT", "lr_tiny")
@@ -49,7 +57,10 @@ def test_a_loss_is_captioned_as_one() -> None:
 
 
 def test_the_strip_holds_three_views_and_their_crops() -> None:
-    assert strip(view("a", 0.1)).size == (3 * WIDTH + 2 * GAP, BAND + 2 * HEIGHT + GAP)
+    assert strip(view("a", 0.1), (0, 0, WIDTH // CROP, HEIGHT // CROP)).size == (
+        3 * WIDTH + 2 * GAP,
+        BAND + 2 * HEIGHT + GAP,
+    )
 
 
 def test_a_folder_without_enhanced_views_is_refused(tmp_path) -> None:

@@ -7,7 +7,17 @@ from pathlib import Path
 import pytest
 import torch
 
-from ablations.scripts.convergence import ABOUT, TITLES, enhancers, fits, harm, page_text, read_rows, role_of
+from ablations.scripts.convergence import (
+    ABOUT,
+    TITLES,
+    enhancers,
+    fits,
+    harm,
+    page_text,
+    read_rows,
+    role_of,
+    shown_views,
+)
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -53,9 +63,28 @@ def test_the_page_is_made_again_from_the_records(plane_run, tmp_path, job, capsy
     job("convergence", f"records={records}", f"page={tmp_path}/page.md")
     assert capsys.readouterr().out == first
     page = (tmp_path / "page.md").read_text()
+    assert ".jpg" not in page
     assert "## Validation captures" in page
     assert "](page.svg)" in page
     assert (tmp_path / "page.svg").is_file()
+
+
+def test_the_page_shows_the_worst_and_the_best_view_of_each_fit(plane_run, tmp_path, job) -> None:
+    fit = named_fit(plane_run, tmp_path / "mine", "plush")
+    files = (f"records={tmp_path}/found.jsonl", f"page={tmp_path}/page.md", f"pictures={tmp_path}/page")
+    job("convergence", "methods=[lr_tiny,lr_tiny@1:plain]", f"runs=[{fit}]", *files)
+    rows = [json.loads(line) for line in (tmp_path / "found.jsonl").read_text().splitlines()]
+    gains = {
+        Path(row["view"]).stem: row["gain_psnr_aligned"]
+        for row in rows
+        if (row["method"], row["step"]) == ("lr_tiny", 100)
+    }
+    page = (tmp_path / "page.md").read_text()
+    for word, chosen in (("worst", min), ("best", max)):
+        view = chosen(gains, key=gains.__getitem__)
+        text = f"100 steps, view {view}: the {word} of {len(gains)}, {gains[view]:+.2f} dB"
+        assert text in page.split(f"](page/plush_{word}.jpg)")[1]
+        assert text in shown_views(tmp_path / "page.md")[f"page/plush_{word}.jpg"]
 
 
 def test_fits_that_would_be_mixed_up_or_have_no_role_are_refused_before_they_are_measured(plane_run, tmp_path) -> None:
@@ -79,7 +108,7 @@ def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
 def test_the_committed_page_is_what_its_records_say() -> None:
     page = (DOCS / "results/convergence.md").read_text()
     frame = read_rows(DOCS / "results/convergence.jsonl")
-    assert page_text(frame, "convergence.svg", ABOUT) == page
+    assert page_text(frame, "convergence.svg", ABOUT, shown_views(DOCS / "results/convergence.md")) == page
 
 
 def test_every_role_has_a_title_and_an_unknown_capture_none() -> None:
