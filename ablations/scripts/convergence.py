@@ -1,11 +1,11 @@
 """``gaussian-enhancer convergence``: gain against the age of a splat.
 
 Every snapshot of fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job ``fit``
-with several snapshots (``settings.snapshots``). Without methods the page is made again from the records. Blocks are
-16x16 pixels; one is harmed where it loses more than 0.5 dB.
+with several snapshots (``settings.snapshots``). Rows of a method, scene and step that are in the records already are
+replaced. Without methods the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it loses
+more than 0.5 dB.
 """
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,15 +23,14 @@ from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, 
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.markdown import markdown
 from ablations.study.plots import STYLE
+from ablations.study.row_files import RowFile
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.input_files import read_text
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
-from gaussian_enhancer.metrics.provenance import provenance
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -310,30 +309,12 @@ def fits(patterns: Sequence[str]) -> list[Path]:
 
 
 COLUMNS = ("method", "scene", "step", "view", "raw_psnr_aligned", "gain_psnr_aligned")
-"""Columns that a file of rows must have."""
+KEYS = ("method", "scene", "step")
 
 
-def read_rows(path: Path, columns: Sequence[str] = COLUMNS, option: str = "methods") -> pd.DataFrame:
-    """The rows of a file of records.
-
-    Args:
-        path: the file.
-        columns: that it must have.
-        option: of the job, by which it measures again.
-
-    Raises:
-        InputError: there is none, or it holds something else.
-    """
-    remedy = f"measure again, with {option}="
-    text = read_text(path)
-    try:
-        frame = pd.read_json(io.StringIO(text), lines=True)
-    except ValueError as error:
-        raise InputError(path, f"is no file of rows ({error})", remedy) from error
-    lacking = set(columns) - set(frame.columns)
-    if lacking:
-        raise InputError(path, f"lacks the column {sorted(lacking)[0]}", remedy)
-    return frame
+def row_file(path: str | Path) -> RowFile:
+    """The records of this study."""
+    return RowFile(Path(path), COLUMNS, KEYS, "methods")
 
 
 def shown_views(page: Path) -> dict[str, str]:
@@ -355,17 +336,17 @@ def run(cfg: DictConfig) -> None:
         InputError: weights, fits or records cannot be read, or a file cannot be written.
     """
     require(cfg)
-    device = start(cfg.runtime)
+    device, records = start(cfg.runtime), row_file(cfg.records)
     if cfg.methods:
+        records.held()  # a file of something else is refused before anything is measured
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
         made = enhancers(cfg.methods, device)
         chosen = fits(cfg.runs)
-        found = [{**row, **provenance()} for fit in chosen for row in rows(made, fit, distances)]
-        write_text(cfg.records, pd.DataFrame(found).to_json(orient="records", lines=True))
+        records.add([row for fit in chosen for row in rows(made, fit, distances)])
         if cfg.pictures:
             for name, picture, text in (shown for fit in chosen for shown in extremes(made, fit)):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
-    frame = read_rows(Path(cfg.records))
+    frame = records.read()
     if cfg.page:
         page = Path(cfg.page)
         drawn(frame, page.with_suffix(".svg"))

@@ -14,14 +14,14 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from ablations.realism.realism import refuse_without_views
-from ablations.scripts.convergence import TITLES, enhancers, read_rows, role_of
+from ablations.scripts.convergence import TITLES, enhancers, role_of
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.markdown import markdown
+from ablations.study.row_files import RowFile
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
-from gaussian_enhancer.metrics.provenance import provenance
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.runtime import start
@@ -30,7 +30,7 @@ from gaussian_enhancer.scene.renders import read_run
 METRICS = {"psnr_aligned": "PSNR, aligned", "psnr": "PSNR", "ssim": "SSIM", "lpips_alex": "LPIPS(alex)"}
 BASE = "raw"
 COLUMNS = ("role", "scene", "splat", "seconds", "gaussians", "view", "image", "psnr_aligned")
-"""Columns that a file of rows must have."""
+KEYS = ("scene", "splat")
 
 
 @dataclass(frozen=True)
@@ -143,15 +143,6 @@ records=docs/results/distil.jsonl page=docs/results/distil.md` measures and writ
 """
 
 
-def merged(held: pd.DataFrame | None, found: pd.DataFrame) -> pd.DataFrame:
-    """The records with rows of the same captures' splats replaced."""
-    if held is None:
-        return found
-    fresh = set(zip(found["scene"], found["splat"], strict=True))
-    stay = [pair not in fresh for pair in zip(held["scene"], held["splat"], strict=True)]
-    return pd.concat([held[stay], found], ignore_index=True)
-
-
 def named(word: str) -> Measured:
     """The run that a word names.
 
@@ -195,6 +186,11 @@ def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[Meas
     return runs
 
 
+def row_file(path: str | Path) -> RowFile:
+    """The records of this study."""
+    return RowFile(Path(path), COLUMNS, KEYS, "runs")
+
+
 def run(cfg: DictConfig) -> None:
     """Enhance and measure where runs are given; make the page from the records, and print its numbers.
 
@@ -206,15 +202,14 @@ def run(cfg: DictConfig) -> None:
     """
     require(cfg)
     device = start(cfg.runtime)
-    records = Path(cfg.records)
+    records = row_file(cfg.records)
     if cfg.runs:
-        held = read_rows(records, COLUMNS, "runs") if records.exists() else None
-        runs = chosen(cfg.runs, set() if held is None else set(zip(held["scene"], held["splat"], strict=True)))
+        held = records.held()
+        runs = chosen(cfg.runs, set(zip(held["scene"], held["splat"], strict=True)))
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
         ((method, made),) = enhancers([cfg.weights], device).items()
-        found = [{**row, **provenance()} for one in runs for row in rows(one, method, made, distances)]
-        write_text(records, merged(held, pd.DataFrame(found)).to_json(orient="records", lines=True))
-    frame = read_rows(records, COLUMNS, "runs")
+        records.add([row for one in runs for row in rows(one, method, made, distances)])
+    frame = records.read()
     if cfg.page:
         write_text(cfg.page, page_text(frame, ABOUT))
     print(summary(frame).to_string(index=False))

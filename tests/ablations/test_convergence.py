@@ -14,8 +14,8 @@ from ablations.scripts.convergence import (
     fits,
     harm,
     page_text,
-    read_rows,
     role_of,
+    row_file,
     shown_views,
 )
 from gaussian_enhancer.errors import InputError
@@ -107,7 +107,7 @@ def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
 
 def test_the_committed_page_is_what_its_records_say() -> None:
     page = (DOCS / "results/convergence.md").read_text()
-    frame = read_rows(DOCS / "results/convergence.jsonl")
+    frame = row_file(DOCS / "results/convergence.jsonl").read()
     assert page_text(frame, "convergence.svg", ABOUT, shown_views(DOCS / "results/convergence.md")) == page
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from ablations.scripts.convergence import read_rows
-from ablations.scripts.distil_study import ABOUT, COLUMNS, chosen, merged, named, page_text, summary
+from ablations.scripts.distil_study import ABOUT, chosen, named, page_text, row_file, summary
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 from support.paths import DOCS
@@ -45,13 +44,6 @@ def test_gains_are_over_the_raw_render_of_the_same_capture():
     assert "## Validation captures" in page
     assert "| 26.50 |" in page
     assert "| +1.50 |" in page
-
-
-def test_rows_that_are_measured_again_replace_the_old_ones():
-    held = pd.concat([frame("raw", 20.0), frame("new", 21.0)], ignore_index=True)
-    found = merged(held, frame("new", 23.0))
-    assert found[["splat", "psnr_aligned"]].to_numpy().tolist() == [["raw", 20.0], ["new", 23.0]]
-    assert merged(None, held) is held
 
 
 @pytest.fixture
@@ -105,5 +97,5 @@ def test_the_page_is_made_again_from_the_records(fitted, tmp_path, job, capsys):
 
 
 def test_the_committed_page_is_what_its_records_say():
-    rows = read_rows(DOCS / "results/distil.jsonl", COLUMNS, "runs")
+    rows = row_file(DOCS / "results/distil.jsonl").read()
     assert page_text(rows, ABOUT) == (DOCS / "results/distil.md").read_text()
