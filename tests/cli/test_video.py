@@ -87,7 +87,7 @@ def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(wor
         assert float((frame - image).abs().mean()) < 0.04
     assert min(float((a - b).abs().mean()) for a, b in itertools.pairwise(shown)) > 0
 
-    monkeypatch.setattr(Film, "_enhanced", lambda *_: pytest.fail("a frame was made again"))
+    monkeypatch.setattr(Film, "_enhance", lambda *_: pytest.fail("a frame was made again"))
     run(configured(*words, "layout=side_by_side", f"output={tmp_path / 'beside.webm'}", "fps=10"))
     assert folder_of(tmp_path) == folder
     wide = decoded(tmp_path / "beside.webm")
@@ -106,7 +106,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
     assert not torch.equal(written["frame_000001.png"][..., :30], whole["frame_000001.png"][..., :30])
 
     shutil.rmtree(tmp_path / "runs")
-    enhanced, count = Film._enhanced, 0
+    enhanced, count = Film._enhance, 0
 
     def interrupted(*args):
         nonlocal count
@@ -115,7 +115,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
             raise KeyboardInterrupt
         return enhanced(*args)
 
-    monkeypatch.setattr(Film, "_enhanced", interrupted)
+    monkeypatch.setattr(Film, "_enhance", interrupted)
     with pytest.raises(SystemExit) as stop:
         run(configured(*words))
     assert stop.value.code == job.STOPPED
