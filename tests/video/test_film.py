@@ -49,6 +49,9 @@ def image(index: int) -> torch.Tensor:
     return torch.full((3, HEIGHT, WIDTH), 0.05 * index)
 
 
+PHOTO = partial(image, 1)
+
+
 def drawn(index: int, pause: float) -> torch.Tensor:
     time.sleep(pause)
     return image(index)
@@ -58,14 +61,14 @@ def depth() -> torch.Tensor:
     return torch.full((1, HEIGHT, WIDTH), 3.0)
 
 
-def path(pause: float = 0.0, read_photo=partial(image, 1), frames: int = FRAMES) -> RenderedSet:
+def path(pause: float = 0.0, read_photo=PHOTO, frames: int = FRAMES) -> RenderedSet:
     """A path past four photos; each frame is a little brighter than the one before."""
     cameras = [plane_camera(index, HEIGHT, WIDTH) for index in range(frames)]
     targets = tuple(
         RenderedView(f"frame {i}", partial(drawn, i, pause), camera, depth) for i, camera in enumerate(cameras)
     )
     references = tuple(
-        RenderedView(f"photo {i}", partial(image, 1), cameras[i], depth, None, read_photo) for i in range(4)
+        RenderedView(f"photo {i}", PHOTO, cameras[i], depth, None, read_photo) for i in range(4)
     )
     return RenderedSet("path", targets, references)
 
@@ -141,5 +144,6 @@ def test_a_film_that_is_left_ends_its_threads_and_goes_on(tmp_path: Path) -> Non
     frames.close()
     assert threading.active_count() == before
     left = filmed(path(), FrameFolder(tmp_path / "left"), smoothing=0.5)
-    assert left.stored[0] and not left.stored[-1]
+    assert left.stored[0]
+    assert not left.stored[-1]
     assert all(torch.equal(one.enhanced, other) for one, other in zip(left, expected, strict=True))

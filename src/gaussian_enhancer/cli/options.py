@@ -594,6 +594,16 @@ class ViewerSpeed(Options):
     records: RecordsFile | None
 
 
+class VideoSpeed(Options):
+    """Options of the job ``video_speed``."""
+
+    run: Place
+    frames: Annotated[int, Field(ge=2)]
+    overrides: list[str]
+    rounds: Count
+    records: RecordsFile | None
+
+
 OPTIONS: Mapping[str, type[Shared]] = {
     "demo": Demo,
     "fit": Fit,
@@ -636,6 +646,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "similarity": Similarity,
     "splat_kernels": SplatKernels,
     "viewer_speed": ViewerSpeed,
+    "video_speed": VideoSpeed,
 }
 """The options by job."""
 
