@@ -67,9 +67,7 @@ def path(pause: float = 0.0, read_photo=PHOTO, frames: int = FRAMES) -> Rendered
     targets = tuple(
         RenderedView(f"frame {i}", partial(drawn, i, pause), camera, depth) for i, camera in enumerate(cameras)
     )
-    references = tuple(
-        RenderedView(f"photo {i}", PHOTO, cameras[i], depth, None, read_photo) for i in range(4)
-    )
+    references = tuple(RenderedView(f"photo {i}", PHOTO, cameras[i], depth, None, read_photo) for i in range(4))
     return RenderedSet("path", targets, references)
 
 
