@@ -149,6 +149,13 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(fitted, weights, tmp
     assert [frame.shape for frame in decoded(tmp_path / "clip.mp4")] == [(3, 32, 40)] * 3
     with av.open(str(tmp_path / "clip.mp4")) as source:
         assert source.streams.video[0].average_rate == 12
+    results = tmp_path / "results"  # as gsplat's simple_trainer leaves it
+    (results / "ply").mkdir(parents=True)
+    shutil.copyfile(fitted / "splat.ply", results / "ply/point_cloud_29999.ply")
+    run(configured(f"gaussians={results}", *words[1:], f"weights={weights}", f"runs={tmp_path / 'others'}"))
+    frames = [images(folder / "frames") for folder in sorted(tmp_path.glob("*/video/*"))]
+    assert [len(one) for one in frames] == [3, 3]
+    assert all(torch.equal(image, frames[1][name]) for name, image in frames[0].items())
     assert not list(tmp_path.glob(".*"))
 
 
