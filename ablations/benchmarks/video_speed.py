@@ -147,7 +147,7 @@ def run(cfg: DictConfig) -> None:
         "machine": this_machine(),
         "commit": this_commit(),
     }
-    text = json.dumps({**summary(times, len(filmed.path.cameras)), **about}, indent=2)
-    print(text)
+    record = {**summary(times, len(filmed.path.cameras)), **about}
+    print(json.dumps(record, indent=2))
     if cfg.records:
-        write_text(cfg.records, text + "\n")
+        write_text(cfg.records, json.dumps(record) + "\n")

@@ -156,5 +156,5 @@ def run(cfg: DictConfig) -> None:
     exif = Image.Exif()
     exif[DESCRIPTION] = text
     with whole_file(cfg.output) as temporary:
-        strip(shown).save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)
+        strip(shown).save(temporary, format="JPEG", quality=cfg.quality, subsampling=0, optimize=True, exif=exif)
     print(text)

@@ -536,6 +536,7 @@ class BeforeAfter(Options):
     run: Place
     method: str
     capture: str | None
+    quality: Annotated[int, Field(ge=1, le=95)]
 
 
 class FlowFigure(Options):
