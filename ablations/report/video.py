@@ -1,6 +1,5 @@
 """The tables of docs/video.md, made from committed records and put between marks of the page."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,11 +8,14 @@ from ablations.benchmarks.video_speed import STAGES, TOGETHER
 from ablations.readme import inserted
 from ablations.scripts.flicker import ways
 from ablations.study.markdown import frame, markdown
+from gaussian_enhancer.input_files import parse_json, read_text
 from gaussian_enhancer.metrics.records import read_records
 
 PAGE = Path("docs/video.md")
 SPEED = ("video_speed.json", "video_speed_one_thread.json")
 """Records of the speed in docs/results: each stage with as many threads as there are cores, and with one."""
+UNMEASURED = "Not measured yet: no record was made while the machine had nothing else to do.\n"
+"""What stands in place of the table of the speed while there is no record."""
 FLICKER = "flicker_path.jsonl"
 """Records of flicker there."""
 
@@ -31,8 +33,11 @@ def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:
     """Milliseconds a frame of each stage by itself and of all together, and how they were measured.
 
     Args:
-        measured: what the job ``video_speed`` recorded, one for each number of threads.
+        measured: what the job ``video_speed`` recorded, one for each number of threads; where there is none, the table
+            says so.
     """
+    if not measured:
+        return UNMEASURED
     heads = ("threads a stage", *STAGES, "one after the other", TOGETHER, "slowest stage", "share of its own speed")
     lines = []
     for one in measured:
@@ -55,8 +60,8 @@ def filled(page: str, results: Path) -> str:
         results: the folder of committed records.
 
     Raises:
-        InputError: the page has no marks, or a record is missing or damaged.
+        InputError: the page has no marks, or a record is damaged, or that of flicker missing.
     """
-    speed = [json.loads((results / name).read_text(encoding="utf-8")) for name in SPEED]
+    speed = [parse_json(read_text(results / name), results / name) for name in SPEED if (results / name).is_file()]
     page = inserted(page, speed_table(speed), mark(SPEED[0]), PAGE)
     return inserted(page, ways(read_records(results / FLICKER)), mark(FLICKER), PAGE)

@@ -19,7 +19,7 @@ from gaussian_enhancer.video.frames import FrameFolder
 from support.synthetic_runs import plane_camera
 
 FRAMES, STAGES = 8, 4
-PAUSE = 0.15
+PAUSE = 0.25
 """Seconds of a stage; all other work of a frame takes milliseconds."""
 HEIGHT, WIDTH = 32, 48
 

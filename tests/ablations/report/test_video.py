@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.report.video import PAGE, SPEED, filled, mark, speed_table
+from ablations.report.video import PAGE, SPEED, UNMEASURED, filled, mark, speed_table
 from gaussian_enhancer.errors import InputError
 from support.paths import DOCS, ROOT
 
@@ -40,6 +40,7 @@ def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
 
 
 def test_a_page_without_marks_is_refused() -> None:
+    assert speed_table([]) == UNMEASURED
     with pytest.raises(InputError, match=r"docs/video\.md: has no place for its figures"):
         filled("no marks", DOCS / "results")
     with pytest.raises(InputError, match="has no place"):
