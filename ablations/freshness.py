@@ -105,6 +105,7 @@ PAGES = (
         ("docs/results/realism_test.jsonl", "docs/results/renders_test.jsonl", "docs/results/renders_validation.jsonl"),
         ("simulator", "network", "train"),
     ),
+    Page("docs/video.md", ("docs/results/flicker_path.jsonl",), ("weights", "network")),
     Page("docs/results/fitting.md", ("docs/results/initialisation.jsonl",), ("splat", "scenes")),
 )
 """Pages by hand; the tables of the suite are found by their files."""

@@ -36,6 +36,7 @@ def remade(source: Path, folder: Path) -> list[Path]:
         Paths relative to both.
     """
     from ablations.report.reliability import read_page
+    from ablations.report.video import PAGE, filled
     from gaussian_enhancer.cli.main import main
     from gaussian_enhancer.files import write_text
 
@@ -51,6 +52,7 @@ def remade(source: Path, folder: Path) -> list[Path]:
                 if ended.code:
                     raise
         write_text("docs/reliability.md", read_page(Path("docs/results")))
+        write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), Path("docs/results")))
     finally:
         sys.argv = arguments
         os.chdir(before)

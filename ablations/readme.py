@@ -70,17 +70,23 @@ def text(records: Sequence[Record]) -> str:
     return f"{HEAD}{lines}\n{_worst(every)}\n"
 
 
-def inserted(page: str, made: str) -> str:
+def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
     """The page with what stands between its marks replaced.
+
+    Args:
+        page: its text.
+        made: what is to stand there.
+        begin: the first mark; `END` is the second.
+        name: of the page, for errors.
 
     Raises:
         InputError: it has no marks.
     """
-    before, begin, rest = page.partition(BEGIN)
+    before, found, rest = page.partition(begin)
     _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise InputError("README.md", "has no place for its figures", f"put {BEGIN} and {END} around them")
-    return f"{before}{BEGIN}\n{made}{END}{after}"
+    if not found or not end:
+        raise InputError(name, "has no place for its figures", f"put {begin} and {END} around them")
+    return f"{before}{begin}\n{made}{END}{after}"
 
 
 def _known(record: Record) -> dict[str, float]:

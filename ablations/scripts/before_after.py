@@ -170,12 +170,18 @@ def run(cfg: DictConfig) -> None:
     views = read_views(folder)
     shown = median_gain(views)
     text = caption(views, shown, cfg.method, cfg.capture or folder.name, used_weights(folder))
-    write_picture(cfg.output, strip(shown, worst_block(shown)), text)
+    write_picture(cfg.output, strip(shown, worst_block(shown)), text, cfg.quality)
     print(text)
 
 
-def write_picture(path: str | Path, picture: Image.Image, text: str) -> None:
+def write_picture(path: str | Path, picture: Image.Image, text: str, quality: int = 88) -> None:
     """Write a JPEG that holds its caption as its description.
+
+    Args:
+        path: the file.
+        picture: what is shown.
+        text: the caption.
+        quality: of the JPEG, 1 to 95.
 
     Raises:
         InputError: it cannot be written.
@@ -183,4 +189,4 @@ def write_picture(path: str | Path, picture: Image.Image, text: str) -> None:
     exif = Image.Exif()
     exif[DESCRIPTION] = text
     with whole_file(path) as temporary:
-        picture.save(temporary, format="JPEG", quality=88, subsampling=0, optimize=True, exif=exif)
+        picture.save(temporary, format="JPEG", quality=quality, subsampling=0, optimize=True, exif=exif)

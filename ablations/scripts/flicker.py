@@ -7,12 +7,12 @@ exactly as well: steady photos still differ, since rendered depth is not exact a
 sharper they are. A blurred render is steadier than the truth by this measure; therefore the network's change alone is
 followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
 frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
-from the frame before (`enhance temporal_smoothing=S`) are variants of their own.
+from the frame before (`enhance temporal_smoothing=S`) are variants of their own, and so are frames whose candidate
+references are chosen for the path: kept from frame to frame until others cost less than a share ``loyalty`` of theirs.
 """
 
 import dataclasses
 import itertools
-import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +32,7 @@ from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -47,7 +48,9 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.types import Camera
 
 STEADY = "steady "
-"""What names of variants begin with whose change is partly carried over; the share follows."""
+"""What stands in names of variants whose change is partly carried over; the share follows."""
+PATH = "path "
+"""What names of variants begin with whose references are chosen for the path; the loyalty follows."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,12 @@ class Filmed:
     Args:
         places: cameras and rendered geometry, one each frame.
         images: frames by variant.
-        references: names of the references of each enhanced frame, best first.
+        references: names of the references of each frame, best first, by variant whose frames chose them.
     """
 
     places: tuple[Place, ...]
     images: dict[str, tuple[Tensor, ...]]
-    references: tuple[tuple[str, ...], ...]
+    references: dict[str, tuple[tuple[str, ...], ...]]
 
 
 def path_cameras(run: Path, count: int, frames: int) -> tuple[Camera, ...]:
@@ -89,10 +92,25 @@ def rendered_sequence(
     enhancer: SetEnhancer,
     photos: Sequence[Tensor] = (),
     temporal_smoothing: Sequence[float] = (),
+    loyalty: Sequence[float] = (),
 ) -> Filmed:
-    """Raw, enhanced and steadied frames of a path, and photos where they are known."""
+    """Raw and enhanced frames of a path, by every choice of references and smoothing, and photos where they are known.
+
+    Args:
+        rendered: the path's frames, and the references.
+        enhancer: chooses references for each frame by itself.
+        photos: the path as it looks; none where that is not known.
+        temporal_smoothing: shares of the change that are carried over.
+        loyalty: factors on the cost of the frame before's references, as `PathReferences` takes them.
+    """
     at_one_size(enhancer)
+    single = enhancer.reference_config
     enhanced = list(enhancer(rendered))
+    chosen = {"enhanced": enhanced}
+    for factor in loyalty:
+        enhancer.reference_config = PathReferences.of(single, factor)
+        chosen[f"{PATH}{factor:g}"] = list(enhancer(rendered))
+    enhancer.reference_config = single
     places, raw = [], []
     for view in rendered.targets:
         if view.read is None or view.camera is None or view.read_depth is None:
@@ -101,11 +119,16 @@ def rendered_sequence(
         raw.append(view.read())
     images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
     images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))
-    for share in temporal_smoothing:
-        images[f"{STEADY}{share:g}"] = tuple(_steadied(rendered, [one.image for one in enhanced], share))
+    for name, frames in chosen.items():
+        shown = tuple(one.image for one in frames)
+        images[name] = shown
+        for share in temporal_smoothing:
+            prefix = "" if name == "enhanced" else f"{name} "
+            images[f"{prefix}{STEADY}{share:g}"] = tuple(_steadied(rendered, shown, share))
     if photos:
         images["photo"] = tuple(photos)
-    return Filmed(tuple(places), images, tuple(one.references for one in enhanced))
+    references = {name: tuple(one.references for one in frames) for name, frames in chosen.items()}
+    return Filmed(tuple(places), images, references)
 
 
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
@@ -130,14 +153,15 @@ def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
 
 def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
     """One record for each pair of neighbouring frames and variant."""
-    changed = changes(sequence.references)
+    changed = {name: changes(chosen) for name, chosen in sequence.references.items()}
     for variant, images in sequence.images.items():
         for t, error in enumerate(sequence_errors(images, sequence.places)):
             size = (images[t].shape[2], images[t].shape[1])
             what = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
             extra: dict[str, float | None] = {}
-            if variant == "enhanced":
-                extra = {"references_new": float(changed[t][0]), "references_reordered": float(changed[t][1])}
+            if variant in changed:
+                new, reordered = changed[variant][t]
+                extra = {"references_new": float(new), "references_reordered": float(reordered)}
             elif variant == "change":
                 extra = {"size": float((images[t] - 0.5).abs().mean())}
             if "photo" in sequence.images and variant not in ("photo", "change"):
@@ -166,19 +190,37 @@ def table(found: Sequence[Record]) -> str:
         elsewhere = {view: value for view, value in excess.items() if view not in new}
         cells += [str(len(new)), _mean(there, "+.3f", 255), _mean(elsewhere, "+.3f", 255)]
         lines.append(cells)
-    steady = frame(("run", "frames", "error / raw", "gain, dB"), _steady_lines(found))
-    return f"{markdown(frame(heads, lines))}\n{markdown(steady)}"
+    return f"{markdown(frame(heads, lines))}\n{ways(found)}"
 
 
-def _steady_lines(found: Sequence[Record]) -> Iterator[tuple[str, str, str, str]]:
-    """Flicker over that of the raw frames, and the gain in PSNR where exact photos are known, by share carried over."""
+def ways(found: Sequence[Record]) -> str:
+    """A table of flicker by choice of references and smoothing.
+
+    It holds its ratios to the raw frames' and to the exact photos' own, the pairs of frames with new references, and
+    the gain in PSNR where exact photos are known.
+    """
+    heads = ("run", "frames", "error, 1/255", "error / raw", "error / exact photos", "new references", "gain, dB")
+    return markdown(frame(heads, _ways(found)))
+
+
+def _ways(found: Sequence[Record]) -> Iterator[tuple[str, ...]]:
     for run in dict.fromkeys(record.run for record in found):
         mine = [record for record in found if record.run == run]
-        raw, exact = _values(mine, "raw"), _values(mine, "raw", "psnr")
-        for name in dict.fromkeys(r.variant for r in mine if r.variant == "enhanced" or r.variant.startswith(STEADY)):
-            ratio = sum(_values(mine, name).values()) / sum(raw.values()) if any(raw.values()) else math.nan
+        raw, photo, exact = _values(mine, "raw"), _values(mine, "photo"), _values(mine, "raw", "psnr")
+        for name in dict.fromkeys(record.variant for record in mine if record.variant != "change"):
+            errors = _values(mine, name)
             gains = {view: value - exact[view] for view, value in _values(mine, name, "psnr").items()}
-            yield run, name, f"{ratio:.3f}", _mean(gains, "+.2f")
+            new = [value > 0 for value in _values(mine, name, "references_new").values()]
+            changed = f"{sum(new)} of {len(new)}" if new else ""
+            gained = _mean(gains, "+.2f") if gains and name != "raw" else ""
+            yield run, name, _mean(errors, ".2f", 255), _ratio(errors, raw), _ratio(errors, photo), changed, gained
+
+
+def _ratio(errors: Mapping[str, float], others: Mapping[str, float]) -> str:
+    """Of the sums over the pairs that both hold; empty where there is nothing to compare with."""
+    shared = errors.keys() & others.keys()
+    below = sum(others[view] for view in shared)
+    return f"{sum(errors[view] for view in shared) / below:.3f}" if below else ""
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
@@ -240,7 +282,7 @@ def run(cfg: DictConfig) -> None:
     for fit in finished_fits(cfg.runs):
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         sequence = rendered_sequence(
-            path_renders(fit, cameras), enhancer, exact_photos(fit, cameras), cfg.temporal_smoothing
+            path_renders(fit, cameras), enhancer, exact_photos(fit, cameras), cfg.temporal_smoothing, cfg.loyalty
         )
         found += records(fit, sequence, f"{Path(cfg.weights).name}, strength {enhancer.strength:g}")
         if cfg.records:

@@ -5,7 +5,7 @@ import pytest
 import torch
 from test_sif import small
 
-from ablations.scripts.flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table
+from ablations.scripts.flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table, ways
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -34,6 +34,21 @@ def plane_path(frames: int = 5) -> RenderedSet:
     targets = tuple(view(f"path_{i:04d}.png", camera) for i, camera in enumerate(cameras))
     references = tuple(view(f"view_{i}.png", plane_camera(i, 32, 48)) for i in range(4))
     return RenderedSet("plane", targets, references)
+
+
+def wavering_path() -> RenderedSet:
+    """A camera that wavers between two photos of different exposure."""
+    rendered = plane_path(2)
+    middle = smooth_path([plane_camera(0, 32, 48), plane_camera(1, 32, 48)], 21)
+    targets = [
+        dataclasses.replace(rendered.targets[0], name=f"path_{i:04d}.png", camera=middle[8 if i % 2 else 12])
+        for i in range(8)
+    ]
+    references = [
+        dataclasses.replace(view, read_photo=partial(same, (view.read_photo() * share).clamp(0, 1)))
+        for view, share in zip(rendered.references[:2], (0.5, 1.0), strict=True)
+    ]
+    return dataclasses.replace(rendered, targets=tuple(targets), references=tuple(references))
 
 
 class Unsteady(Network):
@@ -79,10 +94,48 @@ def test_carrying_changes_over_calms_what_is_unsteady(plane_run, tmp_path):
     enhancer = SetEnhancer(Unsteady(0.1), ReferenceConfig(), precision="float32")
     found, all_records = means(named(plane_run, tmp_path), rendered_sequence(rendered, enhancer, photos, [0.5]))
     assert sum(found["steady 0.5"]) < 0.6 * sum(found["enhanced"])
-    lines = [line.split("|")[2:5] for line in table(all_records).splitlines()[-2:]]
-    assert [name.strip() for name, _, _ in lines] == ["enhanced", "steady 0.5"]
-    assert float(lines[1][1]) < 0.6 * float(lines[0][1])
-    assert float(lines[0][2]) < float(lines[1][2])  # half-way between the two brightnesses is the photos
+    rows = by_name(ways(all_records))
+    assert list(rows) == ["raw", "enhanced", "steady 0.5", "photo"]
+    assert float(rows["steady 0.5"][1]) < 0.6 * float(rows["enhanced"][1])
+    assert float(rows["enhanced"][4]) < float(rows["steady 0.5"][4])  # half-way of the two brightnesses is the photos
+    for name, column in (("raw", 1), ("photo", 2)):
+        assert float(rows[name][column]) == 1
+    assert float(rows["steady 0.5"][1]) == pytest.approx(sum(found["steady 0.5"]) / sum(found["raw"]), abs=1e-3)
+    assert float(rows["steady 0.5"][2]) == pytest.approx(sum(found["steady 0.5"]) / sum(found["photo"]), abs=1e-3)
+
+
+def by_name(printed: str) -> dict[str, list[str]]:
+    """Cells of a table's rows by their second one."""
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines()[2:]]
+    return {name: cells for _, name, *cells in rows}
+
+
+class Tinting(Network):
+    """Takes on the mean colour of its first reference."""
+
+    def stages(self, views):
+        return (views.render + 0.2 * (views.references[:, 0].mean((2, 3), keepdim=True) - 0.5),)
+
+
+def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tmp_path):
+    rendered = wavering_path()
+    enhancer = SetEnhancer(
+        Tinting(), ReferenceConfig(references=1, candidates=1), precision="float32", colour_clamping=0
+    )
+    config = enhancer.reference_config
+    film = rendered_sequence(rendered, enhancer, loyalty=[0.5, 1.0])
+    assert enhancer.reference_config is config
+    run = named(plane_run, tmp_path)
+    found, all_records = means(run, film)
+    new = {name: sum(count for count, _ in changes(names)) for name, names in film.references.items()}
+    assert new["enhanced"] == new["path 1"] >= 5
+    assert new["path 0.5"] == 0
+    assert found["path 1"] == found["enhanced"]
+    assert sum(found["path 0.5"]) < 0.8 * sum(found["enhanced"])
+    rows = by_name(ways(all_records))
+    assert rows["path 0.5"][3] == "0 of 7"
+    assert rows["enhanced"][3] == "7 of 7"
+    assert rows["enhanced"][2] == rows["enhanced"][4] == ""  # no exact photos
 
 
 def test_identity_flickers_as_its_input(plane_run, tmp_path):

@@ -691,6 +691,14 @@ def test_the_measurement_of_the_viewer_refuses_mistakes(refused: Refused, monkey
     assert "/nowhere: does not exist; apt-get install" in refused("viewer_speed", "run=nope")
 
 
+def test_the_measurement_of_videos_refuses_mistakes(refused: Refused) -> None:
+    assert "run: is mandatory and was not given; add run=..." in refused("video_speed")
+    assert "frames: is 1" in refused("video_speed", "run=a", "frames=1")
+    assert "records: is 'a.txt'" in refused("video_speed", "run=a", "records=a.txt")
+    assert "nope: is no folder" in refused("video_speed", "run=nope")
+    assert "video nope=1: is refused" in refused("video_speed", "run=nope", "overrides=['nope=1']")
+
+
 # simulate ---------------------------------------------------------------------------------------------------------
 
 

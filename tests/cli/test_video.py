@@ -87,7 +87,7 @@ def test_a_run_becomes_a_video_and_another_layout_of_it_makes_no_frame_again(wor
         assert float((frame - image).abs().mean()) < 0.04
     assert min(float((a - b).abs().mean()) for a, b in itertools.pairwise(shown)) > 0
 
-    monkeypatch.setattr(Film, "_enhanced", lambda *_: pytest.fail("a frame was made again"))
+    monkeypatch.setattr(Film, "_enhance", lambda *_: pytest.fail("a frame was made again"))
     run(configured(*words, "layout=side_by_side", f"output={tmp_path / 'beside.webm'}", "fps=10"))
     assert folder_of(tmp_path) == folder
     wide = decoded(tmp_path / "beside.webm")
@@ -106,7 +106,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
     assert not torch.equal(written["frame_000001.png"][..., :30], whole["frame_000001.png"][..., :30])
 
     shutil.rmtree(tmp_path / "runs")
-    enhanced, count = Film._enhanced, 0
+    enhanced, count = Film._enhance, 0
 
     def interrupted(*args):
         nonlocal count
@@ -115,7 +115,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
             raise KeyboardInterrupt
         return enhanced(*args)
 
-    monkeypatch.setattr(Film, "_enhanced", interrupted)
+    monkeypatch.setattr(Film, "_enhance", interrupted)
     with pytest.raises(SystemExit) as stop:
         run(configured(*words))
     assert stop.value.code == job.STOPPED
@@ -149,6 +149,13 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(fitted, weights, tmp
     assert [frame.shape for frame in decoded(tmp_path / "clip.mp4")] == [(3, 32, 40)] * 3
     with av.open(str(tmp_path / "clip.mp4")) as source:
         assert source.streams.video[0].average_rate == 12
+    results = tmp_path / "results"  # as gsplat's simple_trainer leaves it
+    (results / "ply").mkdir(parents=True)
+    shutil.copyfile(fitted / "splat.ply", results / "ply/point_cloud_29999.ply")
+    run(configured(f"gaussians={results}", *words[1:], f"weights={weights}", f"runs={tmp_path / 'others'}"))
+    frames = [images(folder / "frames") for folder in sorted(tmp_path.glob("*/video/*"))]
+    assert [len(one) for one in frames] == [3, 3]
+    assert all(torch.equal(image, frames[1][name]) for name, image in frames[0].items())
     assert not list(tmp_path.glob(".*"))
 
 

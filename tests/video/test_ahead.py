@@ -60,3 +60,41 @@ def test_an_error_comes_in_its_turn():
 
 def test_stages_can_be_chained():
     assert list(ahead((2 * one for one in ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
+
+
+def test_what_comes_before_ends_with_it():
+    ended = []
+
+    def items():
+        try:
+            yield from range(100)
+        finally:
+            ended.append(threading.get_ident())
+
+    stages = ahead((one for one in ahead(items())), 1)
+    assert next(stages) == 0
+    stages.close()
+    assert ended == [threading.get_ident()]
+
+
+def test_ctrl_c_in_the_consumer_ends_every_stage():
+    begun, ended = [], threading.Event()
+
+    def items():
+        try:
+            for index in range(100):
+                begun.append(index)
+                yield index
+        finally:
+            ended.set()
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped(ahead(one for one in ahead(items())))
+    assert ended.is_set()
+    assert len(begun) < 10
+
+
+def stopped(items):
+    """Take one item and be interrupted while another is awaited."""
+    next(items)
+    items.throw(KeyboardInterrupt)

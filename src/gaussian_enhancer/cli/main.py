@@ -75,6 +75,7 @@ BENCHMARKS = {
     "similarity": "what a fit's loss costs, against torch's autograd of it",
     "splat_kernels": "how long an iteration of a splat's fit takes, part by part",
     "viewer_speed": "how many pictures a second the viewer shows while its camera is dragged",
+    "video_speed": "how much of its slowest stage's own speed a video keeps, with all stages at the same time",
 }
 """Single measurements of cost."""
 

@@ -471,6 +471,7 @@ class Flicker(OfFits):
     cameras: Annotated[int, Field(ge=2)]
     strength: Share | None
     temporal_smoothing: list[Share]
+    loyalty: list[Annotated[float, Field(gt=0, le=1)]]
 
 
 class AlreadyGood(OfFits):
@@ -535,6 +536,7 @@ class BeforeAfter(Options):
     run: Place
     method: str
     capture: str | None
+    quality: Annotated[int, Field(ge=1, le=95)]
 
 
 class FlowFigure(Options):
@@ -594,6 +596,16 @@ class ViewerSpeed(Options):
     records: RecordsFile | None
 
 
+class VideoSpeed(Options):
+    """Options of the job ``video_speed``."""
+
+    run: Place
+    frames: Annotated[int, Field(ge=2)]
+    overrides: list[str]
+    rounds: Count
+    records: RecordsFile | None
+
+
 OPTIONS: Mapping[str, type[Shared]] = {
     "demo": Demo,
     "fit": Fit,
@@ -636,6 +648,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "similarity": Similarity,
     "splat_kernels": SplatKernels,
     "viewer_speed": ViewerSpeed,
+    "video_speed": VideoSpeed,
 }
 """The options by job."""
 

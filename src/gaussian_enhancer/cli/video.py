@@ -13,7 +13,6 @@ from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.video import Output, film, read_output, ready, run_configuration
 from gaussian_enhancer.scene.image_files import write_image
-from gaussian_enhancer.video.ahead import ahead
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder, frame_name
@@ -83,14 +82,12 @@ def _write(frames: Film, output: Output, folder: Path, console: Console, hidden:
 
 
 def _made(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
-    """The frames, written to their folder where they are fresh; enhanced in a thread while earlier ones are encoded."""
+    """The frames, which are made while earlier ones are encoded, with a bar."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     fresh = frames.stored.count(False)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         task = progress.add_task("enhancing" if fresh else "encoding", total=fresh or len(frames.stored))
-        for frame in ahead(frames):
-            if not frame.stored:
-                frames.folder.write(frame.index, frame.enhanced, frame.candidates)
+        for frame in frames:
             yield frame
             if not (fresh and frame.stored):  # the time left is that of frames to be made
                 progress.advance(task)

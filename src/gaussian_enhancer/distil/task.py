@@ -18,7 +18,7 @@ from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
-from gaussian_enhancer.runs.splat_source import splat_file
+from gaussian_enhancer.runs.splat_source import given_file, splat_file
 from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
@@ -160,4 +160,4 @@ def _photos(views: Sequence[RenderedView], prefix: str) -> list[Photo]:
 def _of_splat(cfg: DictConfig) -> tuple[Path, Scene]:
     if not cfg.get("scene"):
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-    return Path(cfg.gaussians), build(cfg.scene)
+    return given_file(cfg.gaussians), build(cfg.scene)

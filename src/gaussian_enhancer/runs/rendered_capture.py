@@ -93,12 +93,14 @@ def open_renderer(
         invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
-        InputError: the splat cannot be read, or the method is unknown.
+        InputError: the splat cannot be read or does not lie where its capture does, or the method is unknown.
     """
+    from gaussian_enhancer.splat.io.gsplat_results import refuse_normalised
     from gaussian_enhancer.splat.io.open import read_splat
     from gaussian_enhancer.splat.methods import choose_method
     from gaussian_enhancer.splat.near import near_plane
 
+    refuse_normalised(file)
     gaussians = read_splat(file, invalid=invalid).to(device)
     return SplatRenderer(gaussians, choose_method(method, gaussians), background, near_plane(cameras))
 

@@ -12,6 +12,7 @@ from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Scene
+from gaussian_enhancer.splat.io.gsplat_results import splat_in
 from gaussian_enhancer.types import Camera
 
 
@@ -102,6 +103,18 @@ def splat_file(run: str | Path) -> Path:
     return others[max(others)]
 
 
+def given_file(gaussians: str | Path) -> Path:
+    """The file of a splat that was named by itself or, as gsplat leaves it, by its result folder.
+
+    Args:
+        gaussians: the file or folder.
+
+    Raises:
+        InputError: the folder holds no splat.
+    """
+    return splat_in(gaussians) if Path(gaussians).is_dir() else Path(gaussians)
+
+
 def _of_run(cfg: DictConfig) -> Capture:
     rendered = read_run(cfg.run)
     views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
@@ -118,4 +131,4 @@ def _of_splat(cfg: DictConfig) -> Capture:
     cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
     if len(cameras) < len(scene.photos):
         raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
-    return Capture(Path(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)
+    return Capture(given_file(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)

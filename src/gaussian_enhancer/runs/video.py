@@ -20,7 +20,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.runs.enhancement import options_of, prepared, with_effect
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
-from gaussian_enhancer.runs.splat_source import open_capture, splat_file
+from gaussian_enhancer.runs.splat_source import given_file, open_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
     Shape,
@@ -204,7 +204,7 @@ def run_configuration(filmed: Filmed) -> DictConfig:
         filmed: what the video is made of.
     """
     cfg, kept = filmed.cfg, with_effect(filmed.cfg)
-    splat = splat_file(cfg.run) if cfg.run is not None else Path(cfg.gaussians)
+    splat = splat_file(cfg.run) if cfg.run is not None else given_file(cfg.gaussians)
     made_of = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
     with open_dict(kept):
         for name in SHOWN:

@@ -1,15 +1,16 @@
-"""Enhancing the frames of a path one after the other, each once.
+"""The frames of a path: rendered, enhanced and written, each once, in stages that work at the same time.
 
 Axes: h height, w width, H, W the same times the network's scale.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
@@ -23,6 +24,23 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import quantised
 from gaussian_enhancer.video.ahead import ahead
 from gaussian_enhancer.video.frames import FrameFolder
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One frame of a path before it is enhanced.
+
+    Args:
+        index: 0 for the first.
+        view: its pixels are in memory.
+        target: these pixels; None where neither the frame nor the next one needs its render.
+        kept: the enhanced view in 8 bits and the references that were considered for it, where it was on disk.
+    """
+
+    index: int
+    view: RenderedView
+    target: Pixels | None
+    kept: tuple[Float[Tensor, "3 H W"], tuple[str, ...]] | None
 
 
 @dataclass(frozen=True)
@@ -55,7 +73,7 @@ class Film:
         rendered: the path's frames as targets, and the references.
         planner: decides what a frame does not need; None enhances every pixel.
         pool: the references.
-        folder: of frames that are on disk. The consumer writes fresh frames to it.
+        folder: of frames on disk; fresh frames are written to it.
         show_renders: render every frame, also those whose enhanced view is on disk.
     """
 
@@ -68,7 +86,8 @@ class Film:
         folder: FrameFolder,
         show_renders: bool = False,
     ) -> None:
-        self.enhancer, self.rendered, self.planner, self.pool = enhancer, rendered, planner, pool
+        self.enhancer, self.rendered, self.planner = enhancer, rendered, planner
+        self.pool = pool if planner is None else planner.pool
         self.folder, self.show_renders = folder, show_renders
         self.stored = tuple(folder.has(index) for index in range(len(rendered.targets)))
         network = enhancer.network
@@ -89,38 +108,74 @@ class Film:
         return upsampled(frame.render[None], self.enhancer.network.scale)[0].clamp(0, 1)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Render, enhance and smooth each frame. Rendering is one frame ahead, in a thread of its own.
+        """The frames in their order, written. The three stages work at the same time, each in a thread of its own.
+
+        Raises:
+            InputError: a frame on disk is damaged, a reference cannot be read, or a frame cannot be written.
+        """
+        return ahead(self.written(ahead(self.enhanced(ahead(self.drawn())))))
+
+    def drawn(self) -> Iterator[Drawn]:
+        """The first stage: each frame is rendered, or read from disk, and the references of the next stage are read.
 
         Raises:
             InputError: a frame on disk is damaged, or a reference cannot be read.
         """
-        before: PreviousChange | None = None
-        for index, view in enumerate(ahead(self._drawn(), 1)):
+        config = _own(self.enhancer.reference_config)
+        for index, view in enumerate(self.rendered.targets):
+            view = held(view)
             target = read_target(view) if self._draws(index) else None
             if self.stored[index]:
-                image, candidates = self.folder.read(index), self.folder.candidates(index)
-                self._go_on_from(candidates)
+                kept = self.folder.read(index), self.folder.candidates(index)
+                _go_on_from(config, kept[1])
+                yield Drawn(index, view, target, kept)
+                continue
+            if target is not None:
+                for candidate in config.nearest(target, view, self.pool):
+                    self.pool.read(candidate, config.fine)
+            yield Drawn(index, view, target, None)
+
+    def enhanced(self, drawn: Iterable[Drawn]) -> Iterator[Frame]:
+        """The second stage: frames that were not on disk are enhanced and smoothed.
+
+        Args:
+            drawn: the frames in their order.
+        """
+        before: PreviousChange | None = None
+        config = self.enhancer.reference_config
+        for one in drawn:
+            if one.kept is not None:
+                image, candidates = one.kept
+                _go_on_from(config, candidates)
             else:
-                image = self._enhanced(view, before)
-                candidates = self._candidates()
+                image = self._enhance(one.view, before)
+                candidates = tuple(config.kept) if isinstance(config, PathReferences) else ()
+            target = one.target
             smoothing = self.enhancer.temporal_smoothing > 0 and target is not None
             before = PreviousChange(image - target.image, target) if smoothing and target is not None else None
             render = None if target is None else target.image
-            yield Frame(index, image, render, candidates, self.stored[index])
+            yield Frame(one.index, image, render, candidates, one.kept is not None)
 
-    def _drawn(self) -> Iterator[RenderedView]:
-        for index, view in enumerate(self.rendered.targets):
-            kept = held(view)
-            if self._draws(index):
-                read_target(kept)
-            yield kept
+    def written(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """The third stage: fresh frames are written to the folder.
+
+        Args:
+            frames: what comes of the second.
+
+        Raises:
+            InputError: the disk is full, or the folder cannot be written.
+        """
+        for frame in frames:
+            if not frame.stored:
+                self.folder.write(frame.index, frame.enhanced, frame.candidates)
+            yield frame
 
     def _draws(self, index: int) -> bool:
         """Whether a frame is rendered: to be enhanced, to be shown, or to carry its change to the next one."""
         follows = index + 1 < len(self.stored) and not self.stored[index + 1]
         return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and follows)
 
-    def _enhanced(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
+    def _enhance(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
         alone = replace(self.rendered, targets=(view,))
         (one,) = self.enhancer(alone, self.planner, self.pool, self._features)
         share, image = self.enhancer.temporal_smoothing, one.image
@@ -128,11 +183,12 @@ class Film:
             image, _ = smoothed_over_time(image, read_target(view), before, share)
         return quantised(image)
 
-    def _candidates(self) -> tuple[str, ...]:
-        config = self.enhancer.reference_config
-        return tuple(config.kept) if isinstance(config, PathReferences) else ()
 
-    def _go_on_from(self, candidates: tuple[str, ...]) -> None:
-        config = self.enhancer.reference_config
-        if isinstance(config, PathReferences):
-            config.kept[:] = candidates
+def _own(config: ReferenceConfig) -> ReferenceConfig:
+    """The same choice of references with a memory of its own for what the frame before referred to."""
+    return replace(config, kept=list(config.kept)) if isinstance(config, PathReferences) else config
+
+
+def _go_on_from(config: ReferenceConfig, candidates: tuple[str, ...]) -> None:
+    if isinstance(config, PathReferences):
+        config.kept[:] = candidates

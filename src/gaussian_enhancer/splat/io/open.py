@@ -5,29 +5,34 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import reading, regular_file
 from gaussian_enhancer.splat.io.compressed_ply import read_compressed_ply
+from gaussian_enhancer.splat.io.gsplat_results import read_gsplat_checkpoint, splat_in
 from gaussian_enhancer.splat.io.ply import read_ply
 from gaussian_enhancer.splat.io.spz import GZIP_MAGIC, MAGIC, read_spz
 from gaussian_enhancer.types import Gaussians
 
-_FORMATS = "a 3DGS .ply, a PlayCanvas compressed .ply or a .spz"
+_FORMATS = "a 3DGS .ply, a PlayCanvas compressed .ply, a .spz or a checkpoint of gsplat"
+_ARCHIVE = b"PK\x03\x04"
 
 
 def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
-    """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, or Niantic .spz.
+    """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, Niantic .spz, or gsplat's.
 
     Args:
-        path: the file.
+        path: the file; or the result folder of gsplat's simple_trainer, of which the latest splat is read.
         invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
         InputError: if the file is missing, empty, of no known format, or not what its format promises.
     """
+    path = splat_in(path) if Path(path).is_dir() else path
     head = _head(path)
     if head[:4] == MAGIC or head[:2] == GZIP_MAGIC:
         return read_spz(path, invalid=invalid)
     if head[:3] == b"ply":
         compressed = b"packed_position" in head.split(b"end_header", 1)[0]
         return (read_compressed_ply if compressed else read_ply)(path, invalid=invalid)
+    if head[:4] == _ARCHIVE:
+        return read_gsplat_checkpoint(path, invalid=invalid)
     if not head:
         raise InputError(path, "is empty", f"give {_FORMATS}")
     raise InputError(path, f"is no splat that can be read (it starts with {head[:4]!r})", f"give {_FORMATS}")

@@ -1,0 +1,153 @@
+"""``gaussian-enhancer video_speed``: how much of its slowest stage's own speed the job ``video`` keeps.
+
+The frames of a path are rendered, enhanced, written and encoded: first each stage by itself, with what it needs in
+memory, then all of them at the same time, as the job does it. Nothing can be faster than the slowest stage by itself.
+Stages use the same cores: "share" says what is left of that speed. Every round begins with no reference in memory. The
+weights and the splat are read before, and are not counted.
+"""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+
+from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.path_references import PathReferences
+from gaussian_enhancer.infer.plan import Rules
+from gaussian_enhancer.metrics.cost import Timing, timed
+from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.runs.compose import compose_job
+from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.video import Filmed, Output, film, read_output
+from gaussian_enhancer.video.encode import VideoWriter
+from gaussian_enhancer.video.film import Film, Frame
+from gaussian_enhancer.video.frames import FrameFolder
+
+STAGES = ("render", "enhance", "write", "encode")
+TOGETHER = "together"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A film, made again and again.
+
+    Args:
+        filmed: what it is made of.
+        rules: what may be left out of a frame.
+        output: how it is encoded.
+        folder: where each making writes to a folder of its own.
+    """
+
+    filmed: Filmed
+    rules: Rules
+    output: Output
+    folder: Path
+
+    def fresh(self, pool: Pool | None = None) -> Film:
+        """The film with no frame made and, unless a pool is given, no reference read."""
+        views = self.filmed.found.pool.views
+        found = replace(self.filmed.found, pool=Pool(views) if pool is None else pool)
+        enhancer = self.filmed.enhancer
+        if isinstance(enhancer.reference_config, PathReferences):
+            enhancer.reference_config.kept.clear()
+        place = Path(tempfile.mkdtemp(dir=self.folder))
+        shows = self.output.layout.needs_render
+        planner = found.planner(self.rules)
+        return Film(enhancer, self.filmed.task.rendered, planner, found.pool, FrameFolder(place), shows)
+
+    def encode(self, film: Film, frames: Iterable[Frame]) -> None:
+        """Encode frames as the job does."""
+        if self.output.encoding is None:
+            raise InputError("format", "is frames, which are not encoded", "choose mp4 or webm")
+        layout, count = self.output.layout, len(film.stored)
+        path = film.folder.folder.with_suffix(f".{self.output.encoding.container}")
+        with VideoWriter(path, self.output.encoding, *layout.size(*film.size)) as writer:
+            for frame in frames:
+                writer.write(layout(film.shown_render(frame), frame.enhanced, frame.index / count))
+
+
+def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
+    """Times of a whole film by stage, and of all stages together.
+
+    Args:
+        bench: the film.
+        rounds: of each, in turn, after one that is not counted.
+    """
+    pool = Pool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
+    drawn = list(bench.fresh(pool).drawn())
+    frames = list(bench.fresh(pool).enhanced(drawn))
+
+    def together() -> None:
+        film = bench.fresh()
+        bench.encode(film, film)
+
+    calls = {
+        "render": lambda: list(bench.fresh().drawn()),
+        "enhance": lambda: list(bench.fresh(pool).enhanced(drawn)),
+        "write": lambda: list(bench.fresh().written(frames)),
+        "encode": lambda: bench.encode(bench.fresh(), frames),
+        TOGETHER: together,
+    }
+    return timed(calls, rounds, warm_up=1, device=bench.filmed.enhancer.device)
+
+
+def summary(times: dict[str, Timing], frames: int) -> dict[str, Any]:
+    """Milliseconds a frame by stage and together, and the share of the slowest stage's own speed that is kept.
+
+    Args:
+        times: of a whole film.
+        frames: of it.
+    """
+    each = {name: times[name].milliseconds / frames for name in (*STAGES, TOGETHER)}
+    slowest = max(STAGES, key=lambda name: each[name])
+    return {
+        "milliseconds_a_frame": {name: round(value, 2) for name, value in each.items()},
+        "one_after_the_other": round(sum(each[name] for name in STAGES), 2),
+        "slowest": slowest,
+        "share": round(each[slowest] / each[TOGETHER], 3),
+    }
+
+
+def run(cfg: DictConfig) -> None:
+    """Measure, print and record.
+
+    Args:
+        cfg: conf/video_speed.yaml, composed.
+
+    Raises:
+        InputError: the run or an option of the job ``video`` cannot be used, or the record cannot be written.
+    """
+    require(cfg)
+    load = os.getloadavg()[0]
+    device = start(cfg.runtime)
+    job = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
+    filmed = film(job, device)
+    output = read_output(job, filmed.path.fps)
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(filmed, build(job.plan), output, Path(folder))
+        times = measured(bench, cfg.rounds)
+        height, width = output.layout.size(*bench.fresh().size)
+    about = {
+        "run": Path(cfg.run).name,
+        "options": list(cfg.overrides),
+        "frames": len(filmed.path.cameras),
+        "size": f"{width}x{height}",
+        "rounds": cfg.rounds,
+        "threads": torch.get_num_threads(),
+        "load_before": round(load, 2),
+        "machine": this_machine(),
+        "commit": this_commit(),
+    }
+    record = {**summary(times, len(filmed.path.cameras)), **about}
+    print(json.dumps(record, indent=2))
+    if cfg.records:
+        write_text(cfg.records, json.dumps(record) + "\n")

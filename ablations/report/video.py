@@ -1,0 +1,67 @@
+"""The tables of docs/video.md, made from committed records and put between marks of the page."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ablations.benchmarks.video_speed import STAGES, TOGETHER
+from ablations.readme import inserted
+from ablations.scripts.flicker import ways
+from ablations.study.markdown import frame, markdown
+from gaussian_enhancer.input_files import parse_json, read_text
+from gaussian_enhancer.metrics.records import read_records
+
+PAGE = Path("docs/video.md")
+SPEED = ("video_speed.json", "video_speed_one_thread.json")
+"""Records of the speed in docs/results: each stage with as many threads as there are cores, and with one."""
+UNMEASURED = "Not measured yet: no record was made while the machine had nothing else to do.\n"
+"""What stands in place of the table of the speed while there is no record."""
+FLICKER = "flicker_path.jsonl"
+"""Records of flicker there."""
+
+
+def mark(name: str) -> str:
+    """The line of the page after which a record's table stands.
+
+    Args:
+        name: of the record's file.
+    """
+    return f"<!-- docs/results/{name}: python -m ablations.pages --write -->"
+
+
+def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:
+    """Milliseconds a frame of each stage by itself and of all together, and how they were measured.
+
+    Args:
+        measured: what the job ``video_speed`` recorded, one for each number of threads; where there is none, the table
+            says so.
+    """
+    if not measured:
+        return UNMEASURED
+    heads = ("threads a stage", *STAGES, "one after the other", TOGETHER, "slowest stage", "share of its own speed")
+    lines = []
+    for one in measured:
+        each = one["milliseconds_a_frame"]
+        times = [f"{each[name]:.0f} ms" for name in STAGES]
+        row = [str(one["threads"]), *times, f"{one['one_after_the_other']:.0f} ms", f"{each[TOGETHER]:.0f} ms"]
+        lines.append((*row, one["slowest"], f"{one['share']:.0%}"))
+    first = measured[0]
+    loads = " and ".join(f"{one['load_before']:g}" for one in measured)
+    told = f"{first['run']}, {first['frames']} frames of {first['size']}, medians of {first['rounds']} rounds; "
+    told += f"{first['machine']}, commit {first['commit']}; load of the machine before: {loads}."
+    return f"{markdown(frame(heads, lines))}\n{told}\n"
+
+
+def filled(page: str, results: Path) -> str:
+    """The page with its tables as the records have them.
+
+    Args:
+        page: its text.
+        results: the folder of committed records.
+
+    Raises:
+        InputError: the page has no marks, or a record is damaged, or that of flicker missing.
+    """
+    speed = [parse_json(read_text(results / name), results / name) for name in SPEED if (results / name).is_file()]
+    page = inserted(page, speed_table(speed), mark(SPEED[0]), PAGE)
+    return inserted(page, ways(read_records(results / FLICKER)), mark(FLICKER), PAGE)

@@ -1,0 +1,142 @@
+"""What gsplat's example trainer, simple_trainer, leaves: its result folder and its checkpoints (read only).
+
+``ckpts/ckpt_STEP_rankR.pt`` holds the part of the splat that the GPU of rank R had: ``{"splats": {means, scales, quats,
+opacities, sh0, shN}}``, with scales as natural logarithms, opacities as logits and quaternions as (w, x, y, z). With
+``save_ply`` there is ``ply/point_cloud_STEP.ply`` as well. Source: gsplat (Apache-2.0), examples/simple_trainer.py.
+
+Axes: n Gaussians, k spherical-harmonics coefficients.
+"""
+
+import pickle
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.input_files import reading, refuse_larger, refuse_larger_archive, regular_file
+from gaussian_enhancer.splat.io.validity import validated
+from gaussian_enhancer.types import Gaussians
+
+PLY = re.compile(r"point_cloud_(\d+)\.ply")
+CHECKPOINT = re.compile(r"ckpt_(\d+)_rank(\d+)\.pt")
+SHAPES: Mapping[str, tuple[int | None, ...]] = {
+    "means": (3,),
+    "scales": (3,),
+    "quats": (4,),
+    "opacities": (),
+    "sh0": (1, 3),
+    "shN": (None, 3),
+}
+"""Of each tensor, behind the axis of Gaussians; None is any length."""
+_REMEDY = "give the .ply that simple_trainer writes with --save-ply"
+
+
+def splat_in(folder: str | Path) -> Path:
+    """The splat of the latest step in a result folder: its .ply, or its checkpoint of rank 0 where there is no .ply.
+
+    Args:
+        folder: simple_trainer's ``result_dir``.
+
+    Raises:
+        InputError: it holds neither.
+    """
+    found = [
+        (int(match[1]), part == "ply", path)
+        for part, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
+        for path in Path(folder).glob(f"{part}/*")
+        if (match := pattern.fullmatch(path.name)) and match.groups()[1:] in ((), ("0",))
+    ]
+    if not found:
+        received = "is a folder without ply/point_cloud_STEP.ply and ckpts/ckpt_STEP_rank0.pt"
+        raise InputError(folder, received, "name the splat's file, or gsplat's result folder")
+    return max(found)[2]
+
+
+def refuse_normalised(splat: str | Path) -> None:
+    """Refuse a result folder whose splat is in other coordinates than its capture.
+
+    By default simple_trainer moves, turns and scales the cameras before it trains.
+
+    Args:
+        splat: a file of a result folder, or the folder; of other files nothing is known.
+
+    Raises:
+        InputError: its ``cfg.yml`` says that the world was normalised.
+    """
+    path = Path(splat)
+    config = (path if path.is_dir() else path.parent.parent) / "cfg.yml"
+    if not config.is_file():
+        return
+    with reading(config):
+        text = config.read_text(encoding="utf-8", errors="replace")  # it names Python objects, which are not made
+    if re.search(r"^normalize_world_space: true$", text, flags=re.MULTILINE):
+        received = "says normalize_world_space: true, so that the splat does not lie where its capture does"
+        raise InputError(config, received, "train with --no-normalize-world-space")
+
+
+def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
+    """Read a checkpoint, the parts of all ranks joined, float32 on the CPU.
+
+    Args:
+        path: of any rank; the others lie beside it.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+
+    Raises:
+        InputError: it is missing, damaged, none of simple_trainer's, holds another kind of splat, or bad Gaussians that
+            are refused.
+    """
+    file = Path(path)
+    match = CHECKPOINT.fullmatch(file.name)
+    files = [file]
+    if match is not None:
+        named = {int(other[2]): one for one in file.parent.iterdir() if (other := CHECKPOINT.fullmatch(one.name))
+                 and other[1] == match[1]}  # fmt: skip
+        if sorted(named) != list(range(len(named))):
+            raise InputError(file, f"lies beside ranks {sorted(named)}, of which one is missing", _REMEDY)
+        files = [named[rank] for rank in sorted(named)]
+    parts = [_part(one) for one in files]
+    if len({part["shN"].shape[1] for part in parts}) > 1:
+        raise InputError(file, "has parts of different degrees", _REMEDY)
+    whole = {name: torch.cat([part[name] for part in parts]) for name in SHAPES}
+    gaussians = Gaussians(
+        means=whole["means"],
+        log_scales=whole["scales"],
+        quaternions=whole["quats"],
+        opacity_logits=whole["opacities"],
+        sh=torch.cat([whole["sh0"], whole["shN"]], dim=1),
+    )
+    return validated(path, gaussians, invalid)
+
+
+def _part(path: Path) -> dict[str, Tensor]:
+    """The tensors of one rank."""
+    refuse_larger_archive(path)
+    try:
+        values: Any = torch.load(path, map_location="cpu", weights_only=True)
+    except (RuntimeError, pickle.UnpicklingError, OSError, EOFError, ValueError, KeyError, AttributeError) as error:
+        cause = str(error).strip().split(". ")[0].splitlines() or [type(error).__name__]
+        received = f"is an archive, but no checkpoint that can be read ({cause[0]})"
+        raise InputError(path, received, "give a .ply, or a checkpoint that gsplat's simple_trainer wrote") from error
+    splats = values.get("splats") if isinstance(values, Mapping) else None
+    if not isinstance(splats, Mapping):
+        raise InputError(path, 'has no "splats"', "give a checkpoint of gsplat's simple_trainer")
+    missing = [name for name in SHAPES if not isinstance(splats.get(name), Tensor)]
+    if missing:
+        raise InputError(path, f"has no {', '.join(missing)} among its splats", _REMEDY)
+    count = len(splats["means"]) if splats["means"].dim() else 0
+    for name, axes in SHAPES.items():
+        shape = tuple(splats[name].shape)
+        fits = len(shape) == 1 + len(axes) and shape[0] == count
+        if not fits or any(want not in (None, have) for want, have in zip(axes, shape[1:], strict=True)):
+            raise InputError(path, f"has {name} of shape {shape} for {count} Gaussians", _REMEDY)
+    if 1 + splats["shN"].shape[1] not in (1, 4, 9, 16):
+        raise InputError(path, f"has {splats['shN'].shape[1]} higher harmonics", "train with a degree of 0 to 3")
+    # An expanded tensor claims more than the file holds.
+    size = regular_file(path)
+    if sum(splats[name].numel() for name in SHAPES) > size:
+        refuse_larger(path, 4 * sum(splats[name].numel() for name in SHAPES), f"claims {count} Gaussians")
+    return {name: splats[name].detach().float().contiguous() for name in SHAPES}
