@@ -138,6 +138,10 @@ class Forward:
     @torch.inference_mode()
     def __call__(self) -> Float[Tensor, "b 3 _ _"]:
         """The image."""
+        return self.image()
+
+    def image(self) -> Float[Tensor, "b 3 _ _"]:
+        """The same in the mode of the caller."""
         autocast = torch.autocast(self.device.type, torch.bfloat16, enabled=self.dtype == "bfloat16")
         with autocast:
             image: Tensor = self.network(self.given)
@@ -199,10 +203,6 @@ class BytesMoved(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
-        with self:  # what is made of other operations is counted as those
-            parts = func.decompose(*args, **kwargs)
-        if parts is not NotImplemented:
-            return parts
         result = func(*args, **kwargs)
         if not func.is_view:
             tensors = [leaf for leaf in tree_leaves((args, kwargs, result)) if isinstance(leaf, Tensor)]
@@ -210,8 +210,13 @@ class BytesMoved(TorchDispatchMode):
         return result
 
 
+@torch.no_grad()
 def bytes_moved(call: Call) -> int:
-    """Bytes that the operations of a call read and write."""
+    """Bytes that the operations of a call read and write.
+
+    Args:
+        call: does not turn to inference mode, in which operations that are made of others are not taken apart.
+    """
     with BytesMoved() as counter:
         call()
     return counter.count
@@ -228,7 +233,7 @@ def work(peer: Peer, dtype: str, references: int, side: int = 128) -> tuple[floa
     """
     call = forward(peer, dtype, side, side, references)
     pixels = (side * peer.scale) ** 2
-    return counted(forward(peer, "float32", side, side, references)), bytes_moved(call) / pixels
+    return counted(forward(peer, "float32", side, side, references)), bytes_moved(call.image) / pixels
 
 
 def yardsticks(device: torch.device) -> Iterator[tuple[str, Callable[[], object], float, str]]:

@@ -24,6 +24,7 @@ from ablations.benchmarks.peer_networks import (
     CAST,
     DTYPES,
     Call,
+    Forward,
     Peer,
     built,
     enhancement,
@@ -143,14 +144,19 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
     """Yardsticks, then every network in every number type, alone; ours with all the rest as well."""
     fixed = {name: (call, amount, unit) for name, call, amount, unit in yardsticks(device)}
     dtypes = {name: DTYPES[name] for name in cfg.dtypes}
-    amounts = {(peer.name, way): work(peer, way, cfg.references) for peer in peers for way in ways(peer, dtypes)}
+    amounts: dict[tuple[str, str], tuple[float, float]] = {}
     possible: dict[str, Way] = {}
     for way in _all_ways(cfg, peers, dtypes, device, views):
         try:
             way.call()
-            possible[way.key] = way
         except RuntimeError as error:  # some published networks mix number types in their code
             yield missing_record(way.peer.name, reason_of(error).splitlines()[0], splat=way.dtype, view=NETWORK)
+            continue
+        amounts[way.peer.name, way.dtype] = work(way.peer, way.dtype, cfg.references)
+        possible[way.key] = way
+    for way in possible.values() if cfg.compiled else ():
+        if isinstance(way.call, Forward):
+            way.call.network.compile()  # of ours also what the whole enhancement calls
     calls = {**{name: call for name, (call, _, _) in fixed.items()}, **{k: way.call for k, way in possible.items()}}
     times = timed(calls, cfg.rounds, 1, device)
     protocol = _protocol(cfg, device)
@@ -165,8 +171,8 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
         operations, moved = amounts[way.peer.name, way.dtype]
         yardstick = times["convolution, float32" if way.dtype == "float32" else "convolution, bfloat16"]
         metrics: dict[str, float | None] = {
-            "parameters": count_parameters(way.peer.network),
-            "scale": way.peer.scale,
+            "parameters": float(count_parameters(way.peer.network)),
+            "scale": float(way.peer.scale),
             "giga_multiply_adds_per_megapixel": operations / 1e3,
             "gigabytes_per_megapixel": moved / 1e3,
             **_time(times[key], megapixels, yardstick),
@@ -189,10 +195,7 @@ def _all_ways(
 ) -> Iterator[Way]:
     for peer in peers:
         for dtype in ways(peer, dtypes):
-            call = forward(peer, dtype, cfg.height, cfg.width, cfg.references)
-            if cfg.compiled:
-                call.network.compile()
-            yield Way(peer, dtype, False, call)
+            yield Way(peer, dtype, False, forward(peer, dtype, cfg.height, cfg.width, cfg.references))
             if peer.pretrained is not None:
                 held = synthetic_views(cfg.height, cfg.width, cfg.family, peer.scale > 1)
                 yield Way(peer, dtype, True, enhancement(peer, dtype, held, device))
@@ -222,7 +225,7 @@ def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder
         laps = stopwatch.laps[key][1:]  # without the warm-up
         decoded = _timing([sum(lap.values()) - lap[READ] for lap in laps])
         metrics: dict[str, float | None] = {
-            "scale": peer.scale,
+            "scale": float(peer.scale),
             "milliseconds": times[key].milliseconds,
             "decoded_milliseconds": decoded.milliseconds,
             **_time(decoded, height * width * peer.scale**2 / 1e6, times["convolution, bfloat16"]),

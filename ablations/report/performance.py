@@ -169,35 +169,37 @@ def _better_target(name: str) -> Target:
     return Target(part, 0.0, "dB", value, lambda _: "[quality](results/quality.md)", most=False)
 
 
+WIDTHS = "widths of the decoders"
 VIEW, TINY_VIEW, SR_VIEW = (1008, 756), (320, 240), (1152, 864)
 TARGETS = (
-    _pipeline_target("`lr_tiny` at 1008x756, decoded images to a file", 220, "ms / MP", "lr_tiny", VIEW, TIME),
+    _pipeline_target("`lr_tiny` at 1008x756, decoded images to a file", 220.0, "ms / MP", "lr_tiny", VIEW, TIME),
     _pipeline_target(
-        "`lr_tiny` at 320x240, decoded images to a file", 25, "ms", "lr_tiny", TINY_VIEW, "decoded_milliseconds"
+        "`lr_tiny` at 320x240, decoded images to a file", 25.0, "ms", "lr_tiny", TINY_VIEW, "decoded_milliseconds"
     ),
     _pipeline_target(
-        "`sr_tiny` to 16 megapixels, decoded images to a file", 3000, "ms", "sr_tiny", SR_VIEW, "decoded_milliseconds"
+        "`sr_tiny` to 16 megapixels, decoded images to a file", 3000.0, "ms", "sr_tiny", SR_VIEW, "decoded_milliseconds"
     ),
-    _pipeline_target("memory above imports, 1 megapixel", 600, "MB", "lr_tiny", VIEW, "peak_memory_mb"),
-    _pipeline_target("memory above imports, 16 megapixels", 1500, "MB", "sr_tiny", SR_VIEW, "peak_memory_mb"),
+    _pipeline_target("memory above imports, 1 megapixel", 600.0, "MB", "lr_tiny", VIEW, "peak_memory_mb"),
+    _pipeline_target("memory above imports, 16 megapixels", 1500.0, "MB", "sr_tiny", SR_VIEW, "peak_memory_mb"),
     Target(
-        "start of `enhance` to its first image", 2000, "ms", lambda s: _cold(s, COMMAND),
+        "start of `enhance` to its first image", 2000.0, "ms", lambda s: _cold(s, COMMAND),
         lambda s: f"`import torch` alone takes {number(_cold(s, IMPORTS) or 0.0)} ms",
     ),
     Target(
         "largest over least time a megapixel, from 0.25 megapixels on", 1.1, "", _growth,
         lambda s: f"at the largest size: {shares(max(s.of(PIPELINE, 'lr_tiny'), key=lambda r: r.size, default=None))}",
     ),
-    _peer_target("NAFNet-w32", 15),
-    _peer_target("Restormer", 50),
-    _peer_target("edvr, base", 50),
-    Target("`lr_tiny`, 10^9 multiply-adds / MP", 20, "", lambda s: _operations(s, "lr_tiny"), lambda _: "its widths"),
-    Target("`lr_base`, 10^9 multiply-adds / MP", 100, "", lambda s: _operations(s, "lr_base"), lambda _: "its widths"),
+    _peer_target("NAFNet-w32", 15.0),
+    _peer_target("Restormer", 50.0),
+    _peer_target("edvr, base", 50.0),
+    Target("`lr_tiny`, 10^9 multiply-adds / MP", 20.0, "", lambda s: _operations(s, "lr_tiny"), lambda _: WIDTHS),
+    Target("`lr_base`, 10^9 multiply-adds / MP", 100.0, "", lambda s: _operations(s, "lr_base"), lambda _: WIDTHS),
     _better_target("nafnet"),
     _better_target("edvr"),
 )  # fmt: skip
 ELSEWHERE = """Not measured by this job: time against the number of references, runs of 100 views with reading,
-rendering and writing overlapped, memory over 20 to 500 images, a splat's fit (`gaussian-enhancer splat_kernels`), graphics cards.
+rendering and writing overlapped, memory over 20 to 500 images, a splat's fit (`gaussian-enhancer splat_kernels`),
+graphics cards.
 """
 HEAD = """# Performance
 
@@ -262,8 +264,8 @@ NETWORKS = """Time and multiply-adds are for a megapixel of the image that comes
 "Network" is the forward pass alone, of ours with references on the target's grid already; "whole" is everything from
 decoded images on: planning, search of depth, alignment, network, limits to the change. Published networks have random
 weights. "Arithmetic" is what the multiply-adds would take at the convolution's rate, "memory" what the operations'
-reads and writes would take at the copy's; caches save some of that. "Times ours" is the time of a network divided by that of
-our whole enhancement at the same scale, `lr_tiny` or `sr_tiny`, with the interval of the rounds' median.
+reads and writes would take at the copy's; caches save some of that. "Times ours" is the time of a network divided by
+that of our whole enhancement at the same scale, `lr_tiny` or `sr_tiny`, with the interval of the rounds' median.
 
 """
 
