@@ -36,6 +36,7 @@ from ablations.benchmarks.peer_networks import (
 )
 from ablations.benchmarks.pipeline_parts import READ, Stopwatch, clocked_parts, write_clocked
 from ablations.benchmarks.synthetic_views import read_views, synthetic_views, write_views
+from ablations.benchmarks.trials import trials
 from ablations.report.performance import (
     COLD,
     COMMAND,
@@ -44,6 +45,7 @@ from ablations.report.performance import (
     IMPORTS,
     NETWORK,
     PIPELINE,
+    TRIED,
     YARDSTICK,
     Sources,
     performance_page,
@@ -136,6 +138,8 @@ def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Conso
     yield from network_records(cfg, peers, device, views)
     console.print("pipeline", highlight=False)
     yield from pipeline_records(cfg, device, views, folder)
+    console.print("what was tried", highlight=False)
+    yield from tried_records(cfg)
     console.print("start of the command line", highlight=False)
     yield from cold_records(cfg, views(*SMALL, False), folder)
 
@@ -237,6 +241,26 @@ def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder
         yield Record(
             PIPELINE, "", "", "", "", peer.name, metrics, size=(width, height), protocol=_protocol(cfg, device)
         )
+
+
+def tried_records(cfg: DictConfig) -> Iterator[Record]:
+    """Every trial's two ways in turn, on the CPU."""
+    width, height = map(int, cfg.tried.split("x"))
+    read = synthetic_views(height, width, cfg.family).targets[0].read_photo
+    if read is None:
+        raise ValueError("synthetic views have photos")
+    found = list(trials(height, width, read()))
+    calls = {f"{place} {name}": getattr(one, name) for place, one in enumerate(found) for name in ("before", "after")}
+    with torch.inference_mode():
+        times = timed(calls, cfg.rounds, 1)
+    for place, one in enumerate(found):
+        before, after = (times[f"{place} {name}"] for name in ("before", "after"))
+        ratio, low, high = after.times_faster(before)
+        metrics: dict[str, float | None] = {"before": before.milliseconds, "after": after.milliseconds}
+        metrics |= {"times": ratio, "times_low": low, "times_high": high}
+        kept = "kept" if one.kept else "dropped"
+        protocol = _protocol(cfg, torch.device("cpu"))
+        yield Record(TRIED, "", "", kept, one.predicted, one.change, metrics, size=(width, height), protocol=protocol)
 
 
 def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]:

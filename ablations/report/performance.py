@@ -35,14 +35,12 @@ class Sources:
     Args:
         records: of the job ``peers``.
         quality: of the job ``quality``.
-        tried: changes with their times before and after.
     """
 
     records: tuple[Record, ...] = ()
     quality: tuple[Record, ...] = ()
-    tried: tuple[Record, ...] = ()
 
-    FILES: ClassVar[tuple[str, ...]] = ("records", "quality", "tried")
+    FILES: ClassVar[tuple[str, ...]] = ("records", "quality")
 
     def of(self, kind: str, name: str = "") -> tuple[Record, ...]:
         """The job's records of a kind, and of a name where one is given."""
@@ -393,13 +391,18 @@ def performance_plot(sources: Sources) -> str:
 
 
 def _tried(sources: Sources) -> str:
-    if not sources.tried:
-        return "Nothing was recorded yet.\n"
-    return markdown(frame(("change", "predicted", "before", "after", "times as fast", "kept"), _tried_lines(sources)))
+    found = sources.of(TRIED)
+    if not found:
+        return NOTHING
+    about = (
+        "Both ways in turn, on one view of {}x{} with three references; what was predicted was written down first.\n\n"
+    )
+    heads = ("change", "predicted", "before", "after", "times as fast", "verdict")
+    return about.format(*found[0].size) + markdown(frame(heads, _tried_lines(found)))
 
 
-def _tried_lines(sources: Sources) -> Iterator[Sequence[str]]:
-    for one in sources.tried:
+def _tried_lines(found: Sequence[Record]) -> Iterator[Sequence[str]]:
+    for one in found:
         values = {name: value for name, value in one.metrics.items() if value is not None}
         before, after = (f"{number(values[name])} ms" for name in ("before", "after"))
         yield one.variant, one.view, before, after, _with_ends(values, "times"), one.splat

@@ -574,7 +574,7 @@ class Peers(Options):
     records: RecordsFile
     records_only: bool
     quality: RecordsFile
-    tried: RecordsFile
+    tried: PixelSize
     page: Place
 
 
