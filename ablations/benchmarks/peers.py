@@ -260,7 +260,7 @@ def tried_records(cfg: DictConfig) -> Iterator[Record]:
         metrics |= {"times": ratio, "times_low": low, "times_high": high}
         kept = "kept" if one.kept else "dropped"
         protocol = _protocol(cfg, torch.device("cpu"))
-        yield Record(TRIED, "", "", kept, one.predicted, one.change, metrics, size=(width, height), protocol=protocol)
+        yield Record(TRIED, "", "", kept, one.expected, one.change, metrics, size=(width, height), protocol=protocol)
 
 
 def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]:

@@ -29,14 +29,14 @@ class Trial:
 
     Args:
         change: in words.
-        predicted: what it was expected to bring, before it was measured.
+        expected: what it was expected to bring, and why.
         before: the way before.
         after: the way that was tried.
         kept: whether it was kept.
     """
 
     change: str
-    predicted: str
+    expected: str
     before: Callable[[], object]
     after: Callable[[], object]
     kept: bool = True
@@ -82,7 +82,7 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
     picture = Image.fromarray(np.ascontiguousarray((photo * 255).round().byte().permute(1, 2, 0).numpy()))
     yield Trial(
         "PNG compressed by run lengths alone",
-        "a fifth of the time, files 3 % larger: no search for matches",
+        "a fifth of the time, somewhat larger files: no search for matches",
         lambda: picture.save(io.BytesIO(), "PNG"),
         lambda: picture.save(io.BytesIO(), "PNG", compress_type=RUN_LENGTHS),
     )

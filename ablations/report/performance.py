@@ -394,10 +394,8 @@ def _tried(sources: Sources) -> str:
     found = sources.of(TRIED)
     if not found:
         return NOTHING
-    about = (
-        "Both ways in turn, on one view of {}x{} with three references; what was predicted was written down first.\n\n"
-    )
-    heads = ("change", "predicted", "before", "after", "times as fast", "verdict")
+    about = "Both ways in turn, on one view of {}x{} with three references, on the CPU.\n\n"
+    heads = ("change", "expected", "before", "after", "times as fast", "verdict")
     return about.format(*found[0].size) + markdown(frame(heads, _tried_lines(found)))
 
 

@@ -23,9 +23,11 @@ def unshuffled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
     """
     word = WORDS.get(image.element_size())
     plain = image.device.type != "cpu" or image.requires_grad or torch.compiler.is_compiling()
-    if plain or word is None or 0 in image.shape:
+    if plain or word is None:
         return F.pixel_unshuffle(image, 2)
     batch, channels, height, width = image.shape
+    if image.numel() == 0:
+        return image.new_zeros(batch, 4 * channels, height // 2, width // 2)
     pairs = image.contiguous().view(word).view(batch, channels, height // 2, 2, width // 2)
     moved = pairs.permute(0, 2, 4, 1, 3).contiguous().view(image.dtype)
     return moved.view(batch, height // 2, width // 2, 4 * channels).permute(0, 3, 1, 2)

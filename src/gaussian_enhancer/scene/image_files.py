@@ -11,8 +11,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 
 RUN_LENGTHS = 3
-"""zlib's strategy Z_RLE, which looks for runs alone: several times as fast as the default on photos, and files are a few
-percent larger (docs/performance.md)."""
+"""zlib's strategy Z_RLE, which looks for runs alone: several times as fast as the default on photos, and files are a
+few percent larger (docs/performance.md)."""
 
 
 def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
