@@ -94,7 +94,6 @@ PAGES = (
     Page("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
     Page("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
     Page("docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")),
-    Page("docs/performance.md", ("docs/results/peers.jsonl",), ("weights", "network")),
     Page("docs/results/weights.md", ("docs/results/candidates.jsonl",), ("weights", "network", "train")),
     Page(
         "docs/results/networks.md",
@@ -139,9 +138,7 @@ def age(root: Path, page: Page) -> Age:
 
 
 def stated_commits(path: Path) -> set[str]:
-    """The commits that a file of records states; none where nothing was measured yet."""
-    if not path.is_file():
-        return set()
+    """The commits that a file of records states."""
     lines = path.read_text(encoding="utf-8").split("\n")
     return {str(json.loads(line).get("commit", "")) for line in lines if line.strip()} - {""}
 
