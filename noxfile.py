@@ -215,6 +215,16 @@ def tradeoff(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def bench(session: nox.Session) -> None:
+    """Make docs/performance.md: speed beside published restorers and of the pipeline, on an idle machine.
+
+    Words after -- are overrides, for instance device=cuda.
+    """
+    install(session, "bench")
+    session.run("gaussian-enhancer", "peers", *session.posargs)
+
+
+@nox.session(default=False)
 def fuzz(session: nox.Session) -> None:
     """Hand 1,500 damaged files to every reader in turn, or `-- --coverage` to a fuzzer for a minute each; record it."""
     words = [word for word in session.posargs if word != "--coverage"]
@@ -271,7 +281,7 @@ def picture(session: nox.Session) -> None:
 def constraints(session: nox.Session) -> None:
     """Resolve constraints.txt anew for every platform and Python version (needs uv)."""
     header = "# Exact versions of everything, resolved by `nox -s constraints`.\n"
-    options = ["--universal", "--all-extras", "--group", "dev", "--upgrade"]
+    options = ["--universal", "--all-extras", "--group", "dev", "--group", "bench", "--upgrade"]
     silence = ["--no-header", "--no-annotate", "--no-emit-index-url"]
     session.run(
         "uv", "pip", "compile", "-q", "pyproject.toml", *options, *silence, "-o", "constraints.txt", external=True

@@ -19,6 +19,7 @@ JOBS = (
     ("tradeoff", "records_only=true"),
     ("stability", "records_only=true"),
     ("tables", "table=[all,mode]", f"scale={SCALE}", "records_only=true"),
+    ("peers", "records_only=true"),
     ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
     ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
 )

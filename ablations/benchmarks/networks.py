@@ -7,7 +7,7 @@ is kept.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -104,16 +104,25 @@ def example(height: int, width: int, references: int) -> NetworkInput:
     return NetworkInput(noise(3), seen[0], seen[1], 1 + noise(1), noise(1), unit, seen[2], fine)
 
 
-@torch.inference_mode()
 def multiply_adds(network: Network, references: int, side: int = 256) -> float:
     """Multiply-adds for each pixel of the enhanced image; nothing is computed unless the network looks at values."""
     views = example(side, side, references)
+    return counted(lambda: network(views))
+
+
+@torch.inference_mode()
+def counted(call: Callable[[], torch.Tensor]) -> float:
+    """Multiply-adds for each pixel of the images that a call returns, shape (batch, 3, height, width).
+
+    Args:
+        call: computes them; its convolutions and matrix products are counted, without computing them where possible.
+    """
     for mode in (FakeTensorMode(allow_non_fake_inputs=True), nullcontext()):
         counter = FlopCounterMode(display=False)
         with suppress(DataDependentOutputException), mode, counter:
-            enhanced = network(views)
-            return counter.get_total_flops() / 2 / enhanced[0, 0].numel()
-    raise RuntimeError(f"{type(network).__name__} was not counted")
+            enhanced = call()
+            return counter.get_total_flops() / 2 / enhanced[:, 0].numel()
+    raise RuntimeError("the multiply-adds were not counted")
 
 
 @torch.inference_mode()

@@ -71,6 +71,7 @@ SCRIPTS = {
 
 BENCHMARKS = {
     "networks": "what every network costs at every size: docs/results/networks.md",
+    "peers": "speed and memory beside published restorers, and of the whole pipeline: docs/performance.md",
     "degradation": "megapixels a second of the simulator, beside Real-ESRGAN's degradation",
     "similarity": "what a fit's loss costs, against torch's autograd of it",
     "splat_kernels": "how long an iteration of a splat's fit takes, part by part",

@@ -42,6 +42,7 @@ Word = str | int | float
 Group = dict[str, Any]
 Count = Annotated[int, Field(ge=1)]
 Size = Annotated[int, Field(ge=0)]
+PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
 Side = Annotated[int, Field(ge=64, le=8192)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Positive = Annotated[float, Field(gt=0)]
@@ -555,6 +556,30 @@ class Networks(Options):
     records: RecordsFile | None
 
 
+class Peers(Options):
+    """Options of the job ``peers``."""
+
+    device: Literal["auto", "cpu", "cuda"]
+    networks: list[str] | None
+    dtypes: list[Literal["float32", "bfloat16", "bfloat16 weights"]]
+    compiled: bool
+    height: Side
+    width: Side
+    references: Size
+    rounds: Count
+    cold_rounds: Count
+    memory: bool
+    family: str
+    ours: dict[str, Group]
+    published: dict[str, Group]
+    pipeline: dict[str, list[PixelSize]]
+    records: RecordsFile
+    records_only: bool
+    quality: RecordsFile
+    tried: PixelSize
+    page: Place
+
+
 class Degradation(Options):
     """Options of the job ``degradation``."""
 
@@ -576,7 +601,7 @@ class Similarity(Options):
 class SplatKernels(Options):
     """Options of the job ``splat_kernels``."""
 
-    sizes: list[Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]]
+    sizes: list[PixelSize]
     counts: list[Count]
     methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
     rounds: Count
@@ -644,6 +669,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "before_after": BeforeAfter,
     "flow_figure": FlowFigure,
     "networks": Networks,
+    "peers": Peers,
     "degradation": Degradation,
     "similarity": Similarity,
     "splat_kernels": SplatKernels,

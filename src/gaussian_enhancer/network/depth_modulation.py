@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.network.halving import halved, unshuffled
 from gaussian_enhancer.types import usable
 
 
@@ -47,9 +48,9 @@ class DepthModulation(nn.Module):
             return features
         inverse = normalised_inverse_depth(depth, depth_unit(depth) if unit is None else unit)
         known = usable(depth).to(inverse.dtype)
-        x = F.pixel_unshuffle(torch.cat([inverse, known], dim=1).to(self.stem.weight.dtype), 2)
+        x = unshuffled(torch.cat([inverse, known], dim=1).to(self.stem.weight.dtype))
         scale, shift = self.modulate(F.relu(self.widen(F.relu(self.stem(x))))).chunk(2, dim=1)
-        share = F.avg_pool2d(known, 2).to(features.dtype)
+        share = halved(known).to(features.dtype)
         return features + share * (features * scale + shift)
 
 

@@ -4,11 +4,11 @@ Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
 """
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.halving import unshuffled
 
 
 class Encoder(nn.Module):
@@ -42,4 +42,4 @@ class Encoder(nn.Module):
         planes = [image - 0.5, mask] + ([] if further is None else [further])
         if torch.is_autocast_enabled(image.device.type):  # what the stem would do, at the size that it reads
             planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
-        return self.blocks(self.stem(F.pixel_unshuffle(torch.cat(planes, dim=1), 2)))
+        return self.blocks(self.stem(unshuffled(torch.cat(planes, dim=1))))

@@ -53,13 +53,16 @@ def compose(
         return enhanced
     weight = F.interpolate(trust.flatten(0, 1).to(render.dtype), scale_factor=2, mode="bilinear")
     weight = weight.unflatten(0, visibility.shape[:2]) * (visibility > 0)
-    for i in range(visibility.shape[1]):  # one by one: images of all references at once would be read from memory again
-        photo = views.references[:, i]
-        news = decoded[:, 4:5] * (photo - render)
-        if views.reference_renders is not None:
-            news = news + decoded[:, 5:6] * (photo - views.reference_renders[:, i])
-        enhanced = enhanced + weight[:, i] * news
-    return enhanced
+    # One by one, since images of all references at once would be read from memory again; g and k are the same for all.
+    photos = weight[:, 0] * views.references[:, 0]
+    for i in range(1, visibility.shape[1]):
+        photos = torch.addcmul(photos, weight[:, i], views.references[:, i])
+    enhanced = enhanced + decoded[:, 4:5] * torch.addcmul(photos, weight.sum(1), render, value=-1)
+    if views.reference_renders is None:
+        return enhanced
+    for i in range(visibility.shape[1]):
+        photos = torch.addcmul(photos, weight[:, i], views.reference_renders[:, i], value=-1)
+    return enhanced + decoded[:, 5:6] * photos
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
+from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.types import NetworkInput, usable
 
 
@@ -76,6 +77,8 @@ def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c
 
 
 def _averaged(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
+    if factor == 2:
+        return halved(image)
     flat = image.reshape(-1, *image.shape[-3:])
     if flat.shape[0] == 0:
         return image.new_zeros(*image.shape[:-2], *size)

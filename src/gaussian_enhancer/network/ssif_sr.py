@@ -15,6 +15,7 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
+from gaussian_enhancer.network.halving import halved, unshuffled
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
 from gaussian_enhancer.network.pyramid import padded, upsampled
@@ -135,7 +136,7 @@ class Middle(nn.Module):
         if photos.shape[1] == 0:
             return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
         dtype = _computed(photos)
-        x = F.pixel_unshuffle(photos.flatten(0, 1).to(dtype) - 0.5, 2)
+        x = unshuffled(photos.flatten(0, 1).to(dtype) - 0.5)
         features = self.encode_reference(torch.cat([x, visibility.flatten(0, 1).to(dtype)], dim=1))
         return features.unflatten(0, photos.shape[:2])
 
@@ -202,8 +203,8 @@ def pooled(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
     if fine is None or fine.shape[1] == 0:
         batch, _, height, width = views.render.shape
         return tuple(views.render.new_zeros(batch, 0, 3, n * height, n * width) for n in (1, *UPSCALE))
-    half = F.avg_pool2d(fine.flatten(0, 1), 2)
-    return F.avg_pool2d(half, 2).unflatten(0, fine.shape[:2]), half.unflatten(0, fine.shape[:2]), fine
+    half = halved(fine)
+    return halved(half), half, fine
 
 
 def merged(

@@ -6,11 +6,11 @@ Axes: b batch, r references, c channels, h height, w width (multiples of the str
 from typing import Protocol, runtime_checkable
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.network.encode import Encoder
+from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -84,6 +84,6 @@ class Gather(nn.Module):
         features = self.encode(views) if encoded is None else encoded.to(target.dtype)
         if features.shape[1]:
             features = self.align(features, target)
-        seen = F.avg_pool2d(views.visibility.flatten(0, 1), 2).unflatten(0, views.visibility.shape[:2])
+        seen = halved(views.visibility)
         fused, trust = self.fuse(target, features, seen)
         return self.modulate(fused, views.depth, views.depth_unit), trust

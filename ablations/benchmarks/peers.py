@@ -1,0 +1,316 @@
+"""``gaussian-enhancer peers``: speed and memory beside published restorers, and of the whole pipeline, in one run.
+
+Networks run in turn, round after round, on the same input, and so do fixed workloads, the yardsticks: a time is also
+given as its ratio to a convolution within the same round, which another machine, or this one on another day, can be
+compared by. Then the whole pipeline, from files to a file, part by part at several sizes; and the start of the command
+line. Records come first, and the page from these alone.
+"""
+
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+
+from ablations.benchmarks.peak_above_imports import enhancement_peak, network_peak
+from ablations.benchmarks.peer_networks import (
+    CAST,
+    DTYPES,
+    Call,
+    Forward,
+    Peer,
+    built,
+    enhancement,
+    forward,
+    names,
+    ways,
+    work,
+    yardsticks,
+)
+from ablations.benchmarks.pipeline_parts import READ, Stopwatch, clocked_parts, write_clocked
+from ablations.benchmarks.synthetic_views import read_views, synthetic_views, write_views
+from ablations.benchmarks.trials import trials
+from ablations.report.performance import (
+    COLD,
+    COMMAND,
+    ENHANCEMENT,
+    GROUPS,
+    IMPORTS,
+    NETWORK,
+    PIPELINE,
+    TRIED,
+    YARDSTICK,
+    Sources,
+    performance_page,
+    performance_plot,
+)
+from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.infer.weights import count_parameters
+from gaussian_enhancer.metrics.cost import Timing, timed
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
+from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
+
+OURS = {1: "lr_tiny", 4: "sr_tiny"}
+"""By scale, the weights whose whole enhancement others are held against."""
+SMALL = (240, 320)
+"""Height and width of the views by which memory's first call is made; large enough for every part to take place."""
+
+Views = Callable[[int, int, bool], Path]
+"""A folder of views by height, width, and whether photos are 4 times as fine."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A network in a number type, alone or with all that an enhancement does beside it.
+
+    Args:
+        peer: the network.
+        dtype: one of `DTYPES`.
+        whole: everything from decoded images on.
+        call: does it once.
+    """
+
+    peer: Peer
+    dtype: str
+    whole: bool
+    call: Call
+
+    @property
+    def key(self) -> str:
+        """Unique among the ways."""
+        return f"{self.peer.name}/{self.dtype}/{ENHANCEMENT if self.whole else NETWORK}"
+
+
+def run(cfg: DictConfig) -> None:
+    """Measure, and write records, the page and its diagram; or write the page again.
+
+    Args:
+        cfg: conf/peers.yaml, composed.
+
+    Raises:
+        InputError: a network is unknown or cannot be built, or a file cannot be read or written.
+    """
+    require(cfg)
+    console, records = Console(stderr=True), Path(cfg.records)
+    if not cfg.records_only:
+        device = start(cfg.runtime)
+        with TemporaryDirectory() as folder:
+            write_records(records, list(measured(cfg, device, Path(folder), console)))
+    page, drawing = Path(cfg.page), Path(cfg.records).with_suffix(".svg")
+    found = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in Sources.FILES}
+    sources = Sources(**found)
+    write_text(drawing, performance_plot(sources))
+    write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in Sources.FILES}, drawing, page))
+    console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
+
+
+def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Console) -> Iterator[Record]:
+    """All records.
+
+    Args:
+        cfg: conf/peers.yaml, composed.
+        device: where networks run.
+        folder: empty, for views and images.
+        console: is told what is measured.
+    """
+    folders: dict[tuple[int, int, bool], Path] = {}
+
+    def views(height: int, width: int, finer: bool) -> Path:
+        """A folder of views of a size, written once."""
+        key = height, width, finer
+        if key not in folders:
+            folders[key] = folder / f"{width}x{height}{'x4' if finer else ''}"
+            write_views(synthetic_views(height, width, cfg.family, finer), folders[key])
+        return folders[key]
+
+    peers = [built(cfg, name, device) for name in names(cfg)]
+    console.print("networks", highlight=False)
+    yield from network_records(cfg, peers, device, views)
+    console.print("pipeline", highlight=False)
+    yield from pipeline_records(cfg, device, views, folder)
+    console.print("what was tried", highlight=False)
+    yield from tried_records(cfg)
+    console.print("start of the command line", highlight=False)
+    yield from cold_records(cfg, views(*SMALL, False), folder)
+
+
+def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, views: Views) -> Iterator[Record]:
+    """Yardsticks, then every network in every number type, alone; ours with all the rest as well."""
+    fixed = {name: (call, amount, unit) for name, call, amount, unit in yardsticks(device)}
+    dtypes = {name: DTYPES[name] for name in cfg.dtypes}
+    amounts: dict[tuple[str, str], tuple[float, float]] = {}
+    possible: dict[str, Way] = {}
+    for way in _all_ways(cfg, peers, dtypes, device, views):
+        try:
+            way.call()
+        except RuntimeError as error:  # some published networks mix number types in their code
+            yield missing_record(way.peer.name, reason_of(error).splitlines()[0], splat=way.dtype, view=NETWORK)
+            continue
+        amounts[way.peer.name, way.dtype] = work(way.peer, way.dtype, cfg.references)
+        possible[way.key] = way
+    for way in possible.values() if cfg.compiled else ():
+        if isinstance(way.call, Forward):
+            way.call.network.compile()  # of ours also what the whole enhancement calls
+    calls = {**{name: call for name, (call, _, _) in fixed.items()}, **{k: way.call for k, way in possible.items()}}
+    times = timed(calls, cfg.rounds, 1, device)
+    protocol = _protocol(cfg, device)
+    for name, (_, amount, unit) in fixed.items():
+        rate: dict[str, float | None] = {
+            "milliseconds": times[name].milliseconds,
+            "a_second": amount / times[name].milliseconds * 1e3,
+        }
+        yield Record(YARDSTICK, "", "", "", unit, name, rate, protocol=protocol)
+    for key, way in possible.items():
+        megapixels = cfg.height * cfg.width * way.peer.scale**2 / 1e6
+        operations, moved = amounts[way.peer.name, way.dtype]
+        yardstick = times["convolution, float32" if way.dtype == "float32" else "convolution, bfloat16"]
+        metrics: dict[str, float | None] = {
+            "parameters": float(count_parameters(way.peer.network)),
+            "scale": float(way.peer.scale),
+            "giga_multiply_adds_per_megapixel": operations / 1e3,
+            "gigabytes_per_megapixel": moved / 1e3,
+            **_time(times[key], megapixels, yardstick),
+        }
+        ours = f"{OURS.get(way.peer.scale)}/{'bfloat16' if way.dtype == CAST else way.dtype}/{ENHANCEMENT}"
+        if ours in times:
+            names_ = ("times_ours", "times_ours_low", "times_ours_high")
+            metrics |= dict(zip(names_, times[ours].times_faster(times[key]), strict=True))
+        if cfg.memory:
+            metrics["peak_memory_mb"] = _peak(cfg, way, views)
+        published = way.peer.pretrained is None
+        yield Record(
+            ENHANCEMENT if way.whole else NETWORK, "", GROUPS[int(published)], way.dtype, "", way.peer.name, metrics,
+            size=(cfg.width, cfg.height), protocol=protocol,
+        )  # fmt: skip
+
+
+def _all_ways(
+    cfg: DictConfig, peers: list[Peer], dtypes: Mapping[str, torch.dtype], device: torch.device, views: Views
+) -> Iterator[Way]:
+    for peer in peers:
+        for dtype in ways(peer, dtypes):
+            yield Way(peer, dtype, False, forward(peer, dtype, cfg.height, cfg.width, cfg.references))
+            if peer.pretrained is not None:
+                held = synthetic_views(cfg.height, cfg.width, cfg.family, peer.scale > 1)
+                yield Way(peer, dtype, True, enhancement(peer, dtype, held, device))
+
+
+def _peak(cfg: DictConfig, way: Way, views: Views) -> float:
+    if not way.whole:
+        return network_peak(cfg, way.peer.name, way.dtype)
+    finer = way.peer.scale > 1
+    return enhancement_peak(cfg, way.peer.name, way.dtype, views(cfg.height, cfg.width, finer), views(*SMALL, finer))
+
+
+def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder: Path) -> Iterator[Record]:
+    """From files to a file, part by part, at every size of every weights."""
+    stopwatch, calls, asked = Stopwatch(device), {}, {}
+    for name, sizes in cfg.pipeline.items():
+        peer = built(cfg, name, device)
+        for width, height in (map(int, size.split("x")) for size in sizes):
+            place, key = views(height, width, peer.scale > 1), f"{name}/{width}x{height}"
+            asked[key] = peer, height, width, place
+            enhance = enhancement(peer, "auto", read_views(place), device)
+            calls[key] = partial(_to_file, key, enhance, stopwatch, folder / "enhanced.png")
+    fixed = {name: call for name, call, _, _ in yardsticks(device)}
+    with clocked_parts(stopwatch):
+        times = timed({**fixed, **calls}, cfg.rounds, 1, device)
+    for key, (peer, height, width, place) in asked.items():
+        laps = stopwatch.laps[key][1:]  # without the warm-up
+        decoded = _timing([sum(lap.values()) - lap[READ] for lap in laps])
+        metrics: dict[str, float | None] = {
+            "scale": float(peer.scale),
+            "milliseconds": times[key].milliseconds,
+            "decoded_milliseconds": decoded.milliseconds,
+            **_time(decoded, height * width * peer.scale**2 / 1e6, times["convolution, bfloat16"]),
+            **{f"part: {part}": _timing([lap[part] for lap in laps]).milliseconds for part in laps[0]},
+        }
+        if cfg.memory:
+            small = views(*SMALL, peer.scale > 1)
+            metrics["peak_memory_mb"] = enhancement_peak(cfg, peer.name, "auto", place, small)
+        yield Record(
+            PIPELINE, "", "", "", "", peer.name, metrics, size=(width, height), protocol=_protocol(cfg, device)
+        )
+
+
+def tried_records(cfg: DictConfig) -> Iterator[Record]:
+    """Every trial's two ways in turn, on the CPU."""
+    width, height = map(int, cfg.tried.split("x"))
+    read = synthetic_views(height, width, cfg.family).targets[0].read_photo
+    if read is None:
+        raise ValueError("synthetic views have photos")
+    found = list(trials(height, width, read()))
+    calls = {f"{place} {name}": getattr(one, name) for place, one in enumerate(found) for name in ("before", "after")}
+    with torch.inference_mode():
+        times = timed(calls, cfg.rounds, 1)
+    for place, one in enumerate(found):
+        before, after = (times[f"{place} {name}"] for name in ("before", "after"))
+        ratio, low, high = after.times_faster(before)
+        metrics: dict[str, float | None] = {"before": before.milliseconds, "after": after.milliseconds}
+        metrics |= {"times": ratio, "times_low": low, "times_high": high}
+        kept = "kept" if one.kept else "dropped"
+        protocol = _protocol(cfg, torch.device("cpu"))
+        yield Record(TRIED, "", "", kept, one.expected, one.change, metrics, size=(width, height), protocol=protocol)
+
+
+def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]:
+    """Whole processes: the job enhance until its one image is written, and the import that it cannot do without."""
+    threads = [] if cfg.runtime.threads is None else [f"runtime.threads={cfg.runtime.threads}"]
+    words = [f"run={views}", f"output={folder / 'first'}", f"runtime.device={cfg.runtime.device}", *threads]
+    commands = {
+        COMMAND: [sys.executable, "-m", "gaussian_enhancer", "enhance", *words],
+        IMPORTS: [sys.executable, "-c", "import torch"],
+    }
+    calls = {name: partial(_process, command) for name, command in commands.items()}
+    for name, timing in timed(calls, cfg.cold_rounds, 1).items():
+        ends = dict(zip((LOW, HIGH), timing.quartiles, strict=True))
+        metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, **ends}
+        yield Record(COLD, "", "", "", "", name, metrics, size=SMALL[::-1], protocol="whole processes, caches filled")
+
+
+def _process(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        raise InputError(" ".join(command[1:]), f"fails ({said})", "try it by itself")
+
+
+def _to_file(name: str, enhance: Call, stopwatch: Stopwatch, path: Path) -> None:
+    with stopwatch.lap(name):
+        write_clocked(enhance(), path)
+
+
+def _timing(values: list[float]) -> Timing:
+    return Timing(statistics.median(values), tuple(values))
+
+
+def _time(timing: Timing, megapixels: float, yardstick: Timing) -> dict[str, float | None]:
+    """Milliseconds a megapixel with quartiles, and the median of the rounds' ratios to the yardstick."""
+    low, high = timing.quartiles
+    ratio, ratio_low, ratio_high = yardstick.times_faster(timing)
+    return {
+        TIME: timing.milliseconds / megapixels,
+        LOW: low / megapixels,
+        HIGH: high / megapixels,
+        "yardsticks": ratio,
+        "yardsticks_low": ratio_low,
+        "yardsticks_high": ratio_high,
+    }
+
+
+def _protocol(cfg: DictConfig, device: torch.device) -> str:
+    where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    memory = "allocated on the device" if device.type == "cuda" else "of a process of its own, above its imports"
+    compiled = "networks by torch.compile" if cfg.compiled else "nothing by torch.compile"
+    rounds = f"medians of {cfg.rounds} interleaved rounds after a warm-up"
+    return f"{where}: {rounds}; channels-last; {compiled}; memory {memory}"
