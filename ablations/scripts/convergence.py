@@ -53,6 +53,14 @@ ROLES = {
 }
 """Captures, and procedural validation scenes, by role, as docs/data.md has them."""
 
+CREDITS = {
+    "plush": "noname0310, MIT licence",
+    "banana": "Piero Toffanin, MIT licence",
+    "cyprus": "Luca Morelli and Francesco Ioli, BSD 3-clause licence",
+    "copr": "Michele M. Tobias and Alex Mandel, CC BY-SA 4.0, as this picture",
+    "flowerpot": "Natowi, CC BY-SA 4.0, as this picture",
+}
+"""Who took a capture's photos. Other captures' photos are not shown."""
 TITLES = {
     "training": "Captures that weights may learn from",
     "validation": "Validation captures",
@@ -154,6 +162,9 @@ def extremes(made: Mapping[str, tuple[str, SetEnhancer]], fit: Path) -> Iterator
     """
     method, (_, enhancer) = next(iter(made.items()))
     scene, step = scene_of(fit), run_steps(fit)[-1]
+    photos = (
+        f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
+    )
     views = sorted(enhanced_views(read_run(fit, step), {method: enhancer}), key=lambda one: _gain(one, method))
     for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
         images = (quantised(image) for image in (one.render, one.results[method].image, one.photo))
@@ -161,7 +172,7 @@ def extremes(made: Mapping[str, tuple[str, SetEnhancer]], fit: Path) -> Iterator
         text = (
             f"{scene} ({role_of(scene)}), {step:,} steps, view {shown.name}: the {word} of {len(views)}, "
             f"{_gain(one, method):+.2f} dB colour-aligned by {method}. The crop is where "
-            f"{'enhancement adds the most error' if word == 'worst' else 'the raw render is worst'}."
+            f"{'enhancement adds the most error' if word == 'worst' else 'the raw render is worst'}. {photos}"
         )
         yield f"{scene}_{word}", strip(shown, crop(shown)), text
 
@@ -274,13 +285,14 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
 
 ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical
 harmonics of degree 3, at several steps of each fit. PSNR is colour-aligned unless it says plain; a gain in LPIPS alone
-does not count. Of the training captures, panel17 has taught the network of the shipped weights; conch, viking and
-tumdesk are among the nine that have taught their confidence.
+does not count. Of the training captures, panel17 has taught the network of the shipped weights; viking is among the
+captures that have taught their confidence.
 
-`lr_tiny` is what is shipped: colours are completed, and the confidence gives the share of the change to apply, block by
-block. `lr_tiny@0.75 without confidence` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and
-completes nothing. All were chosen by the validation captures. Earlier fits, which are not there any more, have no rows
-of `lr_tiny`.
+`lr_tiny` is what is shipped: colours are completed, and the confidence gives the shares of the change to apply, of its
+means and of its details, block by block. `lr_tiny, one share` had one share for both, learnt from other fits.
+`lr_tiny@0.75 without confidence` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and
+completes nothing. All were chosen by the validation captures. Fits that are not there any more have no rows of
+`lr_tiny`.
 
 Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fifth of the photos held out
 (`settings.max_gaussians`, `scene.split.test_every=5`; `settings.sh_degree=3 +settings.start_gaussians=30000
@@ -344,7 +356,8 @@ def run(cfg: DictConfig) -> None:
         chosen = fits(cfg.runs)
         records.add([row for fit in chosen for row in rows(made, fit, distances)])
         if cfg.pictures:
-            for name, picture, text in (shown for fit in chosen for shown in extremes(made, fit)):
+            pictured = [fit for fit in chosen if scene_of(fit) in (*CREDITS, *ROLES["procedural"])]
+            for name, picture, text in (shown for fit in pictured for shown in extremes(made, fit)):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
     frame = records.read()
     if cfg.page:

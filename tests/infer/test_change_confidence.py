@@ -10,7 +10,15 @@ from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer import change_confidence
-from gaussian_enhancer.infer.change_confidence import BLOCK, FEATURES, INPUTS, STEP, ChangeConfidence, block_features
+from gaussian_enhancer.infer.change_confidence import (
+    BLOCK,
+    FEATURES,
+    INPUTS,
+    STEP,
+    ChangeConfidence,
+    block_features,
+    split_change,
+)
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import Pretrained, load_weights, save_weights
@@ -27,10 +35,11 @@ def views(height: int = 40, width: int = 52, references: int = 3, renders: bool 
     return NetworkInput(render, photos * visibility, visibility, reference_renders=own)
 
 
-def judging(share: float) -> ChangeConfidence:
+def judging(*shares: float) -> ChangeConfidence:
+    """Gives the same shares everywhere: of means and of details, or one for both."""
     confidence = ChangeConfidence(8)
     torch.nn.init.zeros_(confidence.layers[-1].weight)
-    torch.nn.init.constant_(confidence.layers[-1].bias, share)
+    confidence.layers[-1].bias.data[:] = torch.tensor(shares)
     return confidence.eval()
 
 
@@ -40,28 +49,35 @@ def by_hand(enhanced: torch.Tensor, seen: NetworkInput, y: int, x: int) -> torch
     def cut(image: torch.Tensor) -> torch.Tensor:
         return image[..., y : y + BLOCK : STEP, x : x + BLOCK : STEP].double()
 
+    def mean(image: torch.Tensor) -> torch.Tensor:
+        return image.mean((1, 2), keepdim=True).expand_as(image)
+
+    def detail(image: torch.Tensor) -> torch.Tensor:
+        return image - mean(image)
+
     render, image = cut(seen.render)[0], cut(enhanced)[0]
     change = image - render
-    size = change.square().mean()
-    values = [size.sqrt(), change.mean().abs(), change.mean((1, 2)).square().mean() / (size + 1e-6)]
-    values.append((render - render.mean((1, 2), keepdim=True)).square().mean().sqrt())
+    energy = mean(change).square().mean()
+    values = [change.mean().abs(), energy / (change.square().mean() + 1e-6), detail(render).square().mean().sqrt()]
+    parts = [torch.stack(values)]
     masks = [(cut(v) > 0).double() for v in seen.visibility[0]]
     apart = [(cut(p) - render) * m for p, m in zip(seen.references[0], masks, strict=True)]
     own = [(cut(p) - cut(r)) * m for p, r, m in zip(seen.references[0], seen.reference_renders[0], masks, strict=True)]
-    single, pairs = [], []
-    for i, (mask, d, s) in enumerate(zip(masks, apart, own, strict=True)):
-        c, area = change * mask, mask.mean()
-        mine = c.square().mean() + 1e-6
-        roots = [(one.square().mean() / area).sqrt() for one in (d, d - c, s, d - s)]
-        single.append(torch.stack([(c * d).mean() / mine, (c * s).mean() / mine, *roots, area]))
-        for j in range(i):
-            both, lengths = (d * apart[j]).mean(), d.square().mean() * apart[j].square().mean()
-            between = (d - apart[j]).square().mean().sqrt()
-            pairs.append(torch.stack([between, both, both / (lengths.sqrt() + 1e-6)]))
-    parts = [torch.stack(values)]
-    for group in (single, pairs):
-        stacked = torch.stack(group)
-        parts += [stacked.mean(0), stacked.amin(0), stacked.amax(0)]
+    for band in (mean, detail):
+        parts.append(band(change).square().mean().sqrt()[None])
+        single, pairs = [], []
+        for i, (mask, difference, splats) in enumerate(zip(masks, apart, own, strict=True)):
+            c, d, s, area = band(change * mask), band(difference), band(splats), mask.mean()
+            mine = c.square().mean() + 1e-6
+            roots = [(one.square().mean() / area).sqrt() for one in (d, d - c, s, d - s)]
+            single.append(torch.stack([(c * d).mean() / mine, (c * s).mean() / mine, *roots, area]))
+            for j in range(i):
+                e = band(apart[j])
+                both, lengths = (d * e).mean(), d.square().mean() * e.square().mean()
+                pairs.append(torch.stack([(d - e).square().mean().sqrt(), both, both / (lengths.sqrt() + 1e-6)]))
+        for group in (single, pairs):
+            stacked = torch.stack(group)
+            parts += [stacked.mean(0), stacked.amin(0), stacked.amax(0)]
     features = torch.cat(parts)
     return features.sign() * torch.log1p(20 * features.abs())
 
@@ -77,23 +93,41 @@ def test_features_are_those_of_a_block_worked_out_by_hand():
         )
 
 
-def test_large_images_are_worked_on_in_bands_with_the_same_result(monkeypatch: pytest.MonkeyPatch):
+def test_large_images_are_worked_on_in_strips_with_the_same_result(monkeypatch: pytest.MonkeyPatch):
     seen = views(70, 52)
     enhanced = (seen.render + 0.1).clamp(0, 1)
     whole = block_features(enhanced, seen)
-    monkeypatch.setattr(change_confidence, "BAND", 2)
+    monkeypatch.setattr(change_confidence, "STRIP", 2)
     torch.testing.assert_close(block_features(enhanced, seen), whole)
 
 
 @pytest.mark.parametrize("references", [0, 1, 8])
 @pytest.mark.parametrize("renders", [True, False])
-def test_any_number_of_references_gives_finite_shares(references: int, renders: bool):
+def test_any_number_of_references_gives_a_finite_image(references: int, renders: bool):
     seen = views(references=references, renders=renders and references > 0)
     torch.manual_seed(0)
-    share = ChangeConfidence(8).eval()((seen.render + 0.2).clamp(0, 1), seen)
-    assert share.shape == (1, 1, 40, 52)
-    assert bool(torch.isfinite(share).all())
-    assert 0 <= float(share.min()) <= float(share.max()) <= 1
+    image = ChangeConfidence(8).eval()((seen.render + 0.2).clamp(0, 1), seen)
+    assert image.shape == seen.render.shape
+    assert bool(torch.isfinite(image).all())
+    assert 0 <= float(image.min()) <= float(image.max()) <= 1
+
+
+def test_the_bands_are_the_change():
+    change = views(43, 52).references[:, 0] - 0.5
+    means, details = split_change(change)
+    torch.testing.assert_close(means + details, change)
+    smooth = torch.linspace(0, 1, 52).expand(1, 3, 48, 52)  # a ramp is all mean, but where blocks' centres end
+    assert float(split_change(smooth)[1][..., 4:44].abs().max()) < 1e-5
+    checked = (torch.arange(48)[:, None] + torch.arange(56)) % 2 - 0.5
+    assert float(split_change(checked.expand(1, 3, 48, 56))[0].abs().max()) < 1e-6
+
+
+def test_means_and_details_have_shares_of_their_own():
+    seen = views()
+    enhanced = (seen.render + 0.3).clamp(0, 1)
+    means, details = split_change(enhanced - seen.render)
+    for shares, expected in (((1.0, 0.0), seen.render + means), ((0.0, 1.0), seen.render + details)):
+        torch.testing.assert_close(judging(*shares)(enhanced, seen), expected.clamp(0, 1))
 
 
 def test_nothing_changed_and_nothing_seen_is_finite():

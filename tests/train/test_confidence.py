@@ -4,7 +4,7 @@ import torch
 
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
-from gaussian_enhancer.infer.change_confidence import BLOCK, INPUTS
+from gaussian_enhancer.infer.change_confidence import BLOCK, INPUTS, ChangeConfidence, split_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -31,10 +31,11 @@ def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
     height, width = (-(-side // BLOCK) for side in target.image.shape[-2:])
     assert found.features.shape == (height * width, INPUTS)
     assert target.image.shape[-2] % BLOCK == target.image.shape[-1] % BLOCK == 0
-    for share in (0.3, 1.0):
-        applied = target.image + share * (enhanced - target.image)
+    means, details = split_change(enhanced[None] - target.image)
+    for shares in ((0.3, 0.3), (1.0, 1.0), (0.2, 0.9)):
+        applied = target.image + shares[0] * means[0] + shares[1] * details[0]
         left, raw = ((image - truth).square().mean() for image in (applied, target.image))
-        told = 1 + (share**2 * found.squared - 2 * share * found.helpful).mean()
+        told = 1 + found.added(torch.tensor(shares).expand(len(found.helpful), 2)).mean()
         torch.testing.assert_close(told, left / raw, rtol=1e-4, atol=1e-5)
 
 
@@ -44,29 +45,35 @@ def test_more_than_two_references_give_every_view_with_fewer_as_well(plane_run):
     assert len(list(judged_views(plane_run, changing()))) == expected
 
 
-def test_it_learns_which_blocks_gain():
+def judged(confidence: ChangeConfidence, features: torch.Tensor) -> torch.Tensor:
+    with torch.no_grad():
+        return confidence.judge(features.T[None, :, None])[0, :, 0].T
+
+
+def apart(features: torch.Tensor, helpful: torch.Tensor) -> JudgedView:
+    """Blocks whose bands have nothing to do with each other."""
+    return JudgedView(features, torch.eye(2).expand(len(features), 2, 2), helpful)
+
+
+def test_it_learns_which_band_of_which_block_gains():
     torch.manual_seed(0)
     features = torch.randn(3000, INPUTS)
-    good = (features[:, 5] > 0).float()
-    view = JudgedView(features, torch.ones(3000), good)
-    confidence = train_confidence([view], hidden=32, steps=400)
-    again = train_confidence([view], hidden=32, steps=400)
-    with torch.no_grad():
-        share = confidence.judge(features.T[None, :, None])[0, 0, 0]
-        assert torch.equal(share, again.judge(features.T[None, :, None])[0, 0, 0])
-    clear = features[:, 5].abs() > 0.5
-    assert float(share[clear & (good > 0)].mean()) > 0.8
-    assert float(share[clear & (good == 0)].mean()) < 0.15
+    good = (features[:, (5, 40)] > 0).float()
+    confidence, again = (train_confidence([apart(features, good)], hidden=32, steps=400) for _ in range(2))
+    shares = judged(confidence, features)
+    assert torch.equal(shares, judged(again, features))
+    for band, feature in enumerate((5, 40)):
+        clear = features[:, feature].abs() > 0.5
+        assert float(shares[clear & (good[:, band] > 0), band].mean()) > 0.8
+        assert float(shares[clear & (good[:, band] == 0), band].mean()) < 0.15
 
 
 def test_harm_that_counts_more_makes_it_hold_back():
     features = torch.randn(3000, INPUTS, generator=torch.Generator().manual_seed(0))
-    helpful = torch.randn(3000, generator=torch.Generator().manual_seed(1)) + 0.7
-    view = JudgedView(features, torch.ones(3000), helpful)
+    helpful = torch.randn(3000, 2, generator=torch.Generator().manual_seed(1)) + 0.7
 
     def mean(harm: float) -> float:
-        confidence = train_confidence([view], hidden=8, steps=200, harm=harm)
-        with torch.no_grad():
-            return float(confidence.judge(features.T[None, :, None]).mean())
+        confidence = train_confidence([apart(features, helpful)], hidden=8, steps=200, harm=harm)
+        return float(judged(confidence, features).mean())
 
     assert mean(0.0) - mean(3.0) > 0.1

@@ -1,12 +1,15 @@
 """How much of a network's change to apply, block by block, judged by what the references show there.
 
 A network changes a render where warped photos differ from it. Where depth is wrong, photos differ by misalignment, and
-the change does harm. Photos that are aligned support the change and each other. Of two photos whose errors are
-independent, the mean product of their differences from the render estimates the render's squared error (the "three-
-cornered hat" of Gray and Allan, 1974). A small network judges each block by such products. Its training is the job
-``train_confidence``.
+the change does harm. Where the light moved with the camera, or the object was turned under it, photos differ in shade,
+and their detail is right where their mean is wrong. So the change is split into its means over blocks and the detail
+beside them, and each has a share of its own. Photos that are aligned support the change and each other. Of two photos
+whose errors are independent, the mean product of their differences from the render estimates the render's squared error
+(the "three-cornered hat" of Gray and Allan, 1974). A small network judges each block by such products, of means and of
+details. Its training is the job ``train_confidence``.
 
-Axes: b batch, r references, h height, w width, i j blocks, v vectors of a block, n their values, f features.
+Axes: b batch, r references, k bands (means, details), h height, w width, i j blocks, v vectors of a block, n their
+values, f features.
 """
 
 import torch
@@ -21,21 +24,23 @@ BLOCK = 8
 STEP = 2
 """Every so many rows and columns of pixels are looked at; all of them take four times as long."""
 SAMPLES = BLOCK // STEP
-BAND = 64
+STRIP = 64
 """Rows of blocks that are worked on at once, so that large images need little memory."""
 SEEN = 0.1
 """Share of a block's pixels that a reference has to see to have a say."""
 TINY = 1e-6
 """Added to squared colour differences before something is divided by them."""
-OF_IMAGE, OF_REFERENCE, OF_PAIR = 4, 7, 3
-FEATURES = OF_IMAGE + 3 * (OF_REFERENCE + OF_PAIR)
-"""Numbers that describe a block: the mean, least and greatest of what each reference, and each pair, says."""
+BANDS = 2
+"""Parts of the change that have shares of their own: block means, and details."""
+OF_IMAGE, OF_REFERENCE, OF_PAIR = 3, 7, 3
+FEATURES = OF_IMAGE + BANDS * (1 + 3 * (OF_REFERENCE + OF_PAIR))
+"""Numbers that describe a block: for each band the mean, least and greatest of what references, and pairs, say."""
 INPUTS = 3 * FEATURES
 """The block's own, those averaged over 3x3 blocks, and over the image."""
 
 
 class ChangeConfidence(nn.Module):
-    """The share of a network's change to apply at each pixel.
+    """The shares of a network's change to apply at each pixel: of its means over blocks, and of its details.
 
     Args:
         hidden: width of the two hidden layers.
@@ -44,7 +49,7 @@ class ChangeConfidence(nn.Module):
     centre: Tensor
     scale: Tensor
 
-    def __init__(self, hidden: int = 48) -> None:
+    def __init__(self, hidden: int = 96) -> None:
         super().__init__()
         self.hidden = hidden
         self.register_buffer("centre", torch.zeros(INPUTS))
@@ -55,30 +60,38 @@ class ChangeConfidence(nn.Module):
             nn.Dropout(0.1),
             nn.Conv2d(hidden, hidden, 1),
             nn.ReLU(),
-            nn.Conv2d(hidden, 1, 1),
+            nn.Conv2d(hidden, BANDS, 1),
         )
 
-    def judge(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b 1 i j"]:
-        """The share of each block, not limited; see `block_features`."""
+    def judge(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b k i j"]:
+        """The shares of each block, not limited; see `block_features`."""
         standard = (features - self.centre[:, None, None]) / self.scale[:, None, None]
         judged: Tensor = self.layers(standard.clamp(-4, 4))
         return judged
 
-    def forward(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 1 h w"]:
-        """The share of the change to apply, in [0, 1], linear between the blocks' centres.
+    def forward(self, enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
+        """The render with that share of each band of the change that the references support.
 
         Args:
             enhanced: what the network made of the render, in [0, 1].
             views: the render and its references.
         """
         height, width = enhanced.shape[-2:]
-        share = self.judge(block_features(enhanced, views)).clamp(0, 1)
-        return spread(share, height, width)
+        shares = spread(self.judge(block_features(enhanced, views)).clamp(0, 1), height, width)
+        means, details = split_change(enhanced - views.render)
+        return (views.render + shares[:, :1] * means + shares[:, 1:] * details).clamp(0, 1)
 
 
-def spread(share: Float[Tensor, "b 1 i j"], height: int, width: int) -> Float[Tensor, "b 1 {height} {width}"]:
+def split_change(change: Float[Tensor, "b 3 h w"]) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:
+    """Means of a change over blocks, linear between the blocks' centres, and the detail that is left."""
+    height, width = change.shape[-2:]
+    means = spread(F.avg_pool2d(change, BLOCK, ceil_mode=True), height, width)
+    return means, change - means
+
+
+def spread(blocks: Float[Tensor, "b c i j"], height: int, width: int) -> Float[Tensor, "b c {height} {width}"]:
     """Blocks' values at each pixel, linear between the blocks' centres."""
-    fine = F.interpolate(share, scale_factor=BLOCK, mode="bilinear", align_corners=False)
+    fine = F.interpolate(blocks, scale_factor=BLOCK, mode="bilinear", align_corners=False)
     return fine[..., :height, :width]
 
 
@@ -98,15 +111,12 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
     if views.reference_renders is not None:
         own = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * seen
     vectors = torch.cat([change[:, None], render[:, None], change[:, None] * seen, apart, own], dim=1)
-    products = torch.cat([_products(vectors[..., y : y + BAND * SAMPLES, :]) for y in _bands(vectors)], dim=-2)
+    strips = [_products(vectors[..., y : y + STRIP * SAMPLES, :]) for y in range(0, vectors.shape[-2], STRIP * SAMPLES)]
+    of_means, of_details = (torch.cat(parts, dim=-2) for parts in zip(*strips, strict=True))
     share = _pooled(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])[:, :, 0]
-    features = _described(products, share, _pooled(change), _pooled(render))
+    features = _described((of_means, of_details), share, _pooled(change))
     around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
     return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
-
-
-def _bands(images: Float[Tensor, "b v 3 h w"]) -> range:
-    return range(0, images.shape[-2], BAND * SAMPLES)
 
 
 def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
@@ -114,32 +124,42 @@ def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
     return F.avg_pool2d(image, SAMPLES, ceil_mode=True)
 
 
-def _products(images: Float[Tensor, "b v 3 h w"]) -> Float[Tensor, "b v v i j"]:
-    """Mean products, by block, of every two of some images."""
+def _products(images: Float[Tensor, "b v 3 h w"]) -> tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]]:
+    """Mean products, by block, of every two of some images: of their means, and of what they have beside them."""
     height, width = images.shape[-2:]
     padding = 0, -width % SAMPLES, 0, -height % SAMPLES
     blocks = F.pad(images, padding).unflatten(-1, (-1, SAMPLES)).unflatten(-3, (-1, SAMPLES))
-    vectors = blocks.permute(0, 3, 5, 1, 2, 4, 6).flatten(4)  # b i j v n
-    products = (vectors @ vectors.transpose(-1, -2)).permute(0, 3, 4, 1, 2)
-    filled = F.avg_pool2d(F.pad(torch.ones_like(images[:1, 0, :1]), padding), SAMPLES)[0, 0]
-    return products / (3 * SAMPLES**2 * filled)
+    values = blocks.permute(0, 3, 5, 1, 2, 4, 6).flatten(5)  # b i j v 3 n
+    filled = F.avg_pool2d(F.pad(torch.ones_like(images[:1, 0, :1]), padding), SAMPLES)[0, 0, ..., None, None]
+    means = values.mean(-1) / filled
+    flat = values.flatten(4)
+    whole = flat @ flat.transpose(-1, -2) / (3 * SAMPLES**2 * filled)
+    of_means = means @ means.transpose(-1, -2) / 3
+    return of_means.permute(0, 3, 4, 1, 2), (whole - of_means).permute(0, 3, 4, 1, 2)
 
 
 def _described(
-    products: Float[Tensor, "b v v i j"],
+    bands: tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]],
     seen: Float[Tensor, "b r i j"],
     change: Float[Tensor, "b 3 i j"],
-    render: Float[Tensor, "b 3 i j"],
 ) -> Float[Tensor, "b f i j"]:
-    """Features of blocks from mean products of their vectors.
+    """Features of blocks from mean products of their vectors, those of means and those of details.
 
     The vectors: the change, the render, then where each reference sees, the change, photo - render, and photo - the
-    splat's render of its view. Beside them the means of the change and of the render.
+    splat's render of its view. Beside them the mean of the change.
     """
+    means, details = (products[:, 0, 0].clamp_min(0) for products in bands)
+    texture = bands[1][:, 1, 1].clamp_min(0).sqrt()
+    parts = [torch.stack([change.mean(1).abs(), means / (means + details + TINY), texture], dim=1)]
+    for products in bands:
+        parts += [products[:, :1, 0].clamp_min(0).sqrt(), *_said(products, seen)]
+    features = torch.cat(parts, dim=1)
+    return features.sign() * torch.log1p(20 * features.abs())
+
+
+def _said(products: Float[Tensor, "b v v i j"], seen: Float[Tensor, "b r i j"]) -> list[Float[Tensor, "b f i j"]]:
+    """What references, and pairs of them, say of one band, summed up."""
     count = seen.shape[1]
-    whole = products[:, 0, 0]
-    detail = (products[:, 1, 1] - render.square().mean(1)).clamp_min(0).sqrt()
-    of_image = [whole.sqrt(), change.mean(1).abs(), change.square().mean(1) / (whole + TINY), detail]
     images, pairs = [], []
     for i in range(count):
         c, d, s = 2 + i, 2 + count + i, 2 + 2 * count + i
@@ -165,14 +185,13 @@ def _described(
             e = 2 + count + j
             both = products[:, d, e]
             between = (products[:, d, d] + products[:, e, e] - 2 * both).clamp_min(0).sqrt()
-            alike = both / ((products[:, d, d] * products[:, e, e]).clamp_min(0).sqrt() + TINY)
+            lengths = products[:, d, d].clamp_min(0) * products[:, e, e].clamp_min(0)
+            alike = both / (lengths.sqrt() + TINY)
             pairs.append(torch.stack([between, both, alike], dim=1))
     says = [seen[:, i] > SEEN for i in range(count)]
     both_say = [says[i] & says[j] for i in range(count) for j in range(i)]
-    empty = whole[:, None]
-    parts = [torch.stack(of_image, dim=1), *_summary(images, says, empty, OF_REFERENCE)]
-    features = torch.cat([*parts, *_summary(pairs, both_say, empty, OF_PAIR)], dim=1)
-    return features.sign() * torch.log1p(20 * features.abs())
+    empty = torch.zeros_like(products[:, :1, 0])
+    return [*_summary(images, says, empty, OF_REFERENCE), *_summary(pairs, both_say, empty, OF_PAIR)]
 
 
 def _summary(

@@ -248,7 +248,7 @@ class SetEnhancer:
             if self.colour_completion:
                 enhanced = complete_change(enhanced, views)
             if self.confidence is not None:
-                enhanced = views.render + self.confidence(enhanced, views) * (enhanced - views.render)
+                enhanced = self.confidence(enhanced, views)
         if self.strength < 1:
             start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)

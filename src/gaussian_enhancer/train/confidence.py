@@ -1,6 +1,6 @@
 """Training of a change confidence on the held-out views of finished fits.
 
-Axes: f features, n blocks, h height, w width.
+Axes: f features, n blocks, k bands, h height, w width.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ from gaussian_enhancer.align.alignment import Aligned, Pixels
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.change_confidence import BLOCK, ChangeConfidence, block_features
+from gaussian_enhancer.infer.change_confidence import BANDS, BLOCK, ChangeConfidence, block_features, split_change
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
@@ -32,17 +32,21 @@ NOISE = 0.4
 
 @dataclass(frozen=True)
 class JudgedView:
-    """Blocks of one enhanced view. Applying a share s of the change adds s^2 squared - 2 s helpful to the error.
+    """Blocks of one enhanced view. Shares s of the bands of the change add s squared s - 2 s helpful to the error.
 
     Args:
         features: what describes each block (`block_features`).
-        squared: mean squared change of each block, as a share of the view's mean squared error.
-        helpful: mean product of the change and of what it should be, likewise.
+        squared: mean products of the bands of the change in each block, as shares of the view's mean squared error.
+        helpful: mean products of each band and of what the whole change should be, likewise.
     """
 
     features: Float[Tensor, "n f"]
-    squared: Float[Tensor, " n"]
-    helpful: Float[Tensor, " n"]
+    squared: Float[Tensor, "n k k"]
+    helpful: Float[Tensor, "n k"]
+
+    def added(self, shares: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
+        """Squared error that shares add to each block, as a share of the view's mean squared error."""
+        return torch.einsum("nk,nkl,nl->n", shares, self.squared, shares) - 2 * (shares * self.helpful).sum(1)
 
 
 def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
@@ -91,7 +95,10 @@ def _judged(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Flo
     change = enhanced[0] - target.image
     error = float(wanted.square().mean().clamp_min(LEAST))
     features = block_features(enhanced, views)[0].flatten(1).T.contiguous()
-    return JudgedView(features, _mean_product(change, change) / error, _mean_product(change, wanted) / error)
+    bands = [band[0] for band in split_change(change[None])]
+    squared = torch.stack([_mean_product(one, other) for one in bands for other in bands], dim=1)
+    helpful = torch.stack([_mean_product(band, wanted) for band in bands], dim=1)
+    return JudgedView(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error)
 
 
 def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, " n"]:
@@ -99,7 +106,7 @@ def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"])
 
 
 def train_confidence(
-    views: Sequence[JudgedView], hidden: int = 48, steps: int = 1200, harm: float = 0.5, seed: int = 0
+    views: Sequence[JudgedView], hidden: int = 96, steps: int = 2000, harm: float = 0.5, seed: int = 0
 ) -> ChangeConfidence:
     """Minimise the squared error that blocks are left with, relative to their view's.
 
@@ -110,11 +117,13 @@ def train_confidence(
         harm: what error that is added to a block counts beside error that is removed, more than 1 time.
         seed: of initial values and batches.
     """
-    blocks = torch.cat([view.features for view in views])
-    weights = torch.cat([torch.full_like(view.squared, 1 / len(view.squared)) for view in views])
+    weights = torch.cat([torch.full((len(view.helpful),), 1 / len(view.helpful)) for view in views])
     weights = weights / weights.mean()
-    squared = torch.cat([view.squared for view in views]) * weights
-    helpful = torch.cat([view.helpful for view in views]) * weights
+    whole = JudgedView(
+        torch.cat([view.features for view in views]),
+        torch.cat([view.squared for view in views]) * weights[:, None, None],
+        torch.cat([view.helpful for view in views]) * weights[:, None],
+    )
     draw = torch.Generator().manual_seed(seed)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -122,16 +131,17 @@ def train_confidence(
         weight, bias = list(confidence.layers[-1].parameters())
         torch.nn.init.zeros_(weight)
         torch.nn.init.constant_(bias, START)
-        confidence.centre.copy_(blocks.mean(0))
-        confidence.scale.copy_(blocks.std(0) + 1e-3)
+        confidence.centre.copy_(whole.features.mean(0))
+        confidence.scale.copy_(whole.features.std(0) + 1e-3)
         optimizer = torch.optim.AdamW(confidence.parameters(), 4e-3, weight_decay=1e-2)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 4e-3, total_steps=steps)
         confidence.train()
         for _ in range(steps):
-            chosen = torch.randint(len(blocks), (BATCH,), generator=draw)
-            noisy = blocks[chosen] + NOISE * confidence.scale * torch.randn(BATCH, blocks.shape[1])
-            share = confidence.judge(noisy.T[None, :, None])[0, 0, 0].clamp(-0.2, 1.4)
-            added = share.square() * squared[chosen] - 2 * share * helpful[chosen]
+            chosen = torch.randint(len(weights), (BATCH,), generator=draw)
+            drawn = JudgedView(whole.features[chosen], whole.squared[chosen], whole.helpful[chosen])
+            noisy = drawn.features + NOISE * confidence.scale * torch.randn_like(drawn.features)
+            shares = confidence.judge(noisy.T[None, :, None])[0, :, 0].T
+            added = drawn.added(shares.clamp(-0.2, 1.4))
             loss = (added + harm * added.clamp_min(0)).mean()
             optimizer.zero_grad()
             loss.backward()
