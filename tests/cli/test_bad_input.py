@@ -684,9 +684,9 @@ def test_the_measurement_of_the_viewer_refuses_mistakes(refused: Refused, monkey
     assert "run: is mandatory and was not given; add run=..." in refused("viewer_speed")
     assert "seconds: is 0" in refused("viewer_speed", "run=a", "seconds=0")
     assert "records: is 'a.txt'" in refused("viewer_speed", "run=a", "records=a.txt")
-    monkeypatch.setattr("ablations.benchmarks.viewer_speed.refuse_without_browser", lambda: None)
-    assert "the job view: does not start (nope: is no folder" in refused("viewer_speed", "run=nope")
-    monkeypatch.undo()
+    with monkeypatch.context() as patched:  # to undo all of it would leave the test's folder, too
+        patched.setattr("ablations.benchmarks.viewer_speed.refuse_without_browser", lambda: None)
+        assert "the job view: does not start (nope: is no folder" in refused("viewer_speed", "run=nope")
     monkeypatch.setattr("ablations.benchmarks.viewer_speed.DRIVER", "/nowhere")
     assert "/nowhere: does not exist; apt-get install" in refused("viewer_speed", "run=nope")
 
