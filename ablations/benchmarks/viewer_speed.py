@@ -10,7 +10,6 @@ import io
 import json
 import os
 import re
-import signal
 import statistics
 import subprocess
 import sys
@@ -79,7 +78,7 @@ def viewing(words: Sequence[str]) -> Iterator[tuple[str, int]]:
         told = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
         raise InputError("the job view", f"does not start ({told})", "correct run, show, width or overrides")
     finally:
-        job.send_signal(signal.SIGINT)
+        job.terminate()  # Ctrl-C would be ignored where this process was started in a shell's background
         job.wait(timeout=60)
 
 

@@ -446,6 +446,7 @@ class Convergence(FromRecords):
     """Options of the job ``convergence``."""
 
     methods: list[str]
+    pictures: Place | None
 
 
 class DistilStudy(FromRecords):

@@ -112,7 +112,7 @@ def given_file(gaussians: str | Path) -> Path:
     Raises:
         InputError: the folder holds no splat.
     """
-    return splat_in(gaussians) if Path(gaussians).is_dir() else Path(gaussians)
+    return splat_in(gaussians)
 
 
 def _of_run(cfg: DictConfig) -> Capture:

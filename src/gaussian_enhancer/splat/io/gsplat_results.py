@@ -35,19 +35,23 @@ SHAPES: Mapping[str, tuple[int | None, ...]] = {
 _REMEDY = "give the .ply that simple_trainer writes with --save-ply"
 
 
-def splat_in(folder: str | Path) -> Path:
-    """The splat of the latest step in a result folder: its .ply, or its checkpoint of rank 0 where there is no .ply.
+def splat_in(path: str | Path) -> Path:
+    """The file itself, or of a result folder the latest step's .ply, or its checkpoint where no .ply was saved.
 
     Args:
-        folder: simple_trainer's ``result_dir``.
+        path: of a splat's file, or simple_trainer's ``result_dir``.
 
     Raises:
-        InputError: it holds neither.
+        InputError: it is a folder that holds neither, or may not be read.
     """
+    folder = Path(path)
+    with reading(folder):
+        if not folder.is_dir():
+            return folder
     found = [
         (int(match[1]), part == "ply", path)
         for part, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
-        for path in Path(folder).glob(f"{part}/*")
+        for path in folder.glob(f"{part}/*")
         if (match := pattern.fullmatch(path.name)) and match.groups()[1:] in ((), ("0",))
     ]
     if not found:
@@ -68,9 +72,10 @@ def refuse_normalised(splat: str | Path) -> None:
         InputError: its ``cfg.yml`` says that the world was normalised.
     """
     path = Path(splat)
-    config = (path if path.is_dir() else path.parent.parent) / "cfg.yml"
-    if not config.is_file():
-        return
+    with reading(path):
+        config = (path if path.is_dir() else path.parent.parent) / "cfg.yml"
+        if not config.is_file():
+            return
     with reading(config):
         text = config.read_text(encoding="utf-8", errors="replace")  # it names Python objects, which are not made
     if re.search(r"^normalize_world_space: true$", text, flags=re.MULTILINE):

@@ -24,7 +24,7 @@ def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
     Raises:
         InputError: if the file is missing, empty, of no known format, or not what its format promises.
     """
-    path = splat_in(path) if Path(path).is_dir() else path
+    path = splat_in(path)
     head = _head(path)
     if head[:4] == MAGIC or head[:2] == GZIP_MAGIC:
         return read_spz(path, invalid=invalid)
