@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from test_compressed_ply import elements
 from test_compressed_ply import write as write_compressed
+from test_gsplat_results import saved as save_checkpoint
 from test_opensfm import write_opensfm
 from test_sif import trained
 from test_spz import attributes, header, packed
@@ -321,6 +322,7 @@ READERS: dict[str, Reader] = {
     "compressed_ply": splat_reader(lambda folder: write_compressed(folder / "a", elements(40)), of_ply),
     "spz": splat_reader(lambda folder: (folder / "a").write_bytes(packed(3, 1, attributes(3, 1))), of_spz),
     "spz4": splat_reader(lambda folder: (folder / "a").write_bytes(packed(4, 1, attributes(4, 1))), of_spz4),
+    "gsplat_checkpoint": splat_reader(lambda folder: save_checkpoint(folder / "a", splat()), plain(broken_bytes)),
     "depth_npy": depth_reader("a.npy", of_npy),
     "depth_npz": depth_reader("a.npz", of_npz),
     "depth_png": depth_reader("a.png", plain(broken_bytes)),

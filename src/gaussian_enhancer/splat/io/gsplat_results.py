@@ -7,7 +7,6 @@ opacities, sh0, shN}}``, with scales as natural logarithms, opacities as logits 
 Axes: n Gaussians, k spherical-harmonics coefficients.
 """
 
-import pickle
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -119,10 +118,12 @@ def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaus
 
 def _part(path: Path) -> dict[str, Tensor]:
     """The tensors of one rank."""
-    refuse_larger_archive(path)
     try:
+        refuse_larger_archive(path)
         values: Any = torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, OSError, EOFError, ValueError, KeyError, AttributeError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # damaged bytes end zipfile and torch's unpickler in any way
         cause = str(error).strip().split(". ")[0].splitlines() or [type(error).__name__]
         received = f"is an archive, but no checkpoint that can be read ({cause[0]})"
         raise InputError(path, received, "give a .ply, or a checkpoint that gsplat's simple_trainer wrote") from error
