@@ -8,18 +8,16 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import video as job
 from gaussian_enhancer.cli.video import run
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.weights import save_weights
-from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.video.film import Film
 from support import paths
+from support.bright_weights import write_bright_weights
 from support.synthetic_runs import coloured_sheet, plane_camera
 
 av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
@@ -45,12 +43,7 @@ def fitted(plane_run, tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory) -> Path:
     """A network that brightens what it sees."""
-    path = tmp_path_factory.mktemp("weights") / "bright.safetensors"
-    torch.manual_seed(0)
-    network = SIF((8, 8, 8), (1, 1, 1))
-    torch.nn.init.constant_(network.decode.head.bias, 0.1)
-    save_weights(path, network, ReferenceConfig(), {"strength": 1.0})
-    return path
+    return write_bright_weights(tmp_path_factory.mktemp("weights"), 1.0)
 
 
 @pytest.fixture

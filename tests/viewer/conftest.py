@@ -8,13 +8,11 @@ import pytest
 import torch
 from omegaconf import DictConfig
 
-from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.infer.weights import save_weights
-from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.viewer.session import Session
 from gaussian_enhancer.viewer.source import open_session
 from support import paths
+from support.bright_weights import write_bright_weights
 from support.synthetic_runs import coloured_sheet
 
 
@@ -29,12 +27,7 @@ def viewed(plane_run, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def bright(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("weights") / "bright.safetensors"
-    torch.manual_seed(0)
-    network = SIF((8, 8, 8), (1, 1, 1))
-    torch.nn.init.constant_(network.decode.head.bias, 0.1)
-    save_weights(path, network, ReferenceConfig(), {"strength": 0.5})
-    return path
+    return write_bright_weights(tmp_path_factory.mktemp("weights"), 0.5)
 
 
 @pytest.fixture(scope="session")
