@@ -45,3 +45,24 @@ def test_weights_that_enlarge_are_refused(plane_run, tmp_path):
     with pytest.raises(InputError, match="not for enhancement by references"):
         run(job(plane_run, "sr_tiny", tmp_path))
     assert not (tmp_path / "out/weights.safetensors").exists()
+
+
+def test_folds_judge_each_fit_by_weights_that_did_not_learn_from_it(plane_run, tmp_path):
+    for name, network in (("a", trained()), ("b", trained())):
+        save_weights(tmp_path / f"{name}.safetensors", network, ReferenceConfig(), {"name": name})
+    fold = f"folds=[{{weights: {tmp_path / 'b.safetensors'}, fits: [{plane_run}]}}]"
+    run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "fits=[]", fold))
+    card = json.loads((tmp_path / "out/card.json").read_text())["confidence"]
+    assert card["fits"] == [plane_run.name]
+    assert card["folds"] == [checkpoint_digest(tmp_path / "b.safetensors")]
+
+
+def test_a_fold_of_another_design_is_refused(plane_run, tmp_path):
+    save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
+    with pytest.raises(InputError, match="of another design"):
+        run(job(plane_run, tmp_path / "a.safetensors", tmp_path, f"folds=[{{weights: lr_tiny, fits: [{plane_run}]}}]"))
+
+
+def test_no_fit_at_all_is_refused(plane_run, tmp_path):
+    with pytest.raises(InputError, match="hold no held-out views"):
+        run(job(plane_run, "lr_tiny", tmp_path, "fits=[]"))

@@ -50,6 +50,19 @@ def test_samples_are_prepared_once_for_each_preparation(plane_run, tmp_path):
     assert prepare_samples(rendered, ReferenceConfig(), tmp_path, "b")[0].path != first[0].path
 
 
+def test_photos_are_brought_to_the_exposure_of_their_render_where_asked(plane_run, tmp_path):
+    rendered = read_run(plane_run)
+    darker = [dataclasses.replace(view, read_photo=lambda view=view: 0.8 * view.read()) for view in rendered.targets]
+    rendered = dataclasses.replace(rendered, targets=tuple(darker))
+    plain = prepare_samples(rendered, ReferenceConfig(references=0), tmp_path, "a")
+    matched = prepare_samples(rendered, ReferenceConfig(references=0), tmp_path, "a", match_exposure=True)
+    assert plain[0].path != matched[0].path
+    for samples, error in ((plain, 0.8), (matched, 1.0)):
+        batch = batch_of([samples[0].planes()], samples[:1], references=0)
+        seen = batch.views.render > 0.2
+        assert float((batch.photo / batch.views.render)[seen].mean()) == pytest.approx(error, abs=0.02)
+
+
 def test_of_two_trainings_that_begin_together_one_prepares(plane_run, tmp_path):
     rendered, done = read_run(plane_run), []
     with ThreadPoolExecutor(2) as executor:

@@ -248,7 +248,7 @@ def test_snapshots_are_all_taken_unless_the_last_alone_is_asked_for(plane_run, o
     )
     counts = []
     for snapshots in (True, False):
-        samples = RunSamples(reference_config, tmp_path, snapshots, progress=False)
+        samples = RunSamples(reference_config, tmp_path, snapshots=snapshots, progress=False)
         data = RunsData([str(plane_run)], [str(other_plane_run)], samples)
         data.setup()
         counts.append(sum(map(len, data.sources)))

@@ -273,10 +273,19 @@ class TrainGenerator(Training):
     diffused: Group
 
 
+@with_config(STRICT)
+class Fold(TypedDict):
+    """An entry of ``folds``."""
+
+    weights: Place
+    fits: Places
+
+
 class TrainConfidence(Options):
     """Options of the job ``train_confidence``."""
 
     fits: Places
+    folds: list[Fold]
     weights: Place
     hidden: Annotated[int, Field(ge=1, le=1024)]
     steps: Annotated[int, Field(ge=2)]

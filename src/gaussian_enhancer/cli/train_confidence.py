@@ -38,16 +38,23 @@ def run(cfg: DictConfig) -> None:
     if before.network.scale > 1 or not before.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
     whole = EnhancementOptions(strength=1.0, confidence=False)
-    enhancer = whole.enhancer(before, before.reference_config, device)
-    folders = [Path(folder) for folder in cfg.fits]
-    shown = track(folders, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
-    views = [view for folder in shown for view in judged_views(folder, enhancer)]
+    enhancers = {cfg.weights: whole.enhancer(before, before.reference_config, device)}
+    for fold in cfg.folds:
+        other = load_weights(fold.weights)
+        if other.network.design != before.network.design:
+            raise InputError("folds", f"name {fold.weights}, of another design", "give weights of one design")
+        enhancers[fold.weights] = whole.enhancer(other, other.reference_config, device)
+    judged = [(cfg.weights, Path(fit)) for fit in cfg.fits]
+    judged += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
+    shown = track(judged, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
+    views = [view for name, folder in shown for view in judged_views(folder, enhancers[name])]
     if not views:
         raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
     confidence = train_confidence(views, cfg.hidden, cfg.steps, cfg.harm, cfg.seed)
     learnt = {
         **plain(cfg.card),
-        "fits": [folder.name for folder in folders],
+        "fits": [folder.name for _, folder in judged],
+        "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
         "views": len(views),
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
         **{name: cfg[name] for name in ("steps", "harm", "seed")},

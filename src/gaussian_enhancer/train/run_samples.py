@@ -24,6 +24,7 @@ class RunSamples:
         reference_config: how references are aligned; each (target, reference) pair is warped once and cached.
         cache: folder for prepared samples.
         snapshots: take the renders of all of a run's snapshots (weak fits teach most), or of the last alone.
+        match_exposure: bring each held-out photo to the exposure of its render: nothing that the network sees tells it.
         views_per_run: at most so many held-out views of each run, spread evenly; None takes all.
         finer: gives the views of a run their photos 4 times as fine, where the reference configuration asks for them.
         bad_share: share of all samples that may be left out for not being finite.
@@ -36,6 +37,7 @@ class RunSamples:
     reference_config: ReferenceConfig
     cache: str | Path
     snapshots: bool = True
+    match_exposure: bool = False
     views_per_run: int | None = None
     finer: Finer | None = None
     bad_share: float = BAD_SHARE
@@ -82,7 +84,9 @@ class RunSamples:
     def _prepared(
         self, views: RenderedSet, identity: str, held_out: bool, threads: int, advance: Callable[[], None]
     ) -> list[Sample]:
-        return prepare_samples(views, self.reference_config, Path(self.cache), identity, threads, advance, held_out)
+        matched = held_out and self.match_exposure
+        cache = Path(self.cache)
+        return prepare_samples(views, self.reference_config, cache, identity, threads, advance, held_out, matched)
 
 
 def _identity(run: Path, step: int) -> str:

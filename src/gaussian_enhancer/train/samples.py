@@ -24,6 +24,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
+from gaussian_enhancer.align.exposure import apply_colour, fit_colour
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
@@ -86,6 +87,7 @@ def prepare_samples(
     workers: int = 2,
     progress: Callable[[], None] = lambda: None,
     held_out: bool = True,
+    match_exposure: bool = False,
 ) -> list[Sample]:
     """The samples of a set, prepared now or found in the cache; of trainings that begin together one prepares them.
 
@@ -97,12 +99,15 @@ def prepare_samples(
         workers: threads.
         progress: called after each view.
         held_out: whether the targets are held-out views; False for the set that `training_targets` gives.
+        match_exposure: bring each photo to the exposure of its render (`fit_colour`).
 
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
     """
     content = {"layout": LAYOUT, "identity": identity, "reference_config": reference_config_of(reference_config)}
     content["held_out"] = held_out
+    if match_exposure:
+        content["match_exposure"] = True
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
     folder = cache / f"{rendered.name}-{digest}"
     index = folder / "index.json"
@@ -111,7 +116,7 @@ def prepare_samples(
     pool = Pool(rendered.references)
 
     def prepared(number: int) -> Sample:
-        sample = _prepare(rendered, number, reference_config, pool, folder)
+        sample = _prepare(rendered, number, reference_config, pool, folder, match_exposure)
         progress()
         return dataclasses.replace(sample, held_out=held_out)
 
@@ -153,7 +158,14 @@ def _entry(sample: Sample) -> dict[str, Any]:
     return {name: value for name, value in dataclasses.asdict(sample).items() if name not in ("fine", "bad") or value}
 
 
-def _prepare(rendered: RenderedSet, number: int, reference_config: ReferenceConfig, pool: Pool, folder: Path) -> Sample:
+def _prepare(
+    rendered: RenderedSet,
+    number: int,
+    reference_config: ReferenceConfig,
+    pool: Pool,
+    folder: Path,
+    match_exposure: bool,
+) -> Sample:
     view = rendered.targets[number]
     target = read_target(view)
     photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
@@ -161,6 +173,9 @@ def _prepare(rendered: RenderedSet, number: int, reference_config: ReferenceConf
         # Rounded to bytes, NaN would be a colour like any other.
         height, width = target.image.shape[-2:]
         return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
+    exposure = fit_colour(photo, target.image, torch.ones_like(photo[:1])) if match_exposure else None
+    if exposure is not None:
+        photo = apply_colour(photo, exposure)
     aligned = reference_config.align(target, view, pool)
     inverse = torch.zeros_like(target.image[:1])
     if target.depth is not None:
@@ -180,6 +195,7 @@ def _prepare(rendered: RenderedSet, number: int, reference_config: ReferenceConf
     if reference_config.fine:
         finer = str(folder / f"{number:04d}-fine.npy")
         truth = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
+        truth = truth if exposure is None else apply_colour(truth, exposure)
         save_array(finer, _fine_planes(truth, aligned).to(torch.uint8).numpy())
     known = target.depth is not None, target.alpha is not None
     name, drawn = f"{rendered.name}/{view.name}", aligned.renders is not None
