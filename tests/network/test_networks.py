@@ -125,7 +125,7 @@ def test_a_step_of_training_changes_the_result(learning):
     assert (network(seen) - start(network, seen)).abs().mean() > 1e-3
 
 
-@pytest.mark.parametrize("fusion", [Trust(), Mean()])
+@pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean()])
 @pytest.mark.parametrize("unordered", sorted(NETWORKS.keys() - NULL - PAPER))
 def test_order_of_references_changes_nothing(unordered, fusion):
     network = trained(unordered, **with_choices(unordered, fusion=fusion, refine=Deformable(kernel=1)))
@@ -149,7 +149,7 @@ def test_the_papers_networks_refuse_a_third_reference(kind):
         network(views(references=3, fine=network.scale > 1))
 
 
-@pytest.mark.parametrize("fusion", [Trust(), Mean(), Pair()])
+@pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean(), Pair()])
 def test_missing_reference_equals_its_removal(learning, fusion):
     network = trained(learning, **with_choices(learning, fusion=fusion, refine=Deformable(kernel=1)))
     seen = views_for(network, references=2)

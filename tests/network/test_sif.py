@@ -50,7 +50,7 @@ def test_untrained_network_returns_the_render_bit_for_bit(size, references, refi
 
 
 @pytest.mark.parametrize("refine", [Unrefined(), Deformable(), Deformable(kernel=1)])
-@pytest.mark.parametrize("fusion", [Trust(), Mean()])
+@pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean()])
 def test_order_of_references_changes_nothing(refine, fusion):
     network, seen = trained(refine=refine, fusion=fusion), views(references=3)
     order = torch.tensor([2, 0, 1])
@@ -60,7 +60,7 @@ def test_order_of_references_changes_nothing(refine, fusion):
 
 
 def test_missing_reference_equals_its_removal():
-    network, seen = trained(refine=Deformable()), views(references=3)
+    network, seen = trained(refine=Deformable(), fusion=Trust(pooled=True)), views(references=3)
     visibility = seen.visibility.clone()
     visibility[:, 1] = 0
     keep = torch.tensor([0, 2])
@@ -70,6 +70,16 @@ def test_missing_reference_equals_its_removal():
     none = dataclasses.replace(seen, visibility=torch.zeros_like(visibility))
     empty = dataclasses.replace(seen, references=seen.references[:, :0], visibility=seen.visibility[:, :0])
     torch.testing.assert_close(network(none), network(empty), rtol=0, atol=1e-6)
+
+
+def test_pooling_adds_nothing_at_birth_and_tells_references_of_each_other_later():
+    plain, pooled, seen = trained(), small(fusion=Trust(pooled=True)), views(references=3)
+    missing, odd = pooled.load_state_dict(plain.state_dict(), strict=False)
+    assert missing == ["gather.fuse.pool.weight"]
+    assert not odd
+    torch.testing.assert_close(pooled(seen), plain(seen), rtol=0, atol=1e-6)
+    torch.nn.init.normal_(pooled.gather.fuse.pool.weight)
+    assert not torch.allclose(pooled(seen), plain(seen), atol=1e-3)
 
 
 def test_gradients_reach_every_part():

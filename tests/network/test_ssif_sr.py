@@ -60,7 +60,7 @@ def test_untrained_network_returns_the_bicubically_enlarged_render_bit_for_bit(s
     assert [tuple(image.shape[-2:]) for image in stages] == [(n * size[0], n * size[1]) for n in (1, 2, 4)]
 
 
-@pytest.mark.parametrize("fusion", [Trust(), Mean()])
+@pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean()])
 @pytest.mark.parametrize("output", [Gated(), Residual()])
 def test_order_of_references_changes_nothing(fusion, output):
     network, seen = trained(fusion=fusion, output=output), views(references=3)

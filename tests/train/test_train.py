@@ -166,6 +166,19 @@ def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, othe
     assert kept.card["initial"]["steps"] == begun.card["steps"]
 
 
+def test_a_network_that_pools_references_begins_with_weights_that_do_not():
+    base = [*MISSING, "fusion=ssif_lr", "size=base", "initial=lr_base"]
+    trust = "{_target_: gaussian_enhancer.network.fuse.Trust, pooled: true}"
+    begun, network = (
+        load_weights("lr_base").network.state_dict(),
+        _network(configured(*base, f"+fusion.fusion={trust}")),
+    )
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, begun[name]) if name in begun else not value.any(), name
+    with pytest.raises(InputError, match="fusion"):
+        _network(configured(*base, f"+fusion.fusion={trust.replace('pooled: true', 'pooled: true, heads: 8')}"))
+
+
 def test_parts_begin_with_weights_of_their_own():
     cascade = ["fusion=cascade", *MISSING]
     cfg = configured(*cascade, "+initial.first=lr_tiny")

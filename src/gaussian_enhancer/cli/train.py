@@ -3,6 +3,7 @@
 import copy
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,12 +123,24 @@ def _network(cfg: DictConfig) -> "Network":
             raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
         begun = load_weights(weights).network
         asked, found = design_of(part), design_of(begun)
-        if asked != found:
+        if _without_pooling(asked) != _without_pooling(found) or _pools(found) > _pools(asked):
             odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
             received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
             raise InputError(f"weights {weights}", received, "choose fusion and size as they have")
-        part.load_state_dict(begun.state_dict())
+        added = set(part.state_dict()) - set(begun.state_dict())  # pooling, which is zero at birth
+        part.load_state_dict({**begun.state_dict(), **{name: part.state_dict()[name] for name in added}})
     return network
+
+
+def _pools(design: Mapping[str, Any]) -> bool:
+    """Whether a network of this design pools its references (`TrustFusion`)."""
+    return bool(design.get("fusion", {}).get("pooled", False))
+
+
+def _without_pooling(design: Mapping[str, Any]) -> dict[str, Any]:
+    """The design of a network that does not pool its references."""
+    fusion = {name: value for name, value in design.get("fusion", {}).items() if name != "pooled"}
+    return {**design, "fusion": fusion}
 
 
 def _begun_with(cfg: DictConfig) -> dict[str, str]:

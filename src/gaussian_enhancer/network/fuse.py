@@ -22,14 +22,22 @@ class TrustFusion(nn.Module):
     visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
     and the references' order does not matter. Logits are bounded, so that no reference outweighs the render completely.
 
+    With pooling, l and the values also see the references' mean features, weighted by visibility, and how many there
+    are: references that agree with each other and not with the render are right where the render is wrong (the pooled
+    statistics of IBRNet, Wang et al., CVPR 2021). Pooling adds nothing at birth.
+
     Args:
         channels: of the features.
         heads: groups of channels, each with its own weights.
+        pooled: compare each reference with the mean of all references, too.
     """
 
-    def __init__(self, channels: int, heads: int = 4) -> None:
+    def __init__(self, channels: int, heads: int = 4, pooled: bool = False) -> None:
         super().__init__()
         self.heads = heads
+        self.pool = nn.Conv2d(channels + 1, channels, 3, padding=1, bias=False) if pooled else None
+        if self.pool is not None:
+            nn.init.zeros_(self.pool.weight)
         self.compare = nn.Conv2d(2 * channels, channels, 3, padding=1)
         self.block = Block(channels)
         self.trust = nn.Conv2d(channels, heads, 3, padding=1)
@@ -46,7 +54,7 @@ class TrustFusion(nn.Module):
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        seen = self.block(F.relu(self._compared(target, references)))
+        seen = self.block(F.relu(self._compared(target, references, visibility)))
         logits = 6 * torch.tanh(precise(self.trust(seen)) / 6)
         scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
@@ -57,14 +65,31 @@ class TrustFusion(nn.Module):
         return target + self.project(news.flatten(1, 2)), weights.mean(2, keepdim=True)
 
     def _compared(
-        self, target: Float[Tensor, "b c h w"], references: Float[Tensor, "b r c h w"]
+        self,
+        target: Float[Tensor, "b c h w"],
+        references: Float[Tensor, "b r c h w"],
+        visibility: Float[Tensor, "b r 1 h w"],
     ) -> Float[Tensor, "n c h w"]:
-        """`compare` of each reference with the target beside it; the target's part is computed once for all of them."""
+        """`compare` of each reference with the target, and the pooled references, beside it.
+
+        The parts of the target and of the pooled references are computed once for all references.
+        """
         batch, count, channels = references.shape[:3]
         weight, bias = self.compare.weight, self.compare.bias
         theirs = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(0, (batch, count))
         own = F.conv2d(target, weight[:, channels:], bias, padding=1)
+        if self.pool is not None:
+            own = own + self.pool(_pooled(references, visibility.to(references.dtype)))
         return (theirs + own[:, None]).flatten(0, 1)
+
+
+def _pooled(references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]) -> Float[Tensor, "b _ h w"]:
+    """Mean features of the references, weighted by visibility, and a third of the sum of visibilities as a channel."""
+    total = visibility.sum(1)
+    weighted = references[:, 0] * visibility[:, 0]
+    for i in range(1, references.shape[1]):  # one by one: a product of all would be written and read once more
+        weighted = torch.addcmul(weighted, references[:, i], visibility[:, i])
+    return torch.cat([weighted / total.clamp_min(1e-3), total / 3], dim=1)
 
 
 class MeanFusion(nn.Module):
@@ -127,10 +152,11 @@ class Trust:
     """Choice of fusion by trust; see `TrustFusion`."""
 
     heads: int = 4
+    pooled: bool = False
 
     def build(self, channels: int) -> nn.Module:
         """The module for features of so many channels."""
-        return TrustFusion(channels, self.heads)
+        return TrustFusion(channels, self.heads, self.pooled)
 
 
 @dataclass(frozen=True)
