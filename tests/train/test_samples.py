@@ -117,6 +117,19 @@ def test_light_is_shared_and_references_differ(plane_run, tmp_path):
     torch.testing.assert_close(unlit.views.references, batch.views.references)
 
 
+def test_references_may_lose_errors_that_longer_fits_do_not_have(plane_run, tmp_path):
+    samples = prepare_samples(read_run(plane_run), ReferenceConfig(), tmp_path, "a")
+    batch = batch_of([samples[0].planes()], samples[:1], 3)
+    still = {"light": 0.0, "exposure": 0.0, "drop_renders": 0.0}
+    errors = []
+    for overfit in (0.0, 0.7):
+        views = Augmentation(**still, overfit=overfit).relight(batch, torch.Generator().manual_seed(0)).views
+        torch.testing.assert_close(views.references, batch.views.references)
+        assert views.reference_renders is not None
+        errors.append((views.references - views.reference_renders).abs().mean())
+    assert 0.3 * errors[0] < errors[1] < errors[0]
+
+
 @pytest.fixture(scope="module")
 def fine_set(tmp_path_factory):
     """A run at 48x64 whose photos are known at 192x256 too."""

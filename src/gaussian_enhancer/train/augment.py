@@ -26,6 +26,8 @@ class Augmentation:
             finished renders does.
         exposure: standard deviation of a reference's log gain beside the target's, per reference and half of it per
             channel: what colour matching leaves.
+        overfit: largest share of the references' errors, photo less the splat's own render of its view, that a sample
+            loses: splats of more steps and Gaussians render what they were fitted to better, and new views hardly so.
         light: standard deviation of a log gain per channel that all images of a sample share.
         every_reference: keep all references of a sample in their order, whatever ``drop_all`` is.
     """
@@ -34,6 +36,7 @@ class Augmentation:
     drop_all: float = 0.1
     drop_renders: float = 0.15
     exposure: float = 0.04
+    overfit: float = 0.0
     light: float = 0.1
     every_reference: bool = False
 
@@ -106,6 +109,9 @@ class Augmentation:
             return (image * gain).clamp(0, 1)
 
         drawn = views.reference_renders
+        if drawn is not None and self.overfit > 0:
+            lost = self.overfit * torch.rand(whole, 1, 1, 1, 1, generator=generator)[part]
+            drawn = torch.lerp(drawn, views.references, lost)
         if drawn is not None:
             non_finite = float(torch.rand((), generator=generator)) < self.drop_renders
             drawn = None if non_finite else lit(drawn, light[:, None])

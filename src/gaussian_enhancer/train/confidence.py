@@ -24,6 +24,8 @@ LEAST = 1e-5
 """Mean squared error below which a render does not count as better."""
 START = 0.75
 """The share that an untrained confidence gives."""
+OVERFIT = 0.5
+"""Share of the references' errors that a splat of more steps would not have."""
 BATCH = 4096
 """Blocks of a step."""
 NOISE = 0.4
@@ -50,7 +52,7 @@ class JudgedView:
 
 
 def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
-    """Blocks of every held-out view of a fit, at each of its steps: with all its references, and with fewer.
+    """Blocks of every held-out view of a fit, at each of its steps, in several variants of its references.
 
     Photos are brought to the colours of the render first: nothing tells a held-out photo's exposure.
 
@@ -70,8 +72,20 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
             target, photo = read_target(view), view.read_photo()
             aligned = enhancer.reference_config.align(target, view, pool)
             truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
-            for some in _with_fewer(aligned):
+            for some in _variants(aligned):
                 yield _judged(enhancer, target, some, truth - target.image)
+
+
+def _variants(aligned: Aligned) -> list[Aligned]:
+    """All references, fewer of them, and all of a splat that fits them better.
+
+    More steps and Gaussians better a splat's renders of its references, and hardly those of new views.
+    """
+    variants = _with_fewer(aligned)
+    if aligned.renders is not None:
+        better = torch.lerp(aligned.renders, aligned.references, OVERFIT)
+        variants.append(replace(aligned, renders=better))
+    return variants
 
 
 def _with_fewer(aligned: Aligned) -> list[Aligned]:
