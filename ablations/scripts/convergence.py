@@ -3,7 +3,7 @@
 Every snapshot of fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job ``fit``
 with several snapshots (``settings.snapshots``). Rows of a method, scene and step that are in the records already are
 replaced. Without methods the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it loses
-more than 0.5 dB.
+more than 0.5 dB. Methods of others and controls are measured alike: ``ibgs``, ``average`` and ``two_fits``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,10 +18,12 @@ from omegaconf import DictConfig
 from PIL import Image
 from torch import Tensor
 
+from ablations.ibgs.method import IBGS
 from ablations.realism.realism import finished_fits, scene_of
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.markdown import markdown
+from ablations.study.methods import Method, SameEverywhere, TwoFits, average
 from ablations.study.plots import STYLE
 from ablations.study.row_files import RowFile
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
@@ -112,6 +114,34 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
     return made
 
 
+OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
+"""Methods that are no weights of ours: a peer, and two controls."""
+
+
+def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
+    """The methods of a configuration, by what each is called.
+
+    Args:
+        cfg: conf/convergence.yaml, composed.
+        device: where networks run; None is the processor.
+
+    Raises:
+        InputError: see `enhancers`; or what a method is made of cannot be found.
+    """
+    made: dict[str, Method] = {}
+    for method in cfg.methods:
+        if method == "average":
+            made["average of render and references"] = average()
+        elif method == "two_fits":
+            made["average of two fits"] = TwoFits.found(cfg.second)
+        elif method in OTHERS:
+            exposure = method == "ibgs"
+            made["ibgs" if exposure else "ibgs without exposure"] = IBGS.found(cfg.ibgs, exposure)
+        else:
+            made |= {told: SameEverywhere(*one) for told, one in enhancers([method], device).items()}
+    return made
+
+
 def share_of(method: str, strength: str) -> float:
     """The share of the change that a method applies.
 
@@ -127,45 +157,53 @@ def share_of(method: str, strength: str) -> float:
     return share
 
 
+def steps_of(fit: Path, last: bool = False) -> tuple[int, ...]:
+    """The snapshots of a fit that are measured: all, or the last alone."""
+    return run_steps(fit)[-1:] if last else run_steps(fit)
+
+
 def rows(
-    made: Mapping[str, tuple[str, SetEnhancer]], fit: Path, distances: Sequence[PerceptualDistance]
+    made: Mapping[str, Method], fit: Path, distances: Sequence[PerceptualDistance], last: bool = False
 ) -> Iterator[dict[str, object]]:
     """One row a snapshot, view and method.
 
     Args:
-        made: what `enhancers` returns.
+        made: what `asked_methods` returns.
         fit: its folder.
         distances: LPIPS distances to measure as well.
+        last: measure the last snapshot alone.
 
     Raises:
         InputError: a view has no photo.
     """
-    methods = {method: enhancer for method, (_, enhancer) in made.items()}
     scene = scene_of(fit)
-    for step in run_steps(fit):
+    for step in steps_of(fit, last):
+        applied = {name: method.of(fit, step) for name, method in made.items()}
+        methods = {name: one.enhance for name, one in applied.items()}
         for one in enhanced_views(read_run(fit, step), methods, distances):
             raw = {"raw_psnr": one.raw.metrics["psnr"], "raw_psnr_aligned": one.raw.metrics["psnr_aligned"]}
-            for method, (digest, _) in made.items():
-                where = {"method": method, "weights": digest, "scene": scene, "step": step, "view": one.view.name}
+            for method, how in applied.items():
+                where = {"method": method, "weights": how.weights, "scene": scene, "step": step, "view": one.view.name}
                 gains = {f"gain_{name}": value for name, value in one.gains(method).items()}
                 yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
 
 
-def extremes(made: Mapping[str, tuple[str, SetEnhancer]], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
+def extremes(made: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
     """Name, picture and caption of a fit's worst and best view at its last step, by the first method.
 
     The worst view's crop is where enhancement adds the most error, the best view's where the raw render is worst.
 
     Args:
-        made: what `enhancers` returns.
+        made: what `asked_methods` returns.
         fit: its folder.
     """
-    method, (_, enhancer) = next(iter(made.items()))
+    method, first = next(iter(made.items()))
     scene, step = scene_of(fit), run_steps(fit)[-1]
     photos = (
         f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
     )
-    views = sorted(enhanced_views(read_run(fit, step), {method: enhancer}), key=lambda one: _gain(one, method))
+    enhanced = enhanced_views(read_run(fit, step), {method: first.of(fit, step).enhance})
+    views = sorted(enhanced, key=lambda one: _gain(one, method))
     for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
         images = (quantised(image) for image in (one.render, one.results[method].image, one.photo))
         shown = Compared(Path(one.view.name).stem, step, *images)
@@ -217,14 +255,21 @@ def summary(frame: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str, str] | None = None) -> str:
+def page_text(
+    frame: pd.DataFrame,
+    picture: str,
+    about: str,
+    views: Mapping[str, str] | None = None,
+    title: str = "Gain against the age of a splat",
+) -> str:
     """The page as Markdown.
 
     Args:
         frame: rows of all records.
-        picture: address of the diagram.
+        picture: address of the diagram; none where empty.
         about: what was measured.
         views: captions of the pictures of single views, by address.
+        title: of the page.
     """
     table = summary(frame)
     signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
@@ -242,7 +287,7 @@ def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str,
         "removed": "error removed",
         "added": "error added",
     }
-    parts = ["# Gain against the age of a splat", about, f"![gain against raw PSNR, by capture]({picture})"]
+    parts = [f"# {title}", about, *([f"![gain against raw PSNR, by capture]({picture})"] if picture else [])]
     for role in ROLES:
         mine = table[table["role"] == role].drop(columns="role").rename(columns=heads)
         if len(mine):
@@ -303,6 +348,30 @@ methods=[lr_tiny,lr_tiny@0.75:without_confidence,lr_tiny@1:plain] runs=[FITS] re
 page=docs/results/convergence.md`."""
 
 
+SAME_FITS = """Held-out views of the same fits, enhanced by our networks, by a peer and by controls: 3DGS with spherical harmonics of
+degree 3 at the last step of each fit (`gaussian-enhancer fit`, as on [the page about convergence](convergence.md)). PSNR is
+colour-aligned unless it says plain; a gain in LPIPS alone does not count.
+
+`ibgs` is our own implementation of the residual of IBGS (Nguyen et al., NeurIPS 2025), from the paper's description, not the
+authors' code or weights. Its network (66,035 parameters; the paper states about 66,000) is trained for each fit on the
+training views alone, each with the other training photos as its sources (`gaussian-enhancer ibgs fit=FIT`, {steps:,} steps of
+{batch} crops of {crop}x{crop} pixels). It is not the published method as a whole. **The splat is a finished fit and stays
+as it is**, where the paper trains splat and network together, so that splats are fitted to be completed; each pixel has one
+intersection, the fit's median depth, where the paper blends up to four; the photos have the renders' resolution. Source
+views are the 4 nearest under 30 degrees, of which the nearest 3 count where relative depth agrees within 0.01. The colours
+are brought to the exposure of the nearest photo by an affine map, as in the paper; `ibgs without exposure` leaves that out.
+The map cannot change aligned PSNR but where colours are cut off. In training it is left out: these splats were not fitted
+under it. A network for each scene knows the scene; ours has learnt from other scenes and sees this one for the first time.
+
+Controls: `average of render and references` is the mean of the render and of the photos that the network of `lr_tiny` gets,
+warped and weighed by their visibility; `average of two fits` is the mean of the renders of two fits of the scene that
+differ in their seed, and is there where a second fit is. Any claim must beat both.
+
+This page is made by `gaussian-enhancer convergence methods=[lr_tiny,ibgs,ibgs:without_exposure,average] ibgs=[TRAININGS]
+runs=[FITS] last=true about=same_fits records=docs/results/same_fits.jsonl page=docs/results/same_fits.md`; `two_fits` needs
+`second=[FITS]`."""
+
+
 def fits(patterns: Sequence[str]) -> list[Path]:
     """The finished fits that patterns name, one a scene.
 
@@ -352,9 +421,12 @@ def run(cfg: DictConfig) -> None:
     if cfg.methods:
         records.held()  # a file of something else is refused before anything is measured
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
-        made = enhancers(cfg.methods, device)
+        made = asked_methods(cfg, device)
         chosen = fits(cfg.runs)
-        records.add([row for fit in chosen for row in rows(made, fit, distances)])
+        for fit, method in ((fit, method) for fit in chosen for method in made.values()):
+            for step in steps_of(fit, cfg.last):
+                method.of(fit, step)  # what is missing is refused before anything is measured
+        records.add([row for fit in chosen for row in rows(made, fit, distances, cfg.last)])
         if cfg.pictures:
             pictured = [fit for fit in chosen if scene_of(fit) in (*CREDITS, *ROLES["procedural"])]
             for name, picture, text in (shown for fit in pictured for shown in extremes(made, fit)):
@@ -362,6 +434,9 @@ def run(cfg: DictConfig) -> None:
     frame = records.read()
     if cfg.page:
         page = Path(cfg.page)
-        drawn(frame, page.with_suffix(".svg"))
-        write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
+        if cfg.about == "same_fits":
+            write_text(page, page_text(frame, "", SAME_FITS, shown_views(page), "Peers on the same fits"))
+        else:
+            drawn(frame, page.with_suffix(".svg"))
+            write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
     print(summary(frame).to_string(index=False))
