@@ -20,6 +20,7 @@ from torch import Tensor
 
 from ablations.ibgs.method import IBGS
 from ablations.realism.realism import finished_fits, scene_of
+from ablations.report import same_fits
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.markdown import markdown
@@ -255,28 +256,46 @@ def summary(frame: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def page_text(
-    frame: pd.DataFrame,
-    picture: str,
-    about: str,
-    views: Mapping[str, str] | None = None,
-    title: str = "Gain against the age of a splat",
-) -> str:
+def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str, str] | None = None) -> str:
     """The page as Markdown.
 
     Args:
         frame: rows of all records.
-        picture: address of the diagram; none where empty.
+        picture: address of the diagram.
         about: what was measured.
         views: captions of the pictures of single views, by address.
-        title: of the page.
     """
-    table = summary(frame)
+    parts = ["# Gain against the age of a splat", about, f"![gain against raw PSNR, by capture]({picture})"]
+    parts += _tables(summary(frame))
+    if views:
+        parts.append("## The worst and the best view of each fit")
+        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def same_fits_text(frame: pd.DataFrame) -> str:
+    """The page about peers on the same fits: means over captures first, then each capture.
+
+    Args:
+        frame: rows of all records.
+    """
+    each = summary(frame)
+    values = [name for name in each.columns if name not in ("role", "scene", "step", "method", "views")]
+    worst = dict.fromkeys(("worst", "worst_plain"), "min")
+    how = {"captures": ("scene", "nunique"), "views": ("views", "sum")}
+    how |= {name: (name, worst.get(name, "mean")) for name in values}
+    means = each.groupby(["role", "method"], sort=True).agg(**how).reset_index()
+    parts = [f"# {same_fits.TITLE}", same_fits.ABOUT, *_tables(means, "means over captures"), *_tables(each)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _tables(table: pd.DataFrame, told: str = "") -> list[str]:
+    """A heading and a table for each role, with numbers as text."""
     signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
     finer = {name: "{:+.4f}".format for name in table.columns if name == "SSIM" or name.startswith("LPIPS")}
     shares = dict.fromkeys(("harmed", "removed", "added"), "{:.1%}".format)
-    for name, form in {"raw": "{:.2f}".format, **signed, **finer, **shares}.items():
-        table[name] = table[name].map(form)
+    forms = {"raw": "{:.2f}".format, **signed, **finer, **shares}
+    table = table.assign(**{name: table[name].map(form) for name, form in forms.items()})
     heads = {
         "raw": "raw, dB",
         "gain": "gain, dB",
@@ -287,16 +306,12 @@ def page_text(
         "removed": "error removed",
         "added": "error added",
     }
-    parts = [f"# {title}", about, *([f"![gain against raw PSNR, by capture]({picture})"] if picture else [])]
+    parts = []
     for role in ROLES:
         mine = table[table["role"] == role].drop(columns="role").rename(columns=heads)
         if len(mine):
-            title = TITLES[role]
-            parts += [f"## {title}", markdown(mine.astype(str))]
-    if views:
-        parts.append("## The worst and the best view of each fit")
-        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
-    return "\n\n".join(parts) + "\n"
+            parts += [f"## {TITLES[role]}{f': {told}' if told else ''}", markdown(mine.astype(str))]
+    return parts
 
 
 def drawn(frame: pd.DataFrame, path: Path) -> None:
@@ -346,30 +361,6 @@ monstree hold out every eighth. The earlier ones are of `gaussian-enhancer fit '
 and `converged_validation`. This page is made by `gaussian-enhancer convergence
 methods=[lr_tiny,lr_tiny@0.75:without_confidence,lr_tiny@1:plain] runs=[FITS] records=docs/results/convergence.jsonl
 page=docs/results/convergence.md`."""
-
-
-SAME_FITS = """Held-out views of the same fits, enhanced by our networks, by a peer and by controls: 3DGS with spherical harmonics of
-degree 3 at the last step of each fit (`gaussian-enhancer fit`, as on [the page about convergence](convergence.md)). PSNR is
-colour-aligned unless it says plain; a gain in LPIPS alone does not count.
-
-`ibgs` is our own implementation of the residual of IBGS (Nguyen et al., NeurIPS 2025), from the paper's description, not the
-authors' code or weights. Its network (66,035 parameters; the paper states about 66,000) is trained for each fit on the
-training views alone, each with the other training photos as its sources (`gaussian-enhancer ibgs fit=FIT`, {steps:,} steps of
-{batch} crops of {crop}x{crop} pixels). It is not the published method as a whole. **The splat is a finished fit and stays
-as it is**, where the paper trains splat and network together, so that splats are fitted to be completed; each pixel has one
-intersection, the fit's median depth, where the paper blends up to four; the photos have the renders' resolution. Source
-views are the 4 nearest under 30 degrees, of which the nearest 3 count where relative depth agrees within 0.01. The colours
-are brought to the exposure of the nearest photo by an affine map, as in the paper; `ibgs without exposure` leaves that out.
-The map cannot change aligned PSNR but where colours are cut off. In training it is left out: these splats were not fitted
-under it. A network for each scene knows the scene; ours has learnt from other scenes and sees this one for the first time.
-
-Controls: `average of render and references` is the mean of the render and of the photos that the network of `lr_tiny` gets,
-warped and weighed by their visibility; `average of two fits` is the mean of the renders of two fits of the scene that
-differ in their seed, and is there where a second fit is. Any claim must beat both.
-
-This page is made by `gaussian-enhancer convergence methods=[lr_tiny,ibgs,ibgs:without_exposure,average] ibgs=[TRAININGS]
-runs=[FITS] last=true about=same_fits records=docs/results/same_fits.jsonl page=docs/results/same_fits.md`; `two_fits` needs
-`second=[FITS]`."""
 
 
 def fits(patterns: Sequence[str]) -> list[Path]:
@@ -435,7 +426,7 @@ def run(cfg: DictConfig) -> None:
     if cfg.page:
         page = Path(cfg.page)
         if cfg.about == "same_fits":
-            write_text(page, page_text(frame, "", SAME_FITS, shown_views(page), "Peers on the same fits"))
+            write_text(page, same_fits_text(frame))
         else:
             drawn(frame, page.with_suffix(".svg"))
             write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))

@@ -26,14 +26,14 @@ from gaussian_enhancer.scene.renders import read_run
 FEW = ResidualSettings(steps=6, crop=32, save_every=2)
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """Ends a training in its middle."""
 
 
 def stop_at(last: int):
     def progress(step: int) -> None:
         if step == last:
-            raise Stopped
+            raise StoppedError
 
     return progress
 
@@ -42,7 +42,7 @@ def test_a_resumed_training_ends_as_an_uninterrupted_one(plane_run, tmp_path):
     views = training_views(read_run(plane_run), SourceChoice(), exposure=True)
     whole = train_residual(views, FEW, tmp_path)
     (tmp_path / "other").mkdir()
-    with pytest.raises(Stopped):
+    with pytest.raises(StoppedError):
         train_residual(views, FEW, tmp_path / "other", stop_at(5))
     done: list[int] = []
     again = train_residual(views, FEW, tmp_path / "other", done.append)

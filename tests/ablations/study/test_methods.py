@@ -1,7 +1,5 @@
 """Controls as methods of studies: their known values, and what they refuse."""
 
-import dataclasses
-import shutil
 from pathlib import Path
 
 import pytest
@@ -65,7 +63,7 @@ def test_second_fits_that_do_not_match_are_refused(tmp_path):
         TwoFits.found([])
     with pytest.raises(InputError, match="no renders of step 50"):
         TwoFits.found([str(second)]).of(first, 50)
-    with pytest.raises(InputError, match="did not hold out view_004.png"):
+    with pytest.raises(InputError, match=r"did not hold out view_004\.png"):
         TwoFits.found([str(fit_of(tmp_path / "d", views=4))]).of(first, 100)
     small = TwoFits.found([str(fit_of(tmp_path / "e", size=(24, 32)))]).of(first, 100)
     with pytest.raises(InputError, match="32x24 in the second fit, 64x48"):
