@@ -48,7 +48,7 @@ class ResidualInput(Movable):
         lacking = max(0, most - len(sources.names))
         filled = [F.pad(image, (0, 0) * 3 + (0, lacking)) for image in (sources.colours, sources.cameras)]
         visible = F.pad(sources.visible, (0, 0) * 3 + (0, lacking))
-        order = visible.to(torch.uint8).argsort(0, descending=True, stable=True)[:most]
+        order = visible.to(torch.uint8).argsort(dim=0, descending=True, stable=True)[:most]
         colours, cameras, counted = (
             image.gather(0, order.expand(-1, image.shape[1], -1, -1))[None] for image in (*filled, visible)
         )

@@ -42,10 +42,10 @@ class ResidualSettings:
         seed: of initial values and crops.
     """
 
-    steps: int = 4000
+    steps: int = 1500
     crop: int = 96
     batch: int = 2
-    lr: float = 2e-3
+    lr: float = 1e-3
     dissimilarity: float = 0.2
     exposure: bool = False
     save_every: int = 500

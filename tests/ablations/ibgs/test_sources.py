@@ -126,4 +126,4 @@ def test_what_is_not_known_is_refused():
     with pytest.raises(InputError, match="other: has no depth to tell"):
         SourceChoice().sources(target, read_target(target), Pool([dataclasses.replace(other, read_depth=None)]))
     with pytest.raises(InputError, match="tolerance: is 0"):
-        SourceChoice(tolerance=0)
+        SourceChoice(tolerance=0.0)
