@@ -3,7 +3,7 @@
 Every snapshot of fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job ``fit``
 with several snapshots (``settings.snapshots``). Rows of a method, scene and step that are in the records already are
 replaced. Without methods the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it loses
-more than 0.5 dB.
+more than 0.5 dB. Methods of others and controls are measured alike: ``ibgs``, ``average`` and ``two_fits``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,10 +18,13 @@ from omegaconf import DictConfig
 from PIL import Image
 from torch import Tensor
 
+from ablations.ibgs.method import IBGS
 from ablations.realism.realism import finished_fits, scene_of
+from ablations.report import same_fits
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.markdown import markdown
+from ablations.study.methods import Method, SameEverywhere, TwoFits, average
 from ablations.study.plots import STYLE
 from ablations.study.row_files import RowFile
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
@@ -112,6 +115,34 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
     return made
 
 
+OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
+"""Methods that are no weights of ours: a peer, and two controls."""
+
+
+def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
+    """The methods of a configuration, by what each is called.
+
+    Args:
+        cfg: conf/convergence.yaml, composed.
+        device: where networks run; None is the processor.
+
+    Raises:
+        InputError: see `enhancers`; or what a method is made of cannot be found.
+    """
+    made: dict[str, Method] = {}
+    for method in cfg.methods:
+        if method == "average":
+            made["average of render and references"] = average()
+        elif method == "two_fits":
+            made["average of two fits"] = TwoFits.found(cfg.second)
+        elif method in OTHERS:
+            exposure = method == "ibgs"
+            made["ibgs" if exposure else "ibgs without exposure"] = IBGS.found(cfg.ibgs, exposure)
+        else:
+            made |= {told: SameEverywhere(*one) for told, one in enhancers([method], device).items()}
+    return made
+
+
 def share_of(method: str, strength: str) -> float:
     """The share of the change that a method applies.
 
@@ -127,45 +158,53 @@ def share_of(method: str, strength: str) -> float:
     return share
 
 
+def steps_of(fit: Path, last: bool = False) -> tuple[int, ...]:
+    """The snapshots of a fit that are measured: all, or the last alone."""
+    return run_steps(fit)[-1:] if last else run_steps(fit)
+
+
 def rows(
-    made: Mapping[str, tuple[str, SetEnhancer]], fit: Path, distances: Sequence[PerceptualDistance]
+    made: Mapping[str, Method], fit: Path, distances: Sequence[PerceptualDistance], last: bool = False
 ) -> Iterator[dict[str, object]]:
     """One row a snapshot, view and method.
 
     Args:
-        made: what `enhancers` returns.
+        made: what `asked_methods` returns.
         fit: its folder.
         distances: LPIPS distances to measure as well.
+        last: measure the last snapshot alone.
 
     Raises:
         InputError: a view has no photo.
     """
-    methods = {method: enhancer for method, (_, enhancer) in made.items()}
     scene = scene_of(fit)
-    for step in run_steps(fit):
+    for step in steps_of(fit, last):
+        applied = {name: method.of(fit, step) for name, method in made.items()}
+        methods = {name: one.enhance for name, one in applied.items()}
         for one in enhanced_views(read_run(fit, step), methods, distances):
             raw = {"raw_psnr": one.raw.metrics["psnr"], "raw_psnr_aligned": one.raw.metrics["psnr_aligned"]}
-            for method, (digest, _) in made.items():
-                where = {"method": method, "weights": digest, "scene": scene, "step": step, "view": one.view.name}
+            for method, how in applied.items():
+                where = {"method": method, "weights": how.weights, "scene": scene, "step": step, "view": one.view.name}
                 gains = {f"gain_{name}": value for name, value in one.gains(method).items()}
                 yield {**where, **raw, **gains, **harm(one.render, one.results[method].image, one.photo)}
 
 
-def extremes(made: Mapping[str, tuple[str, SetEnhancer]], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
+def extremes(made: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image.Image, str]]:
     """Name, picture and caption of a fit's worst and best view at its last step, by the first method.
 
     The worst view's crop is where enhancement adds the most error, the best view's where the raw render is worst.
 
     Args:
-        made: what `enhancers` returns.
+        made: what `asked_methods` returns.
         fit: its folder.
     """
-    method, (_, enhancer) = next(iter(made.items()))
+    method, first = next(iter(made.items()))
     scene, step = scene_of(fit), run_steps(fit)[-1]
     photos = (
         f"Photos: {CREDITS[scene]}." if scene in CREDITS else "The photos are exact images of the procedural scene."
     )
-    views = sorted(enhanced_views(read_run(fit, step), {method: enhancer}), key=lambda one: _gain(one, method))
+    enhanced = enhanced_views(read_run(fit, step), {method: first.of(fit, step).enhance})
+    views = sorted(enhanced, key=lambda one: _gain(one, method))
     for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
         images = (quantised(image) for image in (one.render, one.results[method].image, one.photo))
         shown = Compared(Path(one.view.name).stem, step, *images)
@@ -226,12 +265,37 @@ def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str,
         about: what was measured.
         views: captions of the pictures of single views, by address.
     """
-    table = summary(frame)
+    parts = ["# Gain against the age of a splat", about, f"![gain against raw PSNR, by capture]({picture})"]
+    parts += _tables(summary(frame))
+    if views:
+        parts.append("## The worst and the best view of each fit")
+        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def same_fits_text(frame: pd.DataFrame) -> str:
+    """The page about peers on the same fits: means over captures first, then each capture.
+
+    Args:
+        frame: rows of all records.
+    """
+    each = summary(frame)
+    values = [name for name in each.columns if name not in ("role", "scene", "step", "method", "views")]
+    worst = dict.fromkeys(("worst", "worst_plain"), "min")
+    how = {"captures": ("scene", "nunique"), "views": ("views", "sum")}
+    how |= {name: (name, worst.get(name, "mean")) for name in values}
+    means = each.groupby(["role", "method"], sort=True).agg(**how).reset_index()
+    parts = [f"# {same_fits.TITLE}", same_fits.ABOUT, *_tables(means, "means over captures"), *_tables(each)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _tables(table: pd.DataFrame, told: str = "") -> list[str]:
+    """A heading and a table for each role, with numbers as text."""
     signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
     finer = {name: "{:+.4f}".format for name in table.columns if name == "SSIM" or name.startswith("LPIPS")}
     shares = dict.fromkeys(("harmed", "removed", "added"), "{:.1%}".format)
-    for name, form in {"raw": "{:.2f}".format, **signed, **finer, **shares}.items():
-        table[name] = table[name].map(form)
+    forms = {"raw": "{:.2f}".format, **signed, **finer, **shares}
+    table = table.assign(**{name: table[name].map(form) for name, form in forms.items()})
     heads = {
         "raw": "raw, dB",
         "gain": "gain, dB",
@@ -242,16 +306,12 @@ def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str,
         "removed": "error removed",
         "added": "error added",
     }
-    parts = ["# Gain against the age of a splat", about, f"![gain against raw PSNR, by capture]({picture})"]
+    parts = []
     for role in ROLES:
         mine = table[table["role"] == role].drop(columns="role").rename(columns=heads)
         if len(mine):
-            title = TITLES[role]
-            parts += [f"## {title}", markdown(mine.astype(str))]
-    if views:
-        parts.append("## The worst and the best view of each fit")
-        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
-    return "\n\n".join(parts) + "\n"
+            parts += [f"## {TITLES[role]}{f': {told}' if told else ''}", markdown(mine.astype(str))]
+    return parts
 
 
 def drawn(frame: pd.DataFrame, path: Path) -> None:
@@ -352,9 +412,12 @@ def run(cfg: DictConfig) -> None:
     if cfg.methods:
         records.held()  # a file of something else is refused before anything is measured
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
-        made = enhancers(cfg.methods, device)
+        made = asked_methods(cfg, device)
         chosen = fits(cfg.runs)
-        records.add([row for fit in chosen for row in rows(made, fit, distances)])
+        for fit, method in ((fit, method) for fit in chosen for method in made.values()):
+            for step in steps_of(fit, cfg.last):
+                method.of(fit, step)  # what is missing is refused before anything is measured
+        records.add([row for fit in chosen for row in rows(made, fit, distances, cfg.last)])
         if cfg.pictures:
             pictured = [fit for fit in chosen if scene_of(fit) in (*CREDITS, *ROLES["procedural"])]
             for name, picture, text in (shown for fit in pictured for shown in extremes(made, fit)):
@@ -362,6 +425,9 @@ def run(cfg: DictConfig) -> None:
     frame = records.read()
     if cfg.page:
         page = Path(cfg.page)
-        drawn(frame, page.with_suffix(".svg"))
-        write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
+        if cfg.about == "same_fits":
+            write_text(page, same_fits_text(frame))
+        else:
+            drawn(frame, page.with_suffix(".svg"))
+            write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
     print(summary(frame).to_string(index=False))

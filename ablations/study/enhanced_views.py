@@ -5,11 +5,12 @@ Axes: h height, w width.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.alignment import Aligned
+from gaussian_enhancer.align.alignment import Aligned, Pixels, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -18,13 +19,22 @@ from gaussian_enhancer.metrics.pair import Measured, measure_pair
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
+@runtime_checkable
+class ViewMethod(Protocol):
+    """A method of others that finds its own references."""
+
+    def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
+        """Enhance one target of a set, given its pixels and the set's training views."""
+        ...
+
+
 @dataclass(frozen=True)
 class MethodResult:
     """What a method makes of a view.
 
     Args:
         image: the enhanced view, of the render's size.
-        aligned: the references that it was given.
+        aligned: the references that it was given; none for a `ViewMethod`.
         measured: the image against the photo.
     """
 
@@ -60,7 +70,7 @@ class EnhancedView:
 
 def enhanced_views(
     rendered: RenderedSet,
-    enhancers: Mapping[str, SetEnhancer],
+    enhancers: Mapping[str, SetEnhancer | ViewMethod],
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
 ) -> Iterator[EnhancedView]:
@@ -68,7 +78,7 @@ def enhanced_views(
 
     Args:
         rendered: held-out renders and training views.
-        enhancers: by method, at the render's own resolution.
+        enhancers: what enhances, by method, at the render's own resolution.
         distances: LPIPS distances to measure as well.
         every: take every n-th target.
 
@@ -83,6 +93,10 @@ def enhanced_views(
         prepared: list[tuple[ReferenceConfig, Aligned]] = []
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
+            if not isinstance(enhancer, SetEnhancer):
+                image = enhancer(view, target, pool)
+                results[name] = MethodResult(image, Unwarped()(target, [], 0), measure_pair(image, photo, distances))
+                continue
             config = enhancer.reference_config
             aligned = next((known for other, known in prepared if other == config), None)
             if aligned is None:

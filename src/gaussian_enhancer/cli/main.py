@@ -39,6 +39,7 @@ JOBS = {
     "tradeoff": "error over run time of every method at several settings; what enhance budget_ms= chooses from",
     "stability": "stiff and extreme cases in every precision against float64: docs/results/stability.md",
     "plan_study": "what the plan leaves out of each scene, what that saves and what it costs",
+    "ibgs": "train a peer's residual network on the training views of a finished fit",
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",
     "report": "make a page to look at from a measured run",
@@ -47,7 +48,7 @@ JOBS = {
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
-LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard")
+LAB = ("quality", "tradeoff", "stability", "plan_study", "ibgs", "tables", "status", "dashboard")
 """Jobs of the experiment suite."""
 
 SCRIPTS = {

@@ -451,10 +451,23 @@ class Renders(OfFits):
     backbones: Place | None
 
 
+class IBGS(Options):
+    """Options of the job ``ibgs``."""
+
+    fit: Place
+    step: Count | None
+    settings: Group
+    choice: Group
+
+
 class Convergence(FromRecords):
     """Options of the job ``convergence``."""
 
     methods: list[str]
+    last: bool
+    ibgs: Places
+    second: Places
+    about: Literal["convergence", "same_fits"]
     pictures: Place | None
 
 
@@ -666,6 +679,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "candidates": Candidates,
     "guards": Guards,
     "renders": Renders,
+    "ibgs": IBGS,
     "convergence": Convergence,
     "distil_study": DistilStudy,
     "depth": DepthStudy,

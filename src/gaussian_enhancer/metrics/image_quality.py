@@ -55,11 +55,21 @@ def colour_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"])
         image: what is judged, [0, 1].
         photo: the truth, [0, 1].
     """
-    colours = torch.cat([image.double().flatten(1), image.new_ones(1, image[0].numel()).double()])
-    # A grey image spans one colour only: the pseudo-inverse takes the smallest of the equally good maps.
-    inverse = torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
-    mapping = photo.double().flatten(1) @ colours.T @ inverse
-    return (mapping @ colours).view(image.shape).to(image.dtype)
+    colours = image.double().flatten(1)
+    mapping = colour_map(colours, photo.double().flatten(1))
+    return (mapping[:, :3] @ colours + mapping[:, 3:]).view(image.shape).to(image.dtype)
+
+
+def colour_map(colours: Float[Tensor, "3 n"], wanted: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
+    """The affine map, a matrix and an offset, that brings colours nearest to others in least squares.
+
+    Args:
+        colours: of n pixels.
+        wanted: what they are to become.
+    """
+    colours = torch.cat([colours, torch.ones_like(colours[:1])])
+    # Grey pixels span one colour only: the pseudo-inverse takes the smallest of the equally good maps.
+    return wanted @ colours.T @ torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
 
 
 def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:

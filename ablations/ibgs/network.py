@@ -1,0 +1,116 @@
+"""The residual network of IBGS.
+
+Axes: b batch, m source views, c channels, h height, w width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from ablations.ibgs.sources import CAMERA_FEATURES, Sources
+from gaussian_enhancer.types import Movable
+
+DOWN = 4
+"""Sides of features at the hourglass's narrowest are so many times shorter."""
+
+
+@dataclass(frozen=True)
+class ResidualInput(Movable):
+    """What the network sees of a batch of targets; see `Sources`.
+
+    Args:
+        render: base colours.
+        colours: of the source photos.
+        cameras: from where the sources see the surface.
+        visible: where the sources count.
+        rays: viewing directions of the targets.
+    """
+
+    render: Float[Tensor, "b 3 h w"]
+    colours: Float[Tensor, "b m 3 h w"]
+    cameras: Float[Tensor, "b m 4 h w"]
+    visible: Bool[Tensor, "b m 1 h w"]
+    rays: Float[Tensor, "b 3 h w"]
+
+    @classmethod
+    def of(cls, render: Float[Tensor, "3 h w"], sources: Sources, most: int) -> "ResidualInput":
+        """A batch of one, with at each pixel only the sources that count there, their order kept, and then none.
+
+        Args:
+            render: of the target.
+            sources: of the target.
+            most: of them count at any pixel (`SourceChoice.visible`).
+        """
+        lacking = max(0, most - len(sources.names))
+        filled = [F.pad(image, (0, 0) * 3 + (0, lacking)) for image in (sources.colours, sources.cameras)]
+        visible = F.pad(sources.visible, (0, 0) * 3 + (0, lacking))
+        order = visible.to(torch.uint8).argsort(dim=0, descending=True, stable=True)[:most]
+        colours, cameras, counted = (
+            image.gather(0, order.expand(-1, image.shape[1], -1, -1))[None] for image in (*filled, visible)
+        )
+        return cls(render[None], colours, cameras, counted, sources.rays[None])
+
+
+class IBGSResidual(nn.Module):
+    """Residual = hourglass(base colour, ray, pooled MLP(photo - render, camera features)).
+
+    The MLP is applied to each source view of each pixel; its features are pooled over the visible ones by mean,
+    variance and maximum. Untrained, the residual is 0. Sizes are ours, for about the 66,000 parameters that are
+    published.
+
+    Args:
+        features: of the MLP.
+        widths: channels of the hourglass at the full, half and quarter resolution.
+    """
+
+    def __init__(self, features: int = 32, widths: Sequence[int] = (16, 32, 32)) -> None:
+        super().__init__()
+        full, half, quarter = widths
+        self.encode = nn.Sequential(
+            nn.Conv2d(3 + CAMERA_FEATURES, features, 1),
+            nn.ReLU(),
+            nn.Conv2d(features, features, 1),
+            nn.ReLU(),
+        )
+        self.enter = nn.Conv2d(3 * features + 6, full, 3, padding=1)
+        self.shrink = nn.ModuleList([nn.Conv2d(full, half, 3, 2, 1), nn.Conv2d(half, quarter, 3, 2, 1)])
+        self.middle = nn.Conv2d(quarter, quarter, 3, padding=1)
+        self.grow = nn.ModuleList(
+            [nn.Conv2d(quarter + half, half, 3, padding=1), nn.Conv2d(half + full, full, 3, padding=1)]
+        )
+        self.head = nn.Conv2d(full, 3, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    def forward(self, seen: ResidualInput) -> Float[Tensor, "b 3 h w"]:
+        """What is added to the render."""
+        height, width = seen.render.shape[-2:]
+        base = torch.cat([seen.render - 0.5, seen.rays], dim=1)
+        x = torch.cat([base, self.pooled(seen)], dim=1)
+        x = F.pad(x, (0, -width % DOWN, 0, -height % DOWN), mode="replicate")
+        skips = [torch.relu(self.enter(x))]
+        for shrink in self.shrink:
+            skips.append(torch.relu(shrink(skips[-1])))
+        x = torch.relu(self.middle(skips.pop()))
+        for grow, skip in zip(self.grow, reversed(skips), strict=True):
+            x = torch.relu(grow(torch.cat([F.interpolate(x, scale_factor=2.0), skip], dim=1)))
+        residual: Tensor = self.head(x)[..., :height, :width]
+        return residual.to(seen.render.dtype)
+
+    def pooled(self, seen: ResidualInput) -> Float[Tensor, "b c h w"]:
+        """Mean, variance and maximum of the visible sources' features; 0 where none is visible."""
+        if seen.colours.shape[1] == 0:
+            batch, _, height, width = seen.render.shape
+            return seen.render.new_zeros(batch, self.enter.in_channels - 6, height, width)
+        visible = seen.visible.to(seen.render.dtype)
+        errors = (seen.colours - seen.render[:, None]) * visible
+        each = torch.cat([errors, seen.cameras], dim=2)
+        features = self.encode(each.flatten(0, 1)).unflatten(0, each.shape[:2]) * visible
+        count = visible.sum(1).clamp_min(1)
+        mean = features.sum(1) / count
+        variance = ((features - mean[:, None]).square() * visible).sum(1) / count
+        return torch.cat([mean, variance, features.amax(1)], dim=1)  # features are at least 0

@@ -1,0 +1,179 @@
+"""Source views of IBGS: which photos a view refers to, and what each of them says of its pixels.
+
+Axes: m source views, n pixels, h height, w width.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.references import Pool
+from gaussian_enhancer.align.reproject import reproject
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.image_quality import colour_map
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.types import Camera
+
+CAMERA_FEATURES = 4
+LEAST = 500
+"""Pixels in which a photo must be visible to tell its exposure."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The source views of a target, nearest first, on the target's grid.
+
+    Args:
+        colours: of the photos, 0 where they do not count.
+        cameras: from where each sees the surface: the difference of the unit viewing directions, source less target,
+            and the logarithm of the ratio of the distances; 0 where it does not count.
+        visible: where a photo shows the target's surface and is among the first that do.
+        rays: unit viewing directions of the target's pixels in the world.
+        names: of the source views.
+    """
+
+    colours: Float[Tensor, "m 3 h w"]
+    cameras: Float[Tensor, "m 4 h w"]
+    visible: Bool[Tensor, "m 1 h w"]
+    rays: Float[Tensor, "3 h w"]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SourceChoice:
+    """How source views are chosen.
+
+    Args:
+        candidates: source views of a target at most.
+        visible: photos that count at a pixel at most, the nearest first.
+        angle: between the optical axes of target and source, in degrees, below which a source is a candidate.
+        tolerance: relative difference between a point's depth in a source and the depth rendered there, up to which
+            the source sees the point.
+    """
+
+    candidates: int = 4
+    visible: int = 3
+    angle: float = 30.0
+    tolerance: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("candidates", "visible", "angle", "tolerance"):
+            if not getattr(self, name) > 0:
+                raise InputError(name, f"is {getattr(self, name)}", "give a number above 0")
+
+    def nearest(self, target: RenderedView, views: Sequence[RenderedView]) -> tuple[int, ...]:
+        """Indices of the candidates among training views, nearest camera first; a view is never its own source.
+
+        Args:
+            target: a view of the same capture.
+            views: training views.
+
+        Raises:
+            InputError: a view has no camera.
+        """
+        camera = camera_of(target.name, target.camera)
+        found = []
+        for index, view in enumerate(views):
+            if view.name == target.name:
+                continue
+            other = camera_of(view.name, view.camera)
+            cosine = float(camera.forward.double() @ other.forward.double())
+            if cosine > math.cos(math.radians(self.angle)):
+                found.append((float((camera.centre - other.centre).norm()), index))
+        return tuple(index for _, index in sorted(found)[: self.candidates])
+
+    def sources(self, view: RenderedView, target: Pixels, pool: Pool) -> Sources:
+        """The source views of a target.
+
+        Args:
+            view: the target.
+            target: its pixels.
+            pool: training views.
+
+        Raises:
+            InputError: a view has no camera or depth.
+        """
+        camera = camera_of(view.name, target.camera)
+        if target.depth is None:
+            raise InputError(view.name, "has no depth to find source pixels by", "give fits with depth")
+        points, rays, reach = surface_points(camera, target.depth)
+        chosen = [pool.read(index) for index in self.nearest(view, pool.views)]
+        height, width = target.image.shape[-2:]
+        colours, cameras = target.image.new_zeros(len(chosen), 3, height, width), rays.new_zeros(0, 4, height, width)
+        seen = torch.zeros(len(chosen), 1, height, width, dtype=torch.bool)
+        for i, source in enumerate(chosen):
+            other = camera_of(source.name, source.camera)
+            if source.depth is None:
+                raise InputError(source.name, "has no depth to tell what it sees", "give fits with depth")
+            warped = reproject(camera, target.depth, other, source.image, source.depth, tolerance=self.tolerance)
+            colours[i] = warped.colour
+            seen[i] = warped.visibility >= math.exp(-0.5)  # one standard deviation is the tolerance
+            cameras = torch.cat([cameras, camera_features(points, rays, reach, other)[None]])
+        counted = seen & (seen.cumsum(0) <= self.visible)
+        return Sources(colours * counted, cameras * counted, counted, rays, tuple(source.name for source in chosen))
+
+
+def surface_points(
+    camera: Camera, depth: Float[Tensor, "1 h w"]
+) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
+    """Points of the surface in the world, the unit directions in which the camera sees them, and their distances."""
+    height, width = depth.shape[-2:]
+    x, y = torch.arange(width) + 0.5, torch.arange(height)[:, None] + 0.5
+    pixels = torch.stack([x.expand(height, width), y.expand(height, width), torch.ones(height, width)])
+    turn = camera.resized(height, width).K.double()
+    slopes = (camera.rotation.double().T @ torch.linalg.inv(turn) @ pixels.double().flatten(1)).view(3, height, width)
+    length = slopes.norm(dim=0, keepdim=True)
+    points = camera.centre.double()[:, None, None] + depth.double() * slopes
+    return points.float(), (slopes / length).float(), (depth.double() * length).float()
+
+
+def camera_features(
+    points: Float[Tensor, "3 h w"], rays: Float[Tensor, "3 h w"], reach: Float[Tensor, "1 h w"], other: Camera
+) -> Float[Tensor, "4 h w"]:
+    """From where another camera sees points, beside the target.
+
+    Args:
+        points: in the world.
+        rays: unit directions in which the target sees them.
+        reach: their distances from the target.
+        other: the camera of a source view.
+    """
+    there = points - other.centre[:, None, None]
+    distance = there.norm(dim=0, keepdim=True).clamp_min(1e-9)
+    return torch.cat([there / distance - rays, (distance / reach.clamp_min(1e-9)).log()])
+
+
+def exposure_map(render: Float[Tensor, "3 h w"], sources: Sources) -> Float[Tensor, "3 4"]:
+    """The affine colour map of the render onto the nearest photo, by least squares over the pixels that it shows.
+
+    The identity where no photo shows `LEAST` pixels.
+
+    Args:
+        render: of the target.
+        sources: of the target.
+    """
+    for colours, visible in zip(sources.colours, sources.visible[:, 0], strict=True):
+        if int(visible.sum()) >= LEAST:
+            return colour_map(render[:, visible].double(), colours[:, visible].double()).float()
+    return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
+
+
+def mapped_colours(image: Float[Tensor, "*b 3 h w"], mapping: Float[Tensor, "*b 3 4"]) -> Float[Tensor, "*b 3 h w"]:
+    """An image, or each of a batch, under an affine colour map."""
+    return torch.einsum("...ij,...jhw->...ihw", mapping[..., :3], image) + mapping[..., 3:, None]
+
+
+def camera_of(name: str, camera: Camera | None) -> Camera:
+    """A view's camera.
+
+    Raises:
+        InputError: there is none.
+    """
+    if camera is None:
+        raise InputError(name, "has no camera", "give fits with cameras")
+    return camera

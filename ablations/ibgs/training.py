@@ -1,0 +1,256 @@
+"""Training of the residual network of IBGS on the training views of one fit, each without its own photo as a source.
+
+Axes: b batch, h height, w width.
+"""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ablations.ibgs.network import IBGSResidual, ResidualInput
+from ablations.ibgs.sources import SourceChoice, Sources, exposure_map, mapped_colours
+from gaussian_enhancer.align.references import Pool, read_target
+from gaussian_enhancer.checkpoint import build_filled, described, read_checkpoint, write_checkpoint
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.loss.terms import dssim
+from gaussian_enhancer.scene.rendered import RenderedSet
+from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
+
+FORMAT = "gaussian-enhancer ibgs 1"
+
+
+@dataclass(frozen=True)
+class ResidualSettings:
+    """How a residual network is trained.
+
+    Args:
+        steps: of the optimiser.
+        crop: side of the crops that it sees, in pixels.
+        batch: crops of a step.
+        lr: of Adam at the first step; it falls to 0 along half a cosine.
+        dissimilarity: weight of 1 - SSIM in the loss; that of the absolute difference is the rest.
+        exposure: bring colours to the exposure of the nearest photo before they are compared, as the paper does, whose
+            splat learns to be so corrected. A finished fit has not, and its training views lose by it.
+        save_every: steps between checkpoints.
+        seed: of initial values and crops.
+    """
+
+    steps: int = 1500
+    crop: int = 96
+    batch: int = 2
+    lr: float = 1e-3
+    dissimilarity: float = 0.2
+    exposure: bool = False
+    save_every: int = 500
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "crop", "batch", "save_every"):
+            if getattr(self, name) < 1:
+                raise InputError(name, f"is {getattr(self, name)}", "give at least 1")
+        if not 0 <= self.dissimilarity <= 1:
+            raise InputError("dissimilarity", f"is {self.dissimilarity}", "give a number from 0 to 1")
+
+    def lr_at(self, step: int) -> float:
+        """The rate of a step."""
+        return self.lr * 0.5 * (1 + math.cos(math.pi * step / self.steps))
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """A training view: what the network sees of it, and its photo.
+
+    Args:
+        seen: a batch of one.
+        photo: the truth.
+        exposure: from the render's colours to those of the nearest other photo.
+    """
+
+    seen: ResidualInput
+    photo: Float[Tensor, "3 h w"]
+    exposure: Float[Tensor, "3 4"]
+
+
+def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) -> list[TrainingView]:
+    """The training views of a fit, the other training views being their sources; held-out views are not touched.
+
+    Args:
+        rendered: the fit's views.
+        choice: of the sources.
+        exposure: whether colours are brought to the exposure of the nearest photo.
+
+    Raises:
+        InputError: a view has no render, photo, camera or depth.
+    """
+    pool, found = Pool(rendered.references, capacity=len(rendered.references)), []
+    for view in rendered.references:
+        if view.read_photo is None:
+            raise InputError(view.name, "has no photo to learn from", "give fits with their training photos")
+        target = read_target(view)
+        sources = choice.sources(view, target, pool)
+        mapping = applied_exposure(target.image, sources, exposure)
+        found.append(TrainingView(ResidualInput.of(target.image, sources, choice.visible), view.read_photo(), mapping))
+    return found
+
+
+def applied_exposure(render: Float[Tensor, "3 h w"], sources: Sources, exposure: bool) -> Float[Tensor, "3 4"]:
+    """What `exposure_map` finds, or the identity where exposure is left alone."""
+    if exposure:
+        return exposure_map(render, sources)
+    return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
+
+
+def train_residual(
+    views: Sequence[TrainingView],
+    settings: ResidualSettings,
+    folder: Path,
+    progress: Callable[[int], None] = lambda step: None,
+) -> IBGSResidual:
+    """Train, or go on from the folder's checkpoint; the result is the same.
+
+    Args:
+        views: training views of one fit.
+        settings: of the training.
+        folder: of the checkpoint.
+        progress: called with the number of steps that are done.
+
+    Raises:
+        InputError: there is no view, or the checkpoint is damaged, of other settings, or cannot be written.
+    """
+    if not views:
+        raise InputError(folder, "has no training views to learn from", "give fits with their training views")
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        network = IBGSResidual().train()
+    optimizer = torch.optim.Adam(network.parameters(), settings.lr)
+    identity = json.dumps(asdict(settings), sort_keys=True)
+    found = load_checkpoint(folder, identity)
+    if found is not None:
+        network.load_state_dict(found["network"])
+        optimizer.load_state_dict(found["optimizer"])
+    for step in range(found["step"] if found is not None else 0, settings.steps):
+        for group in optimizer.param_groups:
+            group["lr"] = settings.lr_at(step)
+        optimizer.zero_grad()
+        loss(network, drawn(views, settings, step), settings.dissimilarity).backward()
+        optimizer.step()
+        if (step + 1) % settings.save_every == 0 and step + 1 < settings.steps:
+            state = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
+            save_checkpoint(folder, {"identity": identity, "step": step + 1, **state})
+        progress(step + 1)
+    return network.eval()
+
+
+@dataclass(frozen=True)
+class Crops:
+    """A batch of crops.
+
+    Args:
+        seen: what the network sees.
+        photo: the truth.
+        exposure: of each crop's view.
+    """
+
+    seen: ResidualInput
+    photo: Float[Tensor, "b 3 h w"]
+    exposure: Float[Tensor, "b 3 4"]
+
+
+def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) -> Crops:
+    """The crops of a step, which its number and the seed decide.
+
+    Args:
+        views: of one fit.
+        settings: how many crops, and how large.
+        step: of the training.
+    """
+    generator = torch.Generator().manual_seed(settings.seed * 1_000_003 + step)
+    side = min(settings.crop, *(length for view in views for length in view.photo.shape[-2:]))
+    inputs, photos, maps = [], [], []
+    for _ in range(settings.batch):
+        view = views[int(torch.randint(len(views), (), generator=generator))]
+        top, left = (int(torch.randint(length - side + 1, (), generator=generator)) for length in view.photo.shape[-2:])
+        cut = (..., slice(top, top + side), slice(left, left + side))
+        inputs.append({one.name: getattr(view.seen, one.name)[cut] for one in fields(view.seen)})
+        photos.append(view.photo[cut])
+        maps.append(view.exposure)
+    seen = ResidualInput(**{name: torch.cat([one[name] for one in inputs]) for name in inputs[0]})
+    return Crops(seen, torch.stack(photos), torch.stack(maps))
+
+
+def loss(network: IBGSResidual, crops: Crops, dissimilarity: float) -> Float[Tensor, ""]:
+    """(1 - dissimilarity) mean absolute difference + dissimilarity (1 - SSIM), as in 3DGS and IBGS.
+
+    Args:
+        network: in training.
+        crops: what it sees, and the truth.
+        dissimilarity: weight of the second term.
+    """
+    image = corrected(network, crops.seen, crops.exposure)
+    difference = (image - crops.photo).abs().mean()
+    return (1 - dissimilarity) * difference + dissimilarity * dssim(image, crops.photo).mean()
+
+
+def corrected(network: IBGSResidual, seen: ResidualInput, exposure: Float[Tensor, "b 3 4"]) -> Float[Tensor, "b 3 h w"]:
+    """Render and residual, at the exposure of the nearest photo; not clamped.
+
+    Args:
+        network: gives the residual.
+        seen: the targets.
+        exposure: colour maps (`applied_exposure`).
+    """
+    faster = torch.cpu._is_avx512_bf16_supported()
+    with torch.autocast("cpu", torch.bfloat16, enabled=faster):
+        residual = network(seen)
+    return mapped_colours(seen.render + residual.float(), exposure)
+
+
+@dataclass(frozen=True)
+class TrainedResidual:
+    """What a weights file holds.
+
+    Args:
+        network: trained.
+        fit: folder's name of the fit on whose training views it was trained.
+        step: of the fit.
+        settings: of the training.
+        choice: of its sources.
+    """
+
+    network: IBGSResidual
+    fit: str
+    step: int
+    settings: ResidualSettings
+    choice: SourceChoice
+
+    def save(self, path: Path) -> None:
+        """Write it, in half precision.
+
+        Args:
+            path: ending in .safetensors.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        card = {"fit": self.fit, "step": self.step, "settings": asdict(self.settings), "choice": asdict(self.choice)}
+        write_checkpoint(path, self.network.state_dict(), {"format": FORMAT, "card": json.dumps(card)})
+
+    @classmethod
+    def load(cls, path: Path) -> "TrainedResidual":
+        """Read it.
+
+        Raises:
+            InputError: the file is damaged or holds something else.
+        """
+        values, metadata = read_checkpoint(path, FORMAT)
+        card: dict[str, Any] = described(metadata, "card", path)
+        network = build_filled(IBGSResidual, {}, values, path).eval()
+        settings, choice = ResidualSettings(**card["settings"]), SourceChoice(**card["choice"])
+        return cls(network, str(card["fit"]), int(card["step"]), settings, choice)

@@ -1,0 +1,72 @@
+"""``gaussian-enhancer ibgs``: train the residual network of a peer, IBGS, on the training views of a finished fit.
+
+The fit stays as it is. A killed training goes on where it stopped. What is written is a method of the job
+``convergence``.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import Progress
+
+from ablations.ibgs.method import WEIGHTS
+from ablations.ibgs.network import IBGSResidual
+from ablations.ibgs.training import (
+    ResidualSettings,
+    TrainedResidual,
+    TrainingView,
+    train_residual,
+    training_views,
+)
+from ablations.realism.realism import finished_fits, scene_of
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.weights import count_parameters
+from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.run import Run, open_run
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.splat.fit.checkpoint import NAME
+
+
+def run(cfg: DictConfig) -> None:
+    """Train, unless the same is done already.
+
+    Args:
+        cfg: see ``conf/ibgs.yaml``.
+
+    Raises:
+        InputError: the fit is not finished or lacks what is needed, or a file cannot be written.
+    """
+    start(cfg.runtime)
+    fit = _only(finished_fits([cfg.fit]), cfg.fit)
+    cfg.step = run_steps(fit)[-1] if cfg.step is None else cfg.step
+    settings, choice = build(cfg.settings), build(cfg.choice)
+    rendered = read_run(fit, cfg.step)
+    job = open_run(cfg, "ibgs", f"{scene_of(fit)}-{cfg.step}")
+    console, weights = Console(stderr=True), job.folder / WEIGHTS
+    if job.done:
+        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        return
+    views = training_views(rendered, choice, settings.exposure)
+    network = _trained(views, settings, job, console, cfg.runtime.progress)
+    TrainedResidual(network, fit.resolve().name, cfg.step, settings, choice).save(weights)
+    (job.folder / NAME).unlink(missing_ok=True)
+    job.finish()
+    told = f"{count_parameters(network)} parameters, {len(views)} views, {settings.steps} steps"
+    console.print(f"{weights}: {told}", highlight=False, soft_wrap=True)
+
+
+def _only(fits: Sequence[Path], pattern: str) -> Path:
+    if len(fits) > 1:
+        raise InputError("fit", f"is {pattern!r}, which names {len(fits)} fits", "name one; sweep over several with -m")
+    return fits[0]
+
+
+def _trained(
+    views: Sequence[TrainingView], settings: ResidualSettings, job: Run, console: Console, shown: bool
+) -> IBGSResidual:
+    with Progress(console=console, transient=True, disable=not shown) as bar:
+        task = bar.add_task("train", total=settings.steps)
+        return train_residual(views, settings, job.folder, lambda step: bar.update(task, completed=step))

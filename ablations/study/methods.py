@@ -1,0 +1,161 @@
+"""Methods that studies apply to the held-out views of fits: one for all fits, or one that each fit has of its own.
+
+Axes: b batch, r references, h height, w width.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Float
+from torch import Tensor
+
+from ablations.realism.realism import finished_fits, scene_of
+from ablations.study.enhanced_views import ViewMethod
+from gaussian_enhancer.align.alignment import Pixels
+from gaussian_enhancer.align.references import Pool, ReferenceConfig
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.network.network import Network
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.renders import read_run, run_steps
+from gaussian_enhancer.types import NetworkInput
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A method as it is applied to a fit at a step.
+
+    Args:
+        weights: what tells it from others: the digest of its weights, or what it is made of.
+        enhance: what enhances.
+    """
+
+    weights: str
+    enhance: SetEnhancer | ViewMethod
+
+
+@runtime_checkable
+class Method(Protocol):
+    """A method of a study."""
+
+    def of(self, fit: Path, step: int) -> Applied:
+        """The method at a step of a fit."""
+        ...
+
+
+@dataclass(frozen=True)
+class SameEverywhere:
+    """A method that is the same for all fits.
+
+    Args:
+        weights: digest of its weights.
+        enhancer: what enhances.
+    """
+
+    weights: str
+    enhancer: SetEnhancer
+
+    def of(self, fit: Path, step: int) -> Applied:
+        """The method."""
+        return Applied(self.weights, self.enhancer)
+
+
+class Average(Network):
+    """(render + sum_i visibility_i reference_i) / (1 + sum_i visibility_i): a control without parameters."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.describe({})
+
+    def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
+        """The average."""
+        total = views.render + (views.visibility * views.references).sum(1)
+        return (total / (1 + views.visibility.sum(1)),)
+
+
+def average() -> SameEverywhere:
+    """The average of render and warped references, which are prepared as for the shipped weights."""
+    plain = SetEnhancer(Average(), ReferenceConfig(), precision="float32", colour_clamping=0, colour_completion=False)
+    return SameEverywhere("none", plain)
+
+
+@dataclass(frozen=True)
+class RenderAverage:
+    """The average of a view's render and that of another fit of the same scene.
+
+    Args:
+        views: of the other fit, by name.
+    """
+
+    views: Mapping[str, RenderedView]
+
+    def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
+        """The average.
+
+        Args:
+            view: the target.
+            target: its pixels.
+            pool: without effect.
+
+        Raises:
+            InputError: the other fit lacks the view, or rendered it at another size.
+        """
+        other = self.views.get(view.name)
+        if other is None or other.read is None:
+            raise InputError(view.name, "was not held out by the second fit", "give a fit with the same split")
+        image = other.read()
+        if image.shape != target.image.shape:
+            sizes = [f"{one.shape[-1]}x{one.shape[-2]}" for one in (image, target.image)]
+            raise InputError(view.name, f"is {sizes[0]} in the second fit, {sizes[1]} in the first", "fit both alike")
+        return (target.image + image) / 2
+
+
+@dataclass(frozen=True)
+class TwoFits:
+    """The average of the renders of two fits of a scene, at the same step.
+
+    Args:
+        others: folder of the second fit, by scene.
+    """
+
+    others: Mapping[str, Path]
+
+    @classmethod
+    def found(cls, patterns: Sequence[str]) -> "TwoFits":
+        """Those of finished fits.
+
+        Args:
+            patterns: folders of fits, with ``*`` where many are meant.
+
+        Raises:
+            InputError: there is none, or two are of one scene.
+        """
+        if not patterns:
+            raise InputError("second", "names no fit", "give a second fit of each scene, or leave two_fits out")
+        others: dict[str, Path] = {}
+        for fit in finished_fits(patterns):
+            scene = scene_of(fit)
+            if scene in others:
+                raise InputError(fit, f"is of the scene {scene}, as {others[scene]} is", "name one second fit of each")
+            others[scene] = fit
+        return cls(others)
+
+    def of(self, fit: Path, step: int) -> Applied:
+        """The method at a step of a fit.
+
+        Raises:
+            InputError: there is no second fit of its scene with renders of the step, or it is the same one.
+        """
+        scene = scene_of(fit)
+        other = self.others.get(scene)
+        if other is None or other.resolve() == fit.resolve():
+            raise InputError("second", f"names no other fit of {scene} than {fit}", "give one, or leave two_fits out")
+        if step not in run_steps(other):
+            raise InputError(other, f"has no renders of step {step}", "fit both with the same snapshots")
+        views = {view.name: view for view in read_run(other, step).targets}
+        lacking = sorted({view.name for view in read_run(fit, step).targets} - set(views))
+        if lacking:
+            raise InputError(other, f"did not hold out {lacking[0]}", "give a fit with the same split")
+        return Applied(other.resolve().name, RenderAverage(views))

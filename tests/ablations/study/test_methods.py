@@ -1,0 +1,70 @@
+"""Controls as methods of studies: their known values, and what they refuse."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from ablations.study.enhanced_views import enhanced_views
+from ablations.study.methods import Average, TwoFits, average
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.types import NetworkInput
+from support.synthetic_runs import write_plane_run
+
+
+def test_the_average_weighs_references_by_visibility():
+    render, references = torch.full((1, 3, 4, 4), 0.2), torch.full((1, 2, 3, 4, 4), 0.8)
+    visibility = torch.zeros(1, 2, 1, 4, 4)
+    visibility[..., 1], visibility[..., 2:] = 0.5, 1.0
+    found = Average()(NetworkInput(render, references, visibility))
+    for column, expected in enumerate((0.2, (0.2 + 0.8) / 2, (0.2 + 1.6) / 3, (0.2 + 1.6) / 3)):
+        torch.testing.assert_close(found[..., column], torch.full((1, 3, 4), expected))
+    empty = NetworkInput(render, references[:, :0], visibility[:, :0])
+    assert torch.equal(Average()(empty), render)
+
+
+def test_the_average_is_of_render_and_the_shipped_weights_references(plane_run):
+    method = average().of(plane_run, 100)
+    for one in enhanced_views(read_run(plane_run), {"average": method.enhance}):
+        result = one.results["average"]
+        total = one.render + (result.aligned.visibility * result.aligned.references).sum(0)
+        expected = total / (1 + result.aligned.visibility.sum(0))
+        torch.testing.assert_close(result.image, expected.clamp(0, 1), atol=1e-6, rtol=0)
+
+
+def fit_of(folder: Path, scene: str = "plush", **choices: object) -> Path:
+    """A fit of a scene, made without fitting."""
+    write_plane_run(folder, **choices)  # type: ignore[arg-type]
+    write_records(folder / "records.jsonl", [Record("cost", folder.name, scene, "3dgs", "", "raw", {})])
+    return folder
+
+
+def test_two_fits_are_averaged(tmp_path):
+    first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
+    applied = TwoFits.found([str(second)]).of(first, 100)
+    assert applied.weights == "b"
+    others = read_run(second).targets
+    for one, other in zip(enhanced_views(read_run(first), {"two": applied.enhance}), others, strict=True):
+        assert torch.equal(one.results["two"].image, (one.render + other.read()) / 2)
+        assert one.results["two"].aligned.names == ()
+
+
+def test_second_fits_that_do_not_match_are_refused(tmp_path):
+    first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
+    with pytest.raises(InputError, match="no other fit of plush"):
+        TwoFits.found([str(first)]).of(first, 100)
+    with pytest.raises(InputError, match="no other fit of plush"):
+        TwoFits.found([str(fit_of(tmp_path / "c", "banana"))]).of(first, 100)
+    with pytest.raises(InputError, match="is of the scene plush"):
+        TwoFits.found([str(first), str(second)])
+    with pytest.raises(InputError, match="names no fit"):
+        TwoFits.found([])
+    with pytest.raises(InputError, match="no renders of step 50"):
+        TwoFits.found([str(second)]).of(first, 50)
+    with pytest.raises(InputError, match=r"did not hold out view_004\.png"):
+        TwoFits.found([str(fit_of(tmp_path / "d", views=4))]).of(first, 100)
+    small = TwoFits.found([str(fit_of(tmp_path / "e", size=(24, 32)))]).of(first, 100)
+    with pytest.raises(InputError, match="32x24 in the second fit, 64x48"):
+        list(enhanced_views(read_run(first), {"two": small.enhance}))
