@@ -19,7 +19,6 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
 
-
 JOBS = ("fit", "train", "row", "cost")
 """Kinds of runs, in the order in which they are made."""
 

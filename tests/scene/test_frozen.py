@@ -23,7 +23,6 @@ from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.run_samples import RunSamples
 from support.paths import ROOT
 
-
 FROZEN = ["fox-3dgs-1a2b", "monstree-2dgs-1a2b", "object_5000-3dgs-1a", "indoor_7000-3dgs-1a", "harbour_0-3dgs-1a"]
 SECOND = ["object_2000-3dgs-1a", "indoor_3000-3dgs-1a", "outdoor_4999-2dgs-1a"]
 

@@ -26,7 +26,7 @@ def run(cfg: DictConfig) -> None:
         cfg: see ``conf/train_confidence.yaml``.
 
     Raises:
-        InputError: weights or fits cannot be used, a fit is of a scene that nothing may be trained on, or a file cannot be written.
+        InputError: weights or fits cannot be used, nothing may be trained on a scene, or a file cannot be written.
     """
     refuse_untrained(cfg.fits)
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)

@@ -64,7 +64,8 @@ def scene_from_values(values: Mapping[str, Any]) -> Scene:
     """Open the scene that plain values describe.
 
     Args:
-        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, a split or imperfections.
+        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, or one of
+            `_PARTS`.
 
     Raises:
         InputError: the loader is not in the list, an argument is unknown or of another type, or the loader refuses it.

@@ -22,9 +22,9 @@ ROWS, DISKS = 10, 5
 def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
     """Visible bands, as 2DGS shows in unbounded scenes: parallel rows of long flat disks, overlapping a little.
 
-    Each disk has the mean colour of what it covers, made 4 to 18% brighter or darker, row by row in turn, and hides most
-    of it: the far surface's texture is lost and the rims show. The disks lie at almost one depth, a tenth in front of
-    the depth below which 60% of the view lies: what is nearer stays free of them. Opacity grows with strength. Sizes
+    Each disk has the mean colour of what it covers, made 4 to 18% brighter or darker, row by row in turn, and hides
+    most of it: the far surface's texture is lost and the rims show. The disks lie at almost one depth, a tenth in front
+    of the depth below which 60% of the view lies: what is nearer stays free of them. Opacity grows with strength. Sizes
     and tones were set beside worst crops of training fits (`gaussian-enhancer artefact_sheet`).
 
     Args:

@@ -1,18 +1,17 @@
 """`harbour`: boats in a basin, seen from a curved mole. No training scene is drawn from this family.
 
-Its textures, things, hours and camera path are its own (`harbour_textures`, `vessels`, `quayside`): a test on it asks
+Its textures, things, hours and camera path are its own (`harbour_materials`, `vessels`, `quayside`): a test on it asks
 what is learnt beyond the generator's other families. It shares with them the renderer, simple shapes and noise.
 """
 
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import quayside, shapes, vessels
-from gaussian_enhancer.scene.procedural import harbour_textures as marine
 from gaussian_enhancer.scene.procedural.draft import Draft, LightSpec, SkySpec, Vector
-from gaussian_enhancer.scene.procedural.noise import muted
-from gaussian_enhancer.scene.procedural.palette import Palette, Recipes
+from gaussian_enhancer.scene.procedural.harbour_materials import MATERIALS
+from gaussian_enhancer.scene.procedural.palette import Palette
 from gaussian_enhancer.scene.procedural.paths import mole
-from gaussian_enhancer.scene.procedural.textures import bark, clouds, foliage, metal, plaster
+from gaussian_enhancer.scene.procedural.textures import clouds
 
 WATER = -0.75
 _RADIUS = 9.6
@@ -49,7 +48,7 @@ def draft_harbour(seed: int) -> Draft:
     lamp = 0.9 * rng.uniform(0.7, 1.2)
     at = (rng.uniform(-2, 2), rng.uniform(0.5, 2.5), 3.4)
     draft.lights.append(LightSpec(at, (at[0], at[1], 0.0), 9.0, (lamp, 0.72 * lamp, 0.4 * lamp), local=True, side=1024))
-    p = Palette(draft, _MATERIALS)
+    p = Palette(draft, MATERIALS)
     _water(p)
     _mole(p)
     _basin(p)
@@ -144,45 +143,3 @@ def _far_quay(p: Palette) -> None:
     z = np.maximum(26 * (0.7 + 0.6 * ridge), 3)[None] * np.sin(rise * np.pi / 2) - 1.0
     land = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
     p.draft.add(shapes.sheet(land, np.stack(np.broadcast_arrays(angle * 190, r + z), -1)), p("wood"), casts=False)
-
-
-def _hull(d: Draft) -> int:
-    colour = muted(d.rng, (0.3, 0.75), (0.2, 0.8), d.pick((0.52, 0.66), (0.96, 1.03), (0.3, 0.45), (0.08, 0.14)))  # type: ignore[arg-type]
-    texture = marine.hull(
-        d.rng, colour, muted(d.rng, (0.0, 0.2), (0.75, 0.95)), muted(d.rng, (0.4, 0.7), (0.25, 0.45), (0.98, 1.04))
-    )
-    return d.material(texture, 2.0, reflectance=0.06, roughness=0.22, relief=0.003, detail=0.2)
-
-
-_MATERIALS: Recipes = {
-    "water": lambda d: d.material(marine.ripples(d.rng, muted(d.rng, (0.3, 0.55), (0.1, 0.2), (0.42, 0.56))), 3.1, reflectance=0.05, roughness=0.03, relief=0.035, detail=0.0, dirt=0.15),
-    "hull": _hull,
-    "deck": lambda d: d.material(marine.laid_deck(d.rng, muted(d.rng, (0.15, 0.4), (0.5, 0.7), (0.07, 0.12))), 0.6, relief=0.004, detail=0.2),
-    "spar": lambda d: d.material(marine.laid_deck(d.rng, muted(d.rng, (0.4, 0.65), (0.4, 0.6), (0.06, 0.1))), 0.9, reflectance=0.05, roughness=0.25, relief=0.001),
-    "gelcoat": lambda d: d.material(plaster(d.rng, muted(d.rng, (0.0, 0.08), (0.82, 0.93))), 1.7, reflectance=0.06, roughness=0.15, relief=0.0, detail=0.08, dirt=0.2),
-    "pane": lambda d: d.material(plaster(d.rng, (0.07, 0.09, 0.1)), 3.0, reflectance=0.2, roughness=0.01, relief=0.0, detail=0.0, dirt=0.05),
-    "mirror": lambda d: d.material(metal(d.rng, (0.9, 0.92, 0.93), 0.0), 2.0, reflectance=0.9, roughness=0.0, relief=0.0, detail=0.0, dirt=0.0),
-    "steel": lambda d: d.material(metal(d.rng, (0.66, 0.68, 0.7), 0.05), 0.5, reflectance=0.5, roughness=0.25, relief=0.001),
-    "alloy": lambda d: d.material(metal(d.rng, (0.74, 0.75, 0.76), 0.0), 0.7, reflectance=0.35, roughness=0.4, relief=0.001),
-    "tar": lambda d: d.material(bark(d.rng, (0.12, 0.12, 0.13)), 0.4, reflectance=0.05, roughness=0.4, relief=0.004),
-    "tyre": lambda d: d.material(bark(d.rng, (0.09, 0.09, 0.095)), 0.15, reflectance=0.03, roughness=0.6, relief=0.003),
-    "pile": lambda d: d.material(bark(d.rng, muted(d.rng, (0.1, 0.3), (0.25, 0.4), (0.1, 0.2))), 0.7, relief=0.01),
-    "trunk": lambda d: d.material(bark(d.rng, muted(d.rng, (0.3, 0.5), (0.35, 0.5), (0.03, 0.07))), 0.5, relief=0.02),
-    "paintwork": lambda d: d.material(metal(d.rng, muted(d.rng, (0.5, 0.8), (0.4, 0.75), d.pick((0.06, 0.13), (0.55, 0.62), (0.97, 1.02))), 0.3), 0.9, reflectance=0.05, roughness=0.3, relief=0.003),  # type: ignore[arg-type]
-    "net": lambda d: d.material(marine.netting(d.rng, muted(d.rng, (0.3, 0.7), (0.3, 0.6), d.pick((0.35, 0.5), (0.05, 0.1), (0.55, 0.62)))), 0.55, relief=0.001, translucency=0.3, reflectance=0.02),  # type: ignore[arg-type]
-    "twine": lambda d: d.material(marine.rope(d.rng, muted(d.rng, (0.4, 0.7), (0.3, 0.5), (0.4, 0.5))), 0.2, relief=0.004),
-    "rope": lambda d: d.material(marine.rope(d.rng, muted(d.rng, (0.15, 0.4), (0.6, 0.8), (0.1, 0.14))), 0.08, relief=0.002, reflectance=0.02, roughness=0.9),
-    "sail": lambda d: d.material(marine.sailcloth(d.rng, muted(d.rng, d.pick((0.02, 0.1), (0.4, 0.6)), (0.6, 0.92), d.pick((0.1, 0.14), (0.0, 0.05)))), 2.2, relief=0.01, translucency=0.4, reflectance=0.02, roughness=0.8),  # type: ignore[arg-type]
-    "registration": lambda d: d.material(marine.registration(d.rng), 1.0, relief=0.0, detail=0.1, roughness=0.3),
-    "crate": lambda d: d.material(marine.corrugated(d.rng, muted(d.rng, (0.4, 0.75), (0.35, 0.75), d.pick((0.55, 0.64), (0.0, 0.04), (0.14, 0.17), (0.06, 0.09)))), 0.5, relief=0.003, reflectance=0.04),  # type: ignore[arg-type]
-    "corrugated": lambda d: d.material(marine.corrugated(d.rng, muted(d.rng, (0.08, 0.5), (0.4, 0.75))), 1.8, relief=0.02, reflectance=0.06, roughness=0.45),
-    "ashlar": lambda d: d.material(marine.ashlar(d.rng, muted(d.rng, (0.04, 0.2), (0.45, 0.65), (0.07, 0.13))), 2.3, relief=0.03),
-    "paving": lambda d: d.material(marine.ashlar(d.rng, muted(d.rng, (0.02, 0.15), (0.45, 0.6), (0.07, 0.6))), 3.0, relief=0.015, detail=0.4),
-    "buoy": lambda d: d.material(plaster(d.rng, muted(d.rng, (0.65, 0.85), (0.6, 0.85), d.pick((0.02, 0.06), (0.11, 0.15), (0.97, 1.0)))), 0.8, reflectance=0.05, roughness=0.2, relief=0.002, detail=0.15),  # type: ignore[arg-type]
-    "band": lambda d: d.material(plaster(d.rng, muted(d.rng, (0.6, 0.8), (0.45, 0.65), (0.98, 1.02))), 2.0, relief=0.002),
-    "glow": lambda d: d.material(plaster(d.rng, (0.95, 0.82, 0.55)), 0.5, emission=2.4, relief=0.0, detail=0.0),
-    "reed": lambda d: d.material(marine.laid_deck(d.rng, muted(d.rng, (0.3, 0.55), (0.4, 0.65), (0.13, 0.22))), 0.4, relief=0.0, translucency=0.4, reflectance=0.03),
-    "bulrush": lambda d: d.material(bark(d.rng, (0.32, 0.22, 0.14)), 0.2, relief=0.002),
-    "needles": lambda d: d.material(marine.needles(d.rng, muted(d.rng, (0.3, 0.55), (0.25, 0.42), (0.26, 0.42))), 1.0, relief=0.0, translucency=0.25, reflectance=0.03),
-    "wood": lambda d: d.material(foliage(d.rng, muted(d.rng, (0.25, 0.5), (0.2, 0.35), (0.25, 0.45))), 4.0, relief=0.05),
-}  # fmt: skip

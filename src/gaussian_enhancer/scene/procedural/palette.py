@@ -10,7 +10,6 @@ from gaussian_enhancer.scene.procedural import textures
 from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.noise import earthy, green, muted
 
-
 Recipes = Mapping[str, Callable[[Draft], int]]
 
 

@@ -3,6 +3,8 @@
 Each function puts one thing, or one lot of things, into a draft. Metres.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from gaussian_enhancer.scene.procedural import shapes
@@ -62,7 +64,7 @@ def pots(p: Palette, at: Vector, yaw: float, rows: int) -> None:
     rng = p.draft.rng
     angle = np.linspace(0, np.pi, 13)
     arch = np.stack([0 * angle, 0.24 * np.cos(angle), 0.3 * np.sin(angle)], axis=1)
-    hoops = [shapes.tube(arch + [x, 0, 0], 0.012, 5) for x in (-0.34, 0.0, 0.34)]
+    hoops = [shapes.tube(arch + np.array([x, 0, 0]), 0.012, 5) for x in (-0.34, 0.0, 0.34)]
     laths = [
         shapes.rod((-0.36, 0.24 * np.cos(a), 0.3 * np.sin(a)), (0.36, 0.24 * np.cos(a), 0.3 * np.sin(a)), 0.008, 4)
         for a in np.linspace(0, np.pi, 7)
@@ -122,7 +124,7 @@ def reeds(p: Palette, centre: Vector, radius: float, count: int) -> None:
     p.draft.add(shapes.blades(rng, roots, 1.35, 0.022), p("reed"))
     stems = []
     for root in roots[:: max(1, count // 26)]:
-        tip = root + [rng.normal() * 0.12, rng.normal() * 0.12, rng.uniform(1.3, 1.75)]
+        tip = root + np.array([rng.normal() * 0.12, rng.normal() * 0.12, rng.uniform(1.3, 1.75)])
         stems.append(shapes.rod(tuple(root), tuple(tip), 0.006, 4))
         stems.append(shapes.ellipsoid((0.022, 0.022, 0.1), 8).placed(tuple(tip)))
     p.draft.add(joined(stems), p("bulrush"))
@@ -238,7 +240,7 @@ def festoon(p: Palette, posts: list[Vector], height: float, bulbs: int) -> None:
     """Lamps on a wire from post to post."""
     rods = [shapes.rod(post, (post[0], post[1], post[2] + height), 0.04, 8) for post in posts]
     wires, lamps = [], []
-    for a, b in zip(posts[:-1], posts[1:], strict=True):
+    for a, b in pairwise(posts):
         start, end = (a[0], a[1], a[2] + height), (b[0], b[1], b[2] + height)
         wires.append(shapes.wire(start, end, 0.35, 0.009, 4, 20))
         for t in (np.arange(bulbs) + 0.5) / bulbs:

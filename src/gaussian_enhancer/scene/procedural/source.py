@@ -71,7 +71,16 @@ class ProceduralView:
         """The anti-aliased picture, on the CPU."""
         camera = self.camera
         pose = tuple(camera.world_to_camera.flatten().tolist())
-        key = (self.family, self.seed, self.device, self.departure, camera.height, camera.width, *camera.K.flatten().tolist(), *pose)
+        key = (
+            self.family,
+            self.seed,
+            self.device,
+            self.departure,
+            camera.height,
+            camera.width,
+            *camera.K.flatten().tolist(),
+            *pose,
+        )
         return _PHOTOS.get(key, self._photo)
 
     def _photo(self) -> Float[Tensor, "3 h w"]:

@@ -18,6 +18,7 @@ def finish(
     gloss: Float[np.ndarray, "t t"] | float = 0.5,
     opacity: Float[np.ndarray, "t t"] | float = 1.0,
 ) -> Texture:
+    """A texture of these maps, brought into their ranges."""
     shape = height.shape
     whole = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in (gloss, opacity)]
     return Texture(np.clip(colour, 0.01, 0.97), np.clip(height, 0, 1), *whole)
@@ -33,6 +34,7 @@ def grained(
 
 
 def coordinates() -> tuple[np.ndarray, np.ndarray]:
+    """U and v at the texels' centres, [0, 1]."""
     axis = (np.arange(SIDE) + 0.5) / SIDE
     v, u = np.meshgrid(axis, axis, indexing="ij")
     return u, v

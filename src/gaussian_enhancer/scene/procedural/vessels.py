@@ -108,7 +108,7 @@ def _at(h: Hull, shares: object) -> list[tuple[float, float]]:
 
 
 def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = False) -> None:
-    """A sailing boat: cabin, cockpit, guard rails, mast with spreaders, stays and halyards, a furled or a hoisted sail."""
+    """A sailing boat: cabin, guard rails, mast with spreaders, stays and halyards, a furled or a hoisted sail."""
     rng = p.draft.rng
     h = Hull(length, 0.31 * length, 0.095 * length, 0.08 * length, 1.7)
     deck = float(h.sheer[16])
@@ -122,9 +122,9 @@ def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = 
     posts, wires = [], []
     rail = h.rail(0.06)[2:-2:3]
     for foot in rail:
-        posts.append(shapes.rod(tuple(foot), tuple(foot + [0, 0, 0.55]), 0.011, 5))
+        posts.append(shapes.rod(tuple(foot), tuple(foot + np.array([0, 0, 0.55])), 0.011, 5))
     for lift in (0.3, 0.55):
-        wires.append(shapes.tube(rail + [0, 0, lift], 0.005, 4))
+        wires.append(shapes.tube(rail + np.array([0, 0, lift]), 0.005, 4))
     _put(p, at, yaw, joined(posts + wires), "steel")
 
 
@@ -201,7 +201,7 @@ def _ring(centre: Float[np.ndarray, " 3"], radius: float) -> Float[np.ndarray, "
 
 
 def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
-    """A fishing boat: wheelhouse with windows all round, gallows, derricks with tackle, a net drum, tyres as fenders."""
+    """A fishing boat: wheelhouse with windows all round, derricks with tackle, a net drum, tyres as fenders."""
     rng = p.draft.rng
     h = Hull(length, 0.36 * length, 0.13 * length, 0.12 * length, 2.8)
     deck = float(h.sheer[14]) - 0.55
@@ -327,7 +327,9 @@ def moored_fleet(p: Palette, count: int, depth: tuple[float, float], span: float
         _put(p, (x, y, water), yaw, shapes.box((2.2, 1.0, 0.42)).placed((0.1, 0, 0.55)), "gelcoat")
         _put(p, (x, y, water), yaw, shapes.box((1.7, 1.03, 0.16)).placed((0.1, 0, 0.72)), "pane")
         if k % 3 == 0:
-            cover = shapes.tube(np.array([[-2.2, 0, 1.5], [-1.0, 0, 1.6], [0.2, 0, 1.6]]), np.array([0.1, 0.2, 0.12]), 8)
+            cover = shapes.tube(
+                np.array([[-2.2, 0, 1.5], [-1.0, 0, 1.6], [0.2, 0, 1.6]]), np.array([0.1, 0.2, 0.12]), 8
+            )
             _put(p, (x, y, water), yaw, cover, f"sail {int(rng.integers(2))}")
     p.draft.add(joined(spars), p("alloy"))
     p.draft.add(joined(stays), p("steel"))
