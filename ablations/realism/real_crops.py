@@ -20,7 +20,7 @@ KINDS: Mapping[str, str] = {
     "blur": "blur",
     "noise": "noise",
 }
-"""The error energy that each type of a splat's artefacts stands for; the other types are a camera's or a file's."""
+"""The error energy that types of artefacts stand for; the others have none of their own."""
 
 ADDED = 0.9
 """Least contrast of a render's crop, as a share of the photo's, for an artefact to be something added."""

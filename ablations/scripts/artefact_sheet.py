@@ -2,7 +2,7 @@
 
 For the types that stand for errors of splats the real crop is the one with most of that error among the held-out
 renders of the runs, all snapshots; the simulated crops are the same place of the same photo, at rising strengths. Of
-several draws the one that changes the crop most is shown. Types that a camera or a file brings have no real crop. The
+several draws the one that changes the crop most is shown. Types whose error is none of the six have no real crop. The
 table compares sizes: quantiles over all crops of the error that a type stands for. Runs must be training runs
 (docs/data.md), of captures whose licence lets them be shown.
 """
@@ -63,7 +63,7 @@ def sheet_row(
     view = photographed(real)
     photo = cut(view.image[0], crop.place, (side, side))
     render = cut(real.target.read(), crop.place, (side, side)) if kind else torch.full_like(photo, 0.98)
-    of_real = f"real: {kind}" if kind else "of a camera or a file"
+    of_real = f"real: {kind}" if kind else "its error is not measured"
     return [photo, render, *plainest(view, crop, name, side, draws)], f"{name} ({real.scene}); {of_real}"
 
 
@@ -131,7 +131,8 @@ def run(cfg: DictConfig) -> None:
         titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
         images, names = zip(*drawn_rows, strict=True)
         with whole_file(Path(cfg.picture)) as temporary:
-            contact_sheet(images, titles, names, height=cfg.side).save(temporary, "PNG")
+            kind = "PNG" if str(cfg.picture).endswith(".png") else "JPEG"
+            contact_sheet(images, titles, names, height=cfg.side).save(temporary, kind, quality=93, subsampling=0)
     source = {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(found), **provenance(timed=True)}
     rows = [
         sizes(name, energies_of(found), simulated_energies(reals, name, cfg.side, cfg.seeds)) | source for name in KINDS

@@ -79,7 +79,7 @@ def test_a_stored_configuration_opens_with_them():
     opened = scene_from_values({**values, "imperfections": {"_target_": kind, "exposure": 0.3, "white_balance": 0.2}})
     expected = photos(Imperfections(exposure=0.3, white_balance=0.2))[4].read()
     assert torch.equal(opened.photos[4].read(), expected)
-    with pytest.raises(InputError, match="scene.imperfections"):
+    with pytest.raises(InputError, match=r"scene\.imperfections"):
         scene_from_values({**values, "imperfections": {"_target_": "builtins.dict"}})
 
 
