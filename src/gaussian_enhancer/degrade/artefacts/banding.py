@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.artefacts.rng import uniform
 from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_covered, composite, depth_level
 from gaussian_enhancer.degrade.artefacts.view import View
 
-ROWS, DISKS = 10, 5
+ROWS, DISKS = 12, 5
 """Rows of a sample and disks in each; those that fall outside the image are not seen."""
 
 
