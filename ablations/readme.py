@@ -19,10 +19,10 @@ RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
 SCENES = {
     "fox": "fox (real)",
     "monstree": "monstree (real)",
-    "indoor": "indoor",
-    "unbounded": "unbounded",
-    "outdoor": "outdoor",
-    "object": "object",
+    "indoor": "indoor (in-distribution)",
+    "unbounded": "unbounded (in-distribution)",
+    "outdoor": "outdoor (in-distribution)",
+    "object": "object (in-distribution)",
 }
 HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (alex) |\n|---|---|---|---|\n"
 

@@ -4,14 +4,15 @@ Fits, trainings and measurements are runs of their own, made where they are miss
 job goes on where it stopped. The table's description and records are written together; reports come from these alone.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
 from rich.console import Console
 
-from ablations.report.grids import PHOTO, write_grid
+from ablations.realism.real_crops import KINDS, crops, worst
+from ablations.report.grids import PHOTO, Box, write_grid
 from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import SceneGroup, read_description, write_description
 from ablations.suite.cluster import made_ahead
@@ -25,6 +26,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.scene.photos import read_photo
 
 
 def written(cfg: DictConfig) -> Path | None:
@@ -97,7 +99,7 @@ def _method(
 
 
 def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -> None:
-    """Write a figure's grid, a line for each scene and splat: the first view that was measured of it.
+    """Write a figure's grid: the first measured view of each scene and splat, or a line for each type of artefact.
 
     Args:
         runs: the suite's.
@@ -107,19 +109,52 @@ def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -
     """
     pictures: dict[tuple[str, str], Path] = {}
     lines: list[str] = []
+    boxes: dict[str, Box] = {}
     for cell in one.cells:
-        lines.append(f"{cell.scene}, {cell.splat}")
-        for method in one.table.methods:
-            own = [
-                r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, method) and r.view
-            ]
-            if own:
-                images, photos = runs.images(one, cell, method, one.seeds(method)[0])
-                found = {method: images / min(own), PHOTO: next(photos.glob(f"{Path(min(own)).stem}.*"), None)}
-                pictures |= {(lines[-1], key): path for key, path in found.items() if path and path.is_file()}
+        there = _method_views(runs, one, cell, records)
+        views = sorted(there.get(one.table.baseline, {}))
+        for label, view, box in _shown(one, f"{cell.scene}, {cell.splat}", there, views):
+            lines.append(label)
+            boxes |= {} if box is None else {label: box}
+            found = {method: files[view] for method, files in there.items() if view in files}
+            pictures |= {(label, key): path for key, path in found.items() if path.is_file()}
     if pictures:
         shown = replace(one.table, datasets={"all": SceneGroup("", tuple(lines))})
-        write_grid(folder / f"{one.table.name}.png", shown, pictures)
+        write_grid(folder / f"{one.table.name}.png", shown, pictures, boxes=boxes)
+
+
+def _method_views(
+    runs: Runs, one: Experiment, cell: StudyCell, records: Sequence[Record]
+) -> dict[str, dict[str, Path]]:
+    """Image files of a cell by method and view; the photos under `PHOTO`."""
+    found: dict[str, dict[str, Path]] = {}
+    for method in one.table.methods:
+        own = [r.view for r in records if (r.scene, r.splat, r.variant) == (cell.scene, cell.splat, method) and r.view]
+        if own:
+            images, photos = runs.images(one, cell, method, one.seeds(method)[0])
+            found[method] = {view: images / view for view in own}
+            beside = {view: next(photos.glob(f"{Path(view).stem}.*"), None) for view in own}
+            found.setdefault(PHOTO, {}).update({view: path for view, path in beside.items() if path})
+    return found
+
+
+def _shown(
+    one: Experiment, label: str, there: Mapping[str, Mapping[str, Path]], views: Sequence[str]
+) -> Iterator[tuple[str, str, Box | None]]:
+    """Lines of a cell: what each is called, its view, and its crop where that follows from a type of artefact."""
+    photos = there.get(PHOTO, {})
+    both = [view for view in views if view in photos]
+    if not one.table.artefacts or not both:
+        yield label, min(views, default=""), None
+        return
+    pairs = [(read_photo(there[one.table.baseline][view]), read_photo(photos[view])) for view in both]
+    height, width = pairs[0][0].shape[-2:]
+    size = max(1, height // 3), max(1, width // 3)
+    found = crops(pairs, size)
+    for name in one.table.artefacts:
+        crop = worst(found, KINDS[name])
+        top, left = crop.place[0] / height, crop.place[1] / width
+        yield f"{label}: {name}", both[crop.view], (left, top, left + size[1] / width, top + size[0] / height)
 
 
 def index(folder: Path) -> None:

@@ -11,9 +11,12 @@ import itertools
 import statistics
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int64
+from numpy import ndarray
+from scipy import stats
 from torch import Tensor, nn
 from torch.nn.utils import skip_init
 
@@ -27,7 +30,7 @@ class TwoSample:
 
     Args:
         accuracy: share of the test patches that were told right; as many are simulated as are real.
-        low: lower end of the accuracy's 95% bootstrap interval over test views.
+        low: lower end of the accuracy's 95% bootstrap interval (BCa) over test views.
         high: upper end.
         auc: chance that a simulated patch looks more simulated to the classifier than a real one, which does not
             depend on where it draws its line: in other scenes that line may lie elsewhere.
@@ -131,22 +134,40 @@ def view_interval(
     resamples: int = 2000,
     level: float = 0.95,
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of a mean over places, with whole views drawn again.
+    """BCa bootstrap interval (`scipy.stats.bootstrap`) of a mean over places, with whole views drawn again.
 
     Args:
         correct: the share that was told right at each place.
         view: the view that each place belongs to.
         generator: source of randomness.
         resamples: number of bootstrap samples.
-        level: share of the samples within the interval.
+        level: share of such intervals that shall hold the true accuracy.
+
+    Returns:
+        Lower and upper end; the mean itself where all views agree, or there is only one.
     """
     _, number = view.unique(return_inverse=True)
     count = torch.bincount(number).double()
     total = torch.bincount(number, weights=correct.double())
-    drawn = torch.randint(len(count), (resamples, len(count)), generator=generator)
-    means = total[drawn].sum(dim=1) / count[drawn].sum(dim=1)
-    ends = torch.quantile(means, torch.tensor([(1 - level) / 2, (1 + level) / 2], dtype=means.dtype))
-    return ends[0].item(), ends[1].item()
+    mean = float(total.sum() / count.sum())
+    if len(count) < 2 or bool((total / count == total[0] / count[0]).all()):
+        return mean, mean
+
+    def accuracy(told: ndarray, places: ndarray, axis: int = -1) -> ndarray:
+        return told.sum(axis=axis) / places.sum(axis=axis)
+
+    seed = int(torch.randint(2**31, (), generator=generator))
+    found = stats.bootstrap(
+        (total.numpy(), count.numpy()),
+        accuracy,
+        paired=True,
+        vectorized=True,
+        n_resamples=resamples,
+        confidence_level=level,
+        method="BCa",
+        rng=np.random.default_rng(seed),
+    )
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
 def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"]) -> float:

@@ -26,7 +26,12 @@ PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 22
 
 
 def write_grid(
-    path: Path, table: Study, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
+    path: Path,
+    table: Study,
+    images: Mapping[tuple[str, str], Path],
+    height: int = 192,
+    share: float = 1 / 3,
+    boxes: Mapping[str, Box] | None = None,
 ) -> Path:
     """Write a grid of labelled crops as PNG, whole or not at all.
 
@@ -40,6 +45,7 @@ def write_grid(
         images: image files by scene and method, the photo under `PHOTO`.
         height: of a crop in the grid, pixels.
         share: side of the crop as a share of the image's.
+        boxes: crops of some lines, by scene, in place of the largest error.
 
     Returns:
         The file.
@@ -55,7 +61,8 @@ def write_grid(
         raise InputError(path, received, f"give images of {', '.join(columns)}")
     named = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
     scenes = list(dict.fromkeys([*named, *(scene for scene, _ in images)]))
-    lines = [_line(scene, table.baseline, columns, images, height, share) for scene in scenes]
+    given = boxes or {}
+    lines = [_line(scene, table.baseline, columns, images, height, share, given.get(scene)) for scene in scenes]
     with whole_file(path) as temporary:
         _assembled(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
     return path
@@ -84,12 +91,14 @@ def _line(
     images: Mapping[tuple[str, str], Path],
     height: int,
     share: float,
+    given: Box | None,
 ) -> list[Picture]:
     """A scene's tiles: the whole view with a frame, then every column's crop."""
     pictures = {method: _read(images[scene, method]) for method in columns if (scene, method) in images}
     photo, before = pictures.get(PHOTO), pictures.get(baseline)
     middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
-    box = crop_box(before, photo, share) if photo is not None and before is not None else middle
+    found = crop_box(before, photo, share) if photo is not None and before is not None else middle
+    box = found if given is None else given
     whole = photo if photo is not None else next(iter(pictures.values()), None)
     width = height if whole is None else max(1, round(height * whole.width / whole.height))
     tiles = [_missing((width, height)) if whole is None else _framed(whole, box, (width, height))]

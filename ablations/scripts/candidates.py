@@ -64,7 +64,7 @@ def show(made: dict[str, SetEnhancer], cfg: DictConfig, device: torch.device, he
     Raises:
         InputError: a run is of a test scene, by which nothing may be chosen.
     """
-    refuse_frozen(finished_fits(cfg.runs), "chosen by")
+    refuse_frozen(finished_fits(cfg.runs))
     print(table(measured(made, cfg, device), head), end="")
 
 

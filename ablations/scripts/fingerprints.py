@@ -23,6 +23,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_json_lines
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.frozen import refuse_untrained
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
@@ -109,7 +110,9 @@ def run(cfg: DictConfig) -> None:
     require(cfg)
     start(cfg.runtime)
     records: list[dict[str, object]] = []
-    for fit in finished_fits(cfg.runs):
+    fits = finished_fits(cfg.runs)
+    refuse_untrained(fits)
+    for fit in fits:
         records += rows(fit, cfg.views)
         if cfg.records:
             write_json_lines(cfg.records, records)

@@ -86,6 +86,7 @@ class Study:
             by method (or statistic), in the order of ``metrics``; empty for studies of our own; None where it has none.
         finer: measured against photos 4 times as fine.
         scale: "smoke", "desk" or "paper".
+        artefacts: of a grid of images, the types of artefacts that it shows, one a line; the largest error where empty.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Study:
     paper: Mapping[str, Mapping[str, tuple[float, ...] | None]] = field(default_factory=dict)
     finer: bool = False
     scale: str = ""
+    artefacts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.metrics if name not in HIGHER_IS_BETTER]

@@ -124,6 +124,7 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
             paper_values(study),
             bool(study.get("finer")),
             str(scale.name),
+            tuple(map(str, study.get("artefacts", ()))),
         )
         cells = () if cost else tuple(_cells(table, scale))
     except (KeyError, TypeError, ValueError, AttributeError) as error:

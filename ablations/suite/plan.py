@@ -19,6 +19,9 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
 
+JOBS = ("fit", "train", "row", "cost")
+"""Kinds of runs, in the order in which they are made."""
+
 
 @dataclass(frozen=True)
 class Work:
@@ -98,7 +101,12 @@ def told(steps: Sequence[PlannedRun]) -> str:
         lines.append("; ".join(part for part in parts if part))
     counts = {name: sum(step.state.name == name for step in steps) for name in NAMES}
     lines.append(f"{len(steps)} runs: " + ", ".join(f"{count} {name}" for name, count in counts.items() if count))
-    lines.append(f"about {sum(step.minutes for step in steps):.0f} minutes to go")
+    minutes = {job: sum(step.minutes for step in steps if step.work.job == job) for job in JOBS}
+    total = sum(minutes.values())
+    shares = ", ".join(f"{job} {value:.0f}" for job, value in minutes.items() if value)
+    lines.append(
+        f"about {total:.0f} minutes to go ({total / 60:.1f} hours of one worker){': ' + shares if shares else ''}"
+    )
     missing = sum(bool(step.missing) for step in steps)
     lines.append(f"{missing} runs lack something that no run makes" if missing else "nothing is missing")
     return "\n".join(lines)

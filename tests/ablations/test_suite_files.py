@@ -93,14 +93,15 @@ def test_the_papers_values_are_carried_over_exactly(name) -> None:
         }
         return
     assert found == printed
-    blocks = {"repeats": set(table.datasets), "quality": set(table.splats)}[table.kind]
+    blocks = {"repeats": set(table.datasets) - {"captures"}, "quality": set(table.splats)}[table.kind]
     assert set(table.paper) == blocks
     if table.kind == "quality":
         assert all(set(methods) <= set(table.methods) for methods in table.paper.values())
 
 
 def test_all_scenes_of_the_paper_are_in_its_scale() -> None:
-    datasets = configured("paper").scale.datasets
+    own = ("captures", "validation")  # none of the paper's
+    datasets = {key: value for key, value in configured("paper").scale.datasets.items() if key not in own}
     counts = {key: len(dataset.scenes) for key, dataset in datasets.items()}
     assert counts == {"mip_nerf_360": 9, "tanks_temples": 2, "deep_blending": 2, "nerf_synthetic": 8}
     for dataset in datasets.values():
@@ -108,14 +109,16 @@ def test_all_scenes_of_the_paper_are_in_its_scale() -> None:
             assert (ROOT / "conf" / f"{choice.replace('=', '/')}.yaml").is_file()
 
 
-def test_desk_measures_as_the_quality_table_does_on_worlds_of_its_own_and_needs_no_capture() -> None:
-    """Sparse fits by the same settings, of worlds at a seed that nothing was ever chosen by."""
+def test_desk_measures_as_the_quality_table_does_on_three_worlds_a_dataset_and_on_captures() -> None:
+    """Sparse fits by the same settings, of worlds that no training learns from, and captures kept for validation."""
     with initialize_config_dir(CONF, version_base="1.3"):
         quality, desk = compose("quality", ["backbones=null"]), configured_inside("desk")
         group = quality.groups.procedural
+        worlds = [(scene[0], f"scene.seed={seed}") for scene in group.scenes.values() for seed in (3000, 3001, 3002)]
+        worlds += [(f"scene=captures/{name}",) for name in ("plush", "banana", "copr")]
         known = {
-            frozenset((scene[0], "scene.seed=3000", f"splat={splat}", *quality.fit, *group.densities.sparse.fit))
-            for scene in group.scenes.values()
+            frozenset((*world, f"splat={splat}", *quality.fit, *group.densities.sparse.fit))
+            for world in worlds
             for splat in quality.splats
         }
     cells = {frozenset(cell.fit) for number in (7, 8, 9) for cell in experiment(f"table_{number}", desk.scale).cells}
@@ -123,6 +126,16 @@ def test_desk_measures_as_the_quality_table_does_on_worlds_of_its_own_and_needs_
     pairs = Runs(desk).pairs("usual")
     assert len(pairs["train"]) == 12
     assert all("captures" not in word for side in pairs.values() for one in side for word in one)
+
+
+def test_budgets_are_chosen_on_worlds_that_no_table_reports() -> None:
+    desk = configured("desk").scale
+    chosen = {frozenset(cell.fit) for cell in experiment("budget", desk).cells}
+    reported = {frozenset(cell.fit) for name in known_names()["all"] for cell in experiment(name, desk).cells}
+    assert chosen
+    assert not chosen & reported
+    steps = {row.train[-1] for row in experiment("budget", desk).table.methods.values() if row.mode == "paper"}
+    assert len(steps) == 5
 
 
 def configured_inside(scale: str):

@@ -637,6 +637,7 @@ OF_FITS = {
     "already_good": (),
     "diversity": (),
     "fingerprints": (),
+    "artefact_sheet": (),
     "sampler": (),
 }
 

@@ -63,6 +63,7 @@ SCRIPTS = {
     "realism": "how much simulated renders look like real ones: can a classifier tell them apart?",
     "diversity": "how much simulated renders differ from seed to seed, against real ones from fit to fit",
     "fingerprints": "how much larger errors of held-out views are than those of training views; gates",
+    "artefact_sheet": "each type of artefact beside a real crop of the same kind, at pixel size",
     "sampler": "what the diffusion's sampler keeps of the codes of real renders",
     "ship": "put trained weights into the package, with their card",
     "before_after": "draw the README's picture: raw render, enhanced view, photo",

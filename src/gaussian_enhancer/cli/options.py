@@ -536,6 +536,16 @@ class Fingerprints(OfFits):
     gates: Place | None
 
 
+class ArtefactSheet(OfFits):
+    """Options of the job ``artefact_sheet``."""
+
+    renders: Count
+    side: Annotated[int, Field(ge=32)]
+    draws: Count
+    seeds: Count
+    picture: Place | None
+
+
 class SamplerStudy(OfFits):
     """Options of the job ``sampler``."""
 
@@ -688,6 +698,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "realism": Realism,
     "diversity": Diversity,
     "fingerprints": Fingerprints,
+    "artefact_sheet": ArtefactSheet,
     "sampler": SamplerStudy,
     "ship": Ship,
     "before_after": BeforeAfter,

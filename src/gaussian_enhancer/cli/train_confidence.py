@@ -15,6 +15,7 @@ from gaussian_enhancer.infer.weights import load_weights, save_weights
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.frozen import refuse_untrained
 from gaussian_enhancer.train.confidence import judged_views, train_confidence
 
 
@@ -25,8 +26,9 @@ def run(cfg: DictConfig) -> None:
         cfg: see ``conf/train_confidence.yaml``.
 
     Raises:
-        InputError: weights or fits cannot be used, or a file cannot be written.
+        InputError: weights or fits cannot be used, nothing may be trained on a scene, or a file cannot be written.
     """
+    refuse_untrained(cfg.fits)
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
     device = start(cfg.runtime)
     console = Console(stderr=True)

@@ -1,4 +1,4 @@
-"""Scenes that nothing may be trained on or chosen by: the test scenes of docs/data.md."""
+"""Scenes that nothing may be trained on, and those of them that nothing may be chosen by (docs/data.md)."""
 
 import re
 from collections.abc import Iterable
@@ -7,30 +7,46 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 
 FROZEN_CAPTURES = ("fox", "monstree")
-FROZEN_FROM = 2000
+FROZEN_FAMILY = "harbour"
+"""The procedural family that no training scene is drawn from."""
+FROZEN_FROM = 5000
 """First seed of the procedural test scenes."""
-PROCEDURAL = re.compile(r"(?:unbounded|outdoor|indoor|object)_(\d+)-")
+UNTRAINED_FROM = 2000
+"""First seed of the procedural scenes of the second validation, which no weights learn from."""
+PROCEDURAL = re.compile(r"(unbounded|outdoor|indoor|object|harbour)_(\d+)-")
 
 
 def is_frozen(run: str | Path) -> bool:
     """Whether the folder of a fitted run, or a pattern of such folders, names a test scene.
 
     Args:
-        run: for instance "runs/fit/fox-3dgs-1a2b3c4d" or "runs/fit/object_2000-*".
+        run: for instance "runs/fit/fox-3dgs-1a2b3c4d" or "runs/fit/object_5000-*".
     """
-    name = Path(run).name
-    seed = PROCEDURAL.match(name)
-    return name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES)) or (
-        seed is not None and int(seed[1]) >= FROZEN_FROM
-    )
+    captured = Path(run).name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES))
+    return captured or _procedural(run, FROZEN_FROM)
 
 
-def refuse_frozen(runs: Iterable[str | Path], purpose: str) -> None:
+def is_untrained(run: str | Path) -> bool:
+    """Whether a run names a scene that no weights may learn from: a test scene, or one of the second validation.
+
+    Args:
+        run: as `is_frozen` takes it.
+    """
+    return is_frozen(run) or _procedural(run, UNTRAINED_FROM)
+
+
+def _procedural(run: str | Path, first: int) -> bool:
+    """Whether a run names a procedural scene from a seed on, or of the family that is frozen at every seed."""
+    found = PROCEDURAL.match(Path(run).name)
+    return found is not None and (found[1] == FROZEN_FAMILY or int(found[2]) >= first)
+
+
+def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> None:
     """Refuse runs of test scenes.
 
     Args:
         runs: folders of fitted runs.
-        purpose: what is made of them, in words: "trained on", "chosen by".
+        purpose: what is made of them, in words.
 
     Raises:
         InputError: one of them is a test scene's.
@@ -39,3 +55,19 @@ def refuse_frozen(runs: Iterable[str | Path], purpose: str) -> None:
         if is_frozen(run):
             remedy = "name training or validation runs (docs/data.md); a capture of your own needs another scene.name"
             raise InputError(run, f"is a frozen test scene, which nothing may be {purpose}", remedy)
+
+
+def refuse_untrained(runs: Iterable[str | Path]) -> None:
+    """Refuse runs that no weights may learn from.
+
+    Args:
+        runs: folders of fitted runs.
+
+    Raises:
+        InputError: one of them is a test scene's, or one of the second validation.
+    """
+    for run in runs:
+        refuse_frozen([run], "trained on")
+        if is_untrained(run):
+            remedy = f"name training runs: procedural seeds below {UNTRAINED_FROM} (docs/data.md)"
+            raise InputError(run, "is a scene of the second validation, which nothing may be trained on", remedy)

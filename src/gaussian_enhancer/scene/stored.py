@@ -16,6 +16,7 @@ from gaussian_enhancer.scene.capture import open_capture
 from gaussian_enhancer.scene.colmap import load_colmap
 from gaussian_enhancer.scene.opensfm import load_opensfm
 from gaussian_enhancer.scene.procedural import procedural_scene
+from gaussian_enhancer.scene.procedural.imperfections import Imperfections
 from gaussian_enhancer.scene.published import load_published
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.scene.splits import Split
@@ -35,7 +36,8 @@ LOADERS: Mapping[str, Callable[..., Scene]] = {
 }
 """Every loader that a configuration on disk may name."""
 
-_SPLIT = "gaussian_enhancer.scene.splits.Split"
+_PARTS: Mapping[str, type] = {"split": Split, "imperfections": Imperfections}
+"""Arguments that are mappings, and the dataclass that each is."""
 
 
 def read_scene_values(file: Path) -> dict[str, Any]:
@@ -62,7 +64,8 @@ def scene_from_values(values: Mapping[str, Any]) -> Scene:
     """Open the scene that plain values describe.
 
     Args:
-        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, or a split.
+        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, or one of
+            `_PARTS`.
 
     Raises:
         InputError: the loader is not in the list, an argument is unknown or of another type, or the loader refuses it.
@@ -81,20 +84,22 @@ def scene_from_values(values: Mapping[str, Any]) -> Scene:
 
 
 def _argument(name: str, value: Any) -> Any:
-    if name == "split" and value is not None:
-        return _split(value)
+    if name in _PARTS and value is not None:
+        return _part(name, value)
     if name == "background" and isinstance(value, list):
         return tuple(float(c) if isinstance(c, int) else c for c in value)
     return value
 
 
-def _split(value: Any) -> Split:
-    if not isinstance(value, dict) or value.get("_target_", _SPLIT) != _SPLIT:
-        raise InputError("scene.split", f"is {value!r} in a stored configuration", f"a split is a mapping of {_SPLIT}")
+def _part(name: str, value: Any) -> Any:
+    kind = _PARTS[name]
+    path = f"{kind.__module__}.{kind.__qualname__}"
+    if not isinstance(value, dict) or value.get("_target_", path) != path:
+        raise InputError(f"scene.{name}", f"is {value!r} in a stored configuration", f"it is a mapping of {path}")
     try:
-        return TypeAdapter(Split).validate_python({k: v for k, v in value.items() if k != "_target_"}, strict=False)
+        return TypeAdapter(kind).validate_python({k: v for k, v in value.items() if k != "_target_"}, strict=False)
     except ValidationError as error:
-        raise _refusal("scene.split", error) from None
+        raise _refusal(f"scene.{name}", error) from None
 
 
 def _refusal(subject: str, error: ValidationError) -> InputError:

@@ -9,7 +9,7 @@ from lightning.pytorch.overrides.distributed import UnrepeatedDistributedSampler
 from torch.utils.data import DataLoader
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.frozen import refuse_frozen
+from gaussian_enhancer.scene.frozen import refuse_frozen, refuse_untrained
 from gaussian_enhancer.train.augment import Augmentation
 from gaussian_enhancer.train.crops import BalancedDraw, Collate, Crops, SharedCollate, never
 from gaussian_enhancer.train.non_finite import refuse_bad
@@ -133,8 +133,8 @@ class RunsData(LightningDataModule):
 
         runs = {side: [find_runs(pattern) for pattern in patterns] for side, patterns in self.patterns.items()}
         train, held_out = ({run for group in runs[side] for run in group} for side in ("train", "validation"))
-        refuse_frozen(sorted(train), "trained on")
-        refuse_frozen(sorted(held_out), "chosen by")
+        refuse_untrained(sorted(train))
+        refuse_frozen(sorted(held_out))
         if train & held_out:
             both = sorted(train & held_out)[0]
             raise InputError(both, "is both trained and validated on", "name disjoint runs")

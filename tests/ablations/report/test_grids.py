@@ -94,3 +94,10 @@ def test_refuses_by_name(tmp_path: Path, images: dict, wrong: str) -> None:
     with pytest.raises(InputError, match=r"no image|'other'|train-raw"):
         write_grid(tmp_path / "grid.png", TABLE, given)
     assert not (tmp_path / "grid.png").exists()
+
+
+def test_a_given_crop_takes_the_place_of_the_largest_error(tmp_path: Path, images: dict) -> None:
+    corner = {"train": (0.0, 0.0, 1 / 3, 1 / 3)}
+    path = write_grid(tmp_path / "figure_7.png", TABLE, images, height=48, boxes=corner)
+    whole = write_grid(tmp_path / "whole.png", TABLE, images, height=48)
+    assert count(path, BLUE) == pytest.approx(count(whole, BLUE) / 2, rel=0.05)  # the other scene's alone

@@ -29,12 +29,12 @@ def test_empty_sky_is_banded_and_receives_their_depth():
     assert (after.depth[..., :40, :][hit] - 4.5).abs().max() < 0.5
 
 
-def test_steps_on_a_plain_wall_are_a_few_percent_of_its_tone():
+def test_steps_on_a_plain_wall_can_be_seen_and_are_a_fraction_of_its_tone():
     image = torch.full((16, 3, 96, 96), 0.5)
     after = banding(View(image), torch.ones(16), generators(16)).image
     deviation = (after / 0.5 - 1).abs().amax(dim=(1, 2, 3))
-    assert deviation.min() > 0.01
-    assert deviation.max() < 0.1
+    assert deviation.min() > 0.03
+    assert deviation.max() < 0.25
 
 
 def test_bands_run_nearly_level():

@@ -69,11 +69,30 @@ def test_colours_are_those_of_the_image_a_little_off(drawn):
     assert colour.std() > 0.03
 
 
-def test_half_of_them_crowd_in_place_and_direction(drawn):
-    turns = drawn(ramp(count=16, size=128)).angle
+def test_most_of_them_crowd_in_place_and_direction(drawn):
+    splats = drawn(ramp(count=16, size=256))
+    turns = splats.angle
     alignment = torch.stack([(2 * turns).cos().mean(1), (2 * turns).sin().mean(1)]).norm(dim=0)
-    # Uniform directions alone would reach 1 / sqrt(48) or so.
-    assert alignment.mean() > 2 / math.sqrt(48)
+    # Uniform directions alone would reach 1 / sqrt(160) or so.
+    assert alignment.mean() > 2 / math.sqrt(module.MOST)
+    middle = splats.centre.median(dim=1, keepdim=True).values
+    near = (splats.centre - middle).norm(dim=2) < 0.3 * 256
+    assert near.double().mean() > 0.5  # a uniform scatter has 0.28 there
+
+
+def test_a_crowd_has_two_directions_that_cross(drawn):
+    turns = drawn(ramp(count=16, size=256)).angle
+    crowd = turns.gather(1, (turns - turns.median(dim=1, keepdim=True).values).abs().argsort(dim=1)[:, :40])
+    aside = ((turns - crowd.mean(1, keepdim=True)).abs() > 0.2 * math.pi).double().mean(1)
+    assert aside.mean() > 0.3
+
+
+def test_a_full_crowd_hides_what_lies_behind():
+    view = View(torch.full((8, 3, 128, 128), 0.5))
+    after = needle(view, torch.ones(8), spawn(8, torch.Generator().manual_seed(3)))
+    changed = ((after.image - 0.5).abs().amax(1) > 0.03).double()
+    dense = torch.nn.functional.avg_pool2d(changed[:, None], 32, 8).flatten(1).amax(1)
+    assert dense.mean() > 0.6
 
 
 def test_changed_pixels_form_thin_lines():

@@ -3,25 +3,33 @@
 `Palette` paints a texture when it is first asked for, so that a world bakes only what it shows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from gaussian_enhancer.scene.procedural import printed_textures as printed
 from gaussian_enhancer.scene.procedural import textures
 from gaussian_enhancer.scene.procedural.draft import Draft
 from gaussian_enhancer.scene.procedural.noise import earthy, green, muted
 
+Recipes = Mapping[str, Callable[[Draft], int]]
+
 
 class Palette:
-    """Materials of one draft by name; the same name gives the same material."""
+    """Materials of one draft by name; the same name gives the same material.
 
-    def __init__(self, draft: Draft) -> None:
+    Args:
+        draft: whose materials they are.
+        recipes: how each kind of material is made; those of this file where None.
+    """
+
+    def __init__(self, draft: Draft, recipes: Recipes | None = None) -> None:
         self.draft = draft
+        self.recipes = _RECIPES if recipes is None else recipes
         self._known: dict[str, int] = {}
 
     def __call__(self, name: str) -> int:
         """The material of a name, such as "wood" or "wood 2" (a second wood)."""
         if name not in self._known:
-            self._known[name] = _RECIPES[name.split(" ")[0]](self.draft)
+            self._known[name] = self.recipes[name.split(" ")[0]](self.draft)
         return self._known[name]
 
 
@@ -164,7 +172,7 @@ def _lamp(d: Draft) -> int:
     return d.material(texture, 0.3, reflectance=0.02, roughness=0.9, emission=1.6, translucency=0.5)
 
 
-_RECIPES: dict[str, Callable[[Draft], int]] = {
+_RECIPES: Recipes = {
     "wood": _wood, "brick": _brick, "plaster": _plaster, "concrete": _concrete, "asphalt": _asphalt,
     "cobble": _cobble, "gravel": _gravel, "turf": _turf, "tiles": _tiles, "cloth": _cloth, "marble": _marble,
     "glaze": _glaze, "paint": _paint, "chrome": _chrome, "iron": _iron, "rubber": _rubber, "glass": _glass,

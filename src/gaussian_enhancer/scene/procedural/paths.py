@@ -75,3 +75,31 @@ def room(seed: int, size: tuple[float, float], inset: float, heights: tuple[floa
         return eye, look + 0.1 * rng.normal(size=look.shape)
 
     return path
+
+
+def mole(
+    seed: int, centre: Vector, radius: float, sweep: tuple[float, float], heights: tuple[float, float]
+) -> CameraPath:
+    """Along an arc and back nearer and at another height, looking over its centre to either side.
+
+    Args:
+        seed: of the hand's unsteadiness.
+        centre: of the arc, and what is looked at.
+        radius: of the way out, metres.
+        sweep: first and last angle, radians.
+        heights: of the way out and of the way back.
+    """
+
+    def path(views: int) -> Places:
+        rng = np.random.default_rng([seed, views, 5])
+        t = np.arange(views) / views
+        back = (t > 0.5).astype(float)
+        angle = sweep[0] + (sweep[1] - sweep[0]) * (1 - np.abs(2 * t - 1)) + 0.02 * rng.normal(size=views)
+        r = radius - 0.9 * back + 0.15 * np.sin(11 * t)
+        z = heights[0] + (heights[1] - heights[0]) * back + 0.08 * rng.normal(size=views)
+        eye = np.stack([centre[0] + r * np.cos(angle), centre[1] + r * np.sin(angle), z], axis=1)
+        aside = 2.4 * np.sin(7 * np.pi * t + rng.uniform(0, 6.3))
+        look = np.stack([centre[0] + aside, centre[1] + 0 * t, np.full(views, centre[2])], axis=1)
+        return eye, look + 0.2 * rng.normal(size=look.shape) * [1, 1, 0.5]
+
+    return path

@@ -15,6 +15,8 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.procedural import shade
 from gaussian_enhancer.scene.procedural.baking import bake_world
 from gaussian_enhancer.scene.procedural.draft import Draft
+from gaussian_enhancer.scene.procedural.harbour import draft_harbour
+from gaussian_enhancer.scene.procedural.imperfections import Departure, Imperfections
 from gaussian_enhancer.scene.procedural.indoor import draft_indoor
 from gaussian_enhancer.scene.procedural.light import look_at
 from gaussian_enhancer.scene.procedural.outdoor import draft_outdoor
@@ -32,6 +34,7 @@ _FAMILIES = {
     "outdoor": draft_outdoor,
     "indoor": draft_indoor,
     "object": draft_object,
+    "harbour": draft_harbour,
 }
 FAMILIES = tuple(_FAMILIES)
 
@@ -56,27 +59,42 @@ class ProceduralView:
     seed: int
     camera: Camera
     device: str
+    departure: Departure | None = None
+
+    def world(self) -> World:
+        """The baked world, as this view sees it."""
+        world = _baked(self.family, self.seed, self.device)[0]
+        return world if self.departure is None else self.departure.of(world)
 
     @torch.no_grad()
     def photo(self) -> Float[Tensor, "3 h w"]:
         """The anti-aliased picture, on the CPU."""
         camera = self.camera
         pose = tuple(camera.world_to_camera.flatten().tolist())
-        key = (self.family, self.seed, self.device, camera.height, camera.width, *camera.K.flatten().tolist(), *pose)
+        key = (
+            self.family,
+            self.seed,
+            self.device,
+            self.departure,
+            camera.height,
+            camera.width,
+            *camera.K.flatten().tolist(),
+            *pose,
+        )
         return _PHOTOS.get(key, self._photo)
 
     def _photo(self) -> Float[Tensor, "3 h w"]:
-        return shade.photo(_baked(self.family, self.seed, self.device)[0], self.camera)[0].cpu()
+        return shade.photo(self.world(), self.camera)[0].cpu()
 
     @torch.no_grad()
     def alpha(self) -> Float[Tensor, "1 h w"]:
         """The share of each pixel that geometry covers, on the CPU."""
-        return shade.coverage(_baked(self.family, self.seed, self.device)[0], self.camera).cpu()
+        return shade.coverage(self.world(), self.camera).cpu()
 
     @torch.no_grad()
     def depth(self) -> Float[Tensor, "1 h w"]:
         """Exact z at pixel centres, 0 on the sky, on the CPU."""
-        return shade.depth(_baked(self.family, self.seed, self.device)[0], self.camera).cpu()
+        return shade.depth(self.world(), self.camera).cpu()
 
 
 def procedural_scene(
@@ -90,6 +108,7 @@ def procedural_scene(
     field_of_view: float | None = None,
     points: int = 3000,
     device: str = "cpu",
+    imperfections: Imperfections | None = None,
 ) -> Scene:
     """Build the procedural scene that a family and a seed determine.
 
@@ -97,7 +116,7 @@ def procedural_scene(
     super-resolution. Depth is exact; `object` has exact coverage (`read_alpha`) over white, the others fill the view.
 
     Args:
-        family: `unbounded`, `outdoor`, `indoor` or `object`.
+        family: `unbounded`, `outdoor`, `indoor`, `object`, or `harbour`, which is kept for tests.
         seed: which world of the family, at least 0.
         height: photo height in pixels.
         width: photo width in pixels.
@@ -106,6 +125,8 @@ def procedural_scene(
         field_of_view: horizontal, degrees; None takes the family's own.
         points: number of surface points to sample from training views, slightly off as from structure from motion.
         device: where photos are rendered; they are returned on the CPU.
+        imperfections: what differs from photo to photo, as in a real capture; nothing where None. Depth and coverage
+            are those of the true camera.
 
     Raises:
         InputError: unknown family, or a number out of range.
@@ -130,9 +151,15 @@ def procedural_scene(
     eyes, targets = (torch.from_numpy(places) for places in draft.path(views))
     photos = []
     for k in range(views):
-        view = ProceduralView(family, seed, look_at(eyes[k], targets[k], focal, height, width), device)
+        camera = stated = look_at(eyes[k], targets[k], focal, height, width)
+        departure = None
+        if imperfections is not None:
+            generator = torch.Generator().manual_seed(seed * 1_000_003 + k)
+            departure = imperfections.departure(generator)
+            stated = imperfections.stated(camera, float((targets[k] - eyes[k]).norm()), generator)
+        view = ProceduralView(family, seed, camera, device, departure)
         alpha = view.alpha if family == "object" else None
-        photos.append(Photo(f"{k:04d}.png", view.camera, view.photo, view.depth, alpha))
+        photos.append(Photo(f"{k:04d}.png", stated, view.photo, view.depth, alpha))
     scene = Scene(f"{family}_{seed}", tuple(photos), train, test, draft.background or (0.0, 0.0, 0.0))
     cloud = _points(scene, _baked(family, seed, device)[0], points, seed) if points else None
     return Scene(scene.name, scene.photos, train, test, scene.background, cloud)

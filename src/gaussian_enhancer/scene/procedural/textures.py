@@ -12,18 +12,19 @@ from gaussian_enhancer.scene.procedural.noise import SIDE, Colour, blend, cells,
 Random = np.random.Generator
 
 
-def _finish(
+def finish(
     colour: Float[np.ndarray, "t t 3"],
     height: Float[np.ndarray, "t t"],
     gloss: Float[np.ndarray, "t t"] | float = 0.5,
     opacity: Float[np.ndarray, "t t"] | float = 1.0,
 ) -> Texture:
+    """A texture of these maps, brought into their ranges."""
     shape = height.shape
     whole = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in (gloss, opacity)]
     return Texture(np.clip(colour, 0.01, 0.97), np.clip(height, 0, 1), *whole)
 
 
-def _grain(
+def grained(
     rng: Random, colour: Float[np.ndarray, "t t 3"], amount: float, beta: float = 0.6
 ) -> Float[np.ndarray, "t t 3"]:
     """Brightness and a little hue varying in all scales."""
@@ -32,7 +33,8 @@ def _grain(
     return colour * shade[..., None] * tint
 
 
-def _coordinates() -> tuple[np.ndarray, np.ndarray]:
+def coordinates() -> tuple[np.ndarray, np.ndarray]:
+    """U and v at the texels' centres, [0, 1]."""
     axis = (np.arange(SIDE) + 0.5) / SIDE
     v, u = np.meshgrid(axis, axis, indexing="ij")
     return u, v
@@ -43,9 +45,9 @@ def plaster(rng: Random, colour: Colour) -> Texture:
     stains = step(0.55, 0.9, fractal(rng, 1.0, (1.0, 6.0)))
     patches = step(0.62, 0.66, fractal(rng, 1.5)) * 0.5
     pores = step(0.72, 0.9, fractal(rng, 0.2))
-    rgb = _grain(rng, blend(colour, np.array(colour) * 0.7 + 0.05, 0.3 * stains), 0.04)
+    rgb = grained(rng, blend(colour, np.array(colour) * 0.7 + 0.05, 0.3 * stains), 0.04)
     rgb = blend(rgb, np.array(muted(rng, (0.02, 0.2), (0.5, 0.8))), patches * 0.3) * (1 - 0.2 * pores)[..., None]
-    return _finish(rgb, 0.5 + 0.25 * (fractal(rng, 0.7) - 0.5) - 0.2 * pores, 0.3)
+    return finish(rgb, 0.5 + 0.25 * (fractal(rng, 0.7) - 0.5) - 0.2 * pores, 0.3)
 
 
 def concrete(rng: Random, colour: Colour) -> Texture:
@@ -53,8 +55,8 @@ def concrete(rng: Random, colour: Colour) -> Texture:
     _, edge, _ = cells(rng, 5)
     crack = 1 - step(0.0, 0.025, edge + 0.05 * (fractal(rng, 0.8) - 0.4))
     speckle = fractal(rng, 0.05)
-    rgb = _grain(rng, np.broadcast_to(colour, (SIDE, SIDE, 3)), 0.16, 0.9) * (0.82 + 0.36 * speckle)[..., None]
-    return _finish(rgb * (1 - 0.45 * crack)[..., None], 0.6 + 0.2 * (speckle - 0.5) - 0.4 * crack, 0.4)
+    rgb = grained(rng, np.broadcast_to(colour, (SIDE, SIDE, 3)), 0.16, 0.9) * (0.82 + 0.36 * speckle)[..., None]
+    return finish(rgb * (1 - 0.45 * crack)[..., None], 0.6 + 0.2 * (speckle - 0.5) - 0.4 * crack, 0.4)
 
 
 def asphalt(rng: Random, colour: Colour) -> Texture:
@@ -62,13 +64,13 @@ def asphalt(rng: Random, colour: Colour) -> Texture:
     distance, _, value = cells(rng, 72)
     grit = step(0.45, 0.15, distance) * (0.4 + 0.6 * value)
     tone = 0.75 + 0.7 * (fractal(rng, 1.1) - 0.5)
-    rgb = _grain(rng, blend(np.array(colour) * 0.6, np.array(colour) * 1.5 + 0.06, grit), 0.1)
-    return _finish(rgb * tone[..., None], 0.3 + 0.5 * grit, 0.4)
+    rgb = grained(rng, blend(np.array(colour) * 0.6, np.array(colour) * 1.5 + 0.06, grit), 0.1)
+    return finish(rgb * tone[..., None], 0.3 + 0.5 * grit, 0.4)
 
 
 def gravel(rng: Random, colour: Colour) -> Texture:
     """Pebbles of several sizes and tints over soil."""
-    rgb = _grain(rng, np.broadcast_to(np.array(colour) * 0.45, (SIDE, SIDE, 3)), 0.25)
+    rgb = grained(rng, np.broadcast_to(np.array(colour) * 0.45, (SIDE, SIDE, 3)), 0.25)
     height = 0.2 * fractal(rng, 0.8)
     for grid in (60, 34, 18):
         distance, edge, value = cells(rng, grid)
@@ -76,9 +78,9 @@ def gravel(rng: Random, colour: Colour) -> Texture:
         other = np.array(muted(rng, (0.02, 0.2), (0.45, 0.8)))
         body = blend(np.array(colour), other, (value * 7.3) % 1) * (0.65 + 0.5 * value)[..., None]
         body = body * (1.1 - 0.5 * distance)[..., None]
-        rgb = blend(rgb, _grain(rng, body, 0.12, 0.5), stone)
+        rgb = blend(rgb, grained(rng, body, 0.12, 0.5), stone)
         height = np.where(stone > 0.3, 0.5 + 0.5 * (1 - distance) * stone, height)
-    return _finish(rgb, height, 0.3)
+    return finish(rgb, height, 0.3)
 
 
 def turf(rng: Random, colour: Colour, dry: Colour) -> Texture:
@@ -88,21 +90,21 @@ def turf(rng: Random, colour: Colour, dry: Colour) -> Texture:
     rgb = blend(np.array(colour) * 0.4, np.array(colour) * 1.35, step(0.2, 0.9, strokes))
     rgb = blend(rgb, np.array(dry) * (0.5 + 0.8 * strokes)[..., None], step(0.45, 0.75, fractal(rng, 1.2)))
     soil = step(0.62, 0.8, fractal(rng, 0.9))
-    return _finish(_grain(rng, blend(rgb, np.array(dry) * 0.4, soil * 0.7), 0.12), strokes * (1 - 0.5 * soil), 0.15)
+    return finish(grained(rng, blend(rgb, np.array(dry) * 0.4, soil * 0.7), 0.12), strokes * (1 - 0.5 * soil), 0.15)
 
 
 def cobble(rng: Random, colour: Colour) -> Texture:
     """Worn paving stones with moss and sand between them."""
     distance, edge, value = cells(rng, 9, 0.55)
     stone = step(0.03, 0.16, edge + 0.06 * (fractal(rng, 0.5) - 0.5))
-    body = _grain(rng, np.array(colour) * (0.6 + 0.7 * value)[..., None], 0.18, 0.7)
-    gap = _grain(rng, np.broadcast_to(np.array(muted(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))), body.shape), 0.3)
-    return _finish(blend(gap, body, stone), 0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3), 0.5 * stone)
+    body = grained(rng, np.array(colour) * (0.6 + 0.7 * value)[..., None], 0.18, 0.7)
+    gap = grained(rng, np.broadcast_to(np.array(muted(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))), body.shape), 0.3)
+    return finish(blend(gap, body, stone), 0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3), 0.5 * stone)
 
 
 def brick(rng: Random, colour: Colour, mortar: Colour, rows: int = 12, columns: int = 4) -> Texture:
     """Running bond with bricks burnt differently, chipped edges, efflorescence."""
-    u, v = _coordinates()
+    u, v = coordinates()
     row = np.floor(v * rows).astype(int)
     x = (u * columns + 0.5 * (row % 2)) % columns
     value = rng.random((rows, columns))[row, np.floor(x).astype(int)]
@@ -110,15 +112,15 @@ def brick(rng: Random, colour: Colour, mortar: Colour, rows: int = 12, columns: 
     inner = np.minimum(0.5 - np.abs(x % 1 - 0.5), (0.5 - np.abs(v * rows % 1 - 0.5)) * columns / rows * 1.6)
     solid = step(0.018, 0.05, inner + wobble)
     other = np.array(colour) * np.array([0.6, 0.55, 0.6])
-    body = _grain(rng, blend(np.array(colour) * 1.15, other, value), 0.2, 0.6)
+    body = grained(rng, blend(np.array(colour) * 1.15, other, value), 0.2, 0.6)
     salt = step(0.65, 0.9, fractal(rng, 1.0)) * 0.4
-    rgb = blend(_grain(rng, np.broadcast_to(mortar, body.shape), 0.15, 0.4), body, solid)
-    return _finish(blend(rgb, np.array([0.75, 0.73, 0.7]), salt), 0.75 * solid + 0.25 * fractal(rng, 0.6), 0.25)
+    rgb = blend(grained(rng, np.broadcast_to(mortar, body.shape), 0.15, 0.4), body, solid)
+    return finish(blend(rgb, np.array([0.75, 0.73, 0.7]), salt), 0.75 * solid + 0.25 * fractal(rng, 0.6), 0.25)
 
 
 def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: str = "checks") -> Texture:
     """Glazed or stone tiles with grout: chequered, plain, or with an ornament."""
-    u, v = _coordinates()
+    u, v = coordinates()
     i, j = np.floor(u * count).astype(int), np.floor(v * count).astype(int)
     x, y = u * count % 1 - 0.5, v * count % 1 - 0.5
     edge = 0.5 - np.maximum(np.abs(x), np.abs(y))
@@ -131,16 +133,16 @@ def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: s
     value = rng.random((count, count))[j, i]
     veins = 1 - step(0.0, 0.05, np.abs(fractal(rng, 1.3) - 0.5))
     rgb = blend(np.array(first), np.array(second), share) * (0.85 + 0.25 * value)[..., None]
-    rgb = _grain(rng, rgb, 0.07, 0.8) * (1 - 0.25 * veins)[..., None]
+    rgb = grained(rng, rgb, 0.07, 0.8) * (1 - 0.25 * veins)[..., None]
     solid = step(0.012, 0.03, edge)
     dirt = np.broadcast_to(np.array([0.32, 0.3, 0.27]), rgb.shape)
     rgb = blend(dirt, rgb, solid) * (1 - 0.3 * step(0.6, 0.9, fractal(rng, 0.9)))[..., None]
-    return _finish(rgb, 0.5 * solid + 0.02 * fractal(rng, 0.3), 0.2 + 0.8 * solid)
+    return finish(rgb, 0.5 * solid + 0.02 * fractal(rng, 0.3), 0.2 + 0.8 * solid)
 
 
 def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
     """Boards along v: growth rings, knots, gaps and scuffs."""
-    u, v = _coordinates()
+    u, v = coordinates()
     board = np.floor(u * count).astype(int)
     value = rng.random(count)[board]
     joint = (v * 2 + rng.random(count)[board]) % 1
@@ -153,13 +155,13 @@ def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
     gap = step(0.02, 0.005, np.minimum(u * count % 1, 1 - u * count % 1)) + step(
         0.006, 0.002, np.minimum(joint, 1 - joint)
     )
-    rgb = _grain(rng, rgb, 0.08, 0.4) * (1 - 0.75 * np.clip(gap, 0, 1))[..., None]
-    return _finish(rgb, 0.7 + 0.2 * (grain - 0.5) - 0.6 * np.clip(gap, 0, 1), 0.4 + 0.5 * fractal(rng, 1.0))
+    rgb = grained(rng, rgb, 0.08, 0.4) * (1 - 0.75 * np.clip(gap, 0, 1))[..., None]
+    return finish(rgb, 0.7 + 0.2 * (grain - 0.5) - 0.6 * np.clip(gap, 0, 1), 0.4 + 0.5 * fractal(rng, 1.0))
 
 
 def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", count: int = 6) -> Texture:
     """Woven cloth, with stripes, plaid, dots or plain, and worn places."""
-    u, v = _coordinates()
+    u, v = coordinates()
     bands = rng.random(32)
 
     def stripe(x: np.ndarray) -> np.ndarray:
@@ -171,8 +173,8 @@ def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", co
     threads = 0.25 * (np.sin(2 * np.pi * 96 * u) * np.where(np.sin(2 * np.pi * 48 * v) > 0, 1, -1) + 1) + 0.25 * (
         np.sin(2 * np.pi * 96 * v) + 1
     )
-    rgb = _grain(rng, blend(np.array(first), np.array(second), share), 0.12, 0.5) * (0.72 + 0.4 * threads)[..., None]
-    return _finish(rgb * (0.8 + 0.4 * fractal(rng, 1.2))[..., None], 0.3 + 0.4 * threads, 0.15)
+    rgb = grained(rng, blend(np.array(first), np.array(second), share), 0.12, 0.5) * (0.72 + 0.4 * threads)[..., None]
+    return finish(rgb * (0.8 + 0.4 * fractal(rng, 1.2))[..., None], 0.3 + 0.4 * threads, 0.15)
 
 
 def marble(rng: Random, colour: Colour) -> Texture:
@@ -182,7 +184,7 @@ def marble(rng: Random, colour: Colour) -> Texture:
     cloud = fractal(rng, 1.3)
     rgb = np.array(colour) * (0.75 + 0.45 * cloud)[..., None]
     rgb = blend(rgb, np.array(muted(rng, (0.1, 0.4), (0.2, 0.45))), np.clip(0.7 * veins + 0.35 * fine, 0, 1))
-    return _finish(_grain(rng, rgb, 0.05, 0.4), 0.5 + 0.03 * (cloud - 0.5), 0.9 - 0.3 * veins)
+    return finish(grained(rng, rgb, 0.05, 0.4), 0.5 + 0.03 * (cloud - 0.5), 0.9 - 0.3 * veins)
 
 
 def metal(rng: Random, colour: Colour, rust: float = 0.3) -> Texture:
@@ -190,10 +192,10 @@ def metal(rng: Random, colour: Colour, rust: float = 0.3) -> Texture:
     brushed = fractal(rng, 0.3, (1.0, 20.0))
     field = fractal(rng, 1.0)
     share = step(0.78 - 0.4 * rust, 0.86 - 0.4 * rust, field)
-    red = _grain(rng, np.broadcast_to(np.array([0.36, 0.2, 0.11]), (SIDE, SIDE, 3)), 0.35, 0.6)
+    red = grained(rng, np.broadcast_to(np.array([0.36, 0.2, 0.11]), (SIDE, SIDE, 3)), 0.35, 0.6)
     rgb = blend(np.array(colour) * (0.85 + 0.3 * brushed)[..., None], red, share)
-    return _finish(
-        _grain(rng, rgb, 0.06), 0.5 + 0.1 * (brushed - 0.5) + 0.2 * share * fractal(rng, 0.4), 0.9 - 0.8 * share
+    return finish(
+        grained(rng, rgb, 0.06), 0.5 + 0.1 * (brushed - 0.5) + 0.2 * share * fractal(rng, 0.4), 0.9 - 0.8 * share
     )
 
 
@@ -201,8 +203,8 @@ def bark(rng: Random, colour: Colour) -> Texture:
     """Furrowed bark along v with lichen."""
     ridges = np.abs(fractal(rng, 0.9, (1.0, 5.0)) - 0.5) * 2
     lichen = step(0.65, 0.75, fractal(rng, 1.0)) * 0.6
-    rgb = _grain(rng, np.array(colour) * (0.35 + 1.3 * step(0.0, 0.6, ridges))[..., None], 0.2, 0.4)
-    return _finish(blend(rgb, np.array(muted(rng, (0.1, 0.3), (0.45, 0.65), (0.15, 0.3))), lichen), ridges, 0.1)
+    rgb = grained(rng, np.array(colour) * (0.35 + 1.3 * step(0.0, 0.6, ridges))[..., None], 0.2, 0.4)
+    return finish(blend(rgb, np.array(muted(rng, (0.1, 0.3), (0.45, 0.65), (0.15, 0.3))), lichen), ridges, 0.1)
 
 
 def foliage(rng: Random, colour: Colour) -> Texture:
@@ -215,12 +217,12 @@ def foliage(rng: Random, colour: Colour) -> Texture:
         height += lobe * value / 3
         rgb += np.array(colour) * (0.3 + 1.1 * lobe * value)[..., None] / 3
     warm = blend(rgb, rgb * np.array([1.35, 1.05, 0.6]), step(0.4, 0.8, fractal(rng, 1.0)))
-    return _finish(_grain(rng, warm * 1.2, 0.2, 0.4), height, 0.1)
+    return finish(grained(rng, warm * 1.2, 0.2, 0.4), height, 0.1)
 
 
 def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -> Texture:
     """A spray of single leaves with veins, with holes between them."""
-    u, v = _coordinates()
+    u, v = coordinates()
     rgb = np.broadcast_to(np.array(colour) * 0.7, (SIDE, SIDE, 3)).copy()
     opacity, height = np.zeros((SIDE, SIDE)), np.zeros((SIDE, SIDE))
     for _ in range(count):
@@ -237,17 +239,17 @@ def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -
         rgb[window] = np.where(inside[..., None], leaf, rgb[window])
         height[window] = np.where(inside, 0.6 - 0.2 * vein, height[window])
         opacity[window] = np.where(inside, 1.0, opacity[window])
-    return _finish(_grain(rng, rgb, 0.1, 0.5), height, 0.5, opacity)
+    return finish(grained(rng, rgb, 0.1, 0.5), height, 0.5, opacity)
 
 
 def clouds(rng: Random) -> Texture:
     """Cloud cover: opacity where clouds are, colour for their shading."""
     cover = step(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.9), fractal(rng, 1.35))
     shade = 0.78 + 0.3 * fractal(rng, 1.2) - 0.2 * cover
-    return _finish(np.repeat(shade[..., None], 3, axis=2), cover, 0.0, cover)
+    return finish(np.repeat(shade[..., None], 3, axis=2), cover, 0.0, cover)
 
 
 def speckle(rng: Random) -> Texture:
     """Plain noise in all scales, for detail nearer than a texture shows and for dirt wider than it repeats."""
     field = fractal(rng, 0.55)
-    return _finish(np.repeat(field[..., None], 3, axis=2), field, field)
+    return finish(np.repeat(field[..., None], 3, axis=2), field, field)

@@ -26,7 +26,10 @@ class MaterialTable:
 
 @dataclass(frozen=True)
 class World:
-    """Everything that colour and depth depend on. `probe` is the reflected surroundings, blurred in steps."""
+    """Everything that colour and depth depend on. `probe` is the reflected surroundings, blurred in steps.
+
+    `exposure` is a factor on all channels, or one on each.
+    """
 
     mesh: Mesh
     atlas: Atlas
@@ -36,7 +39,7 @@ class World:
     lights: tuple[Light, ...]
     ambient: Ambient
     ambient_strength: float
-    exposure: float
+    exposure: float | Float[Tensor, "3"]
     haze: float
     background: tuple[float, float, float] | None
     probe: Float[Tensor, "1 3 d h w"] | None = None

@@ -1,0 +1,142 @@
+"""``gaussian-enhancer artefact_sheet``: each type of artefact beside a real crop of the same kind, at pixel size.
+
+For the types that stand for errors of splats the real crop is the one with most of that error among the held-out
+renders of the runs, all snapshots; the simulated crops are the same place of the same photo, at rising strengths. Of
+several draws the one that changes the crop most is shown. Types whose error is none of the six have no real crop. The
+table compares sizes: quantiles over all crops of the error that a type stands for. Runs must be training runs
+(docs/data.md), of captures whose licence lets them be shown.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from omegaconf import DictConfig
+from torch import Tensor
+
+from ablations.realism.real_crops import KINDS, Crop, crops, cut, energies_of, worst
+from ablations.realism.realism import RealRender, finished_fits, photographed, real_renders, scene_of
+from ablations.study.markdown import frame, markdown
+from gaussian_enhancer.degrade.artefact_types import ARTEFACTS, TYPES
+from gaussian_enhancer.degrade.artefacts.view import View
+from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES
+from gaussian_enhancer.files import whole_file, write_json_lines
+from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.report.figures import contact_sheet
+from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.frozen import refuse_untrained
+
+STRENGTHS = (0.25, 0.5, 1.0)
+QUANTILES = (0.5, 0.95, 0.99)
+
+
+def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[Float[Tensor, "3 h w"]]:
+    """A view under one type of artefact at rising strengths, the same draw for all."""
+    copies = view[torch.zeros(len(strengths), dtype=torch.int64)]
+    generators = [torch.Generator().manual_seed(seed) for _ in strengths]
+    with torch.no_grad():
+        made = ARTEFACTS[name](copies, view.image.new_tensor(strengths), generators)
+    return list(made.image.clamp(0, 1))
+
+
+def plainest(view: View, crop: Crop, name: str, side: int, draws: int) -> list[Tensor]:
+    """Crops at rising strengths, of the draw that changes this place most."""
+    before = cut(view.image[0], crop.place, (side, side))
+
+    def change(seed: int) -> float:
+        return float((cut(drawn(view, name, (1.0,), seed)[0], crop.place, (side, side)) - before).square().mean())
+
+    chosen = max(range(draws), key=change)
+    return [cut(image, crop.place, (side, side)) for image in drawn(view, name, STRENGTHS, chosen)]
+
+
+def sheet_row(
+    reals: Sequence[RealRender], found: Sequence[Crop], name: str, side: int, draws: int
+) -> tuple[list[Tensor], str]:
+    """A row of the sheet, and what stands under it."""
+    kind = KINDS.get(name)
+    crop = worst(found, kind or "anisotropy")
+    real = reals[crop.view]
+    assert real.target.read is not None
+    view = photographed(real)
+    photo = cut(view.image[0], crop.place, (side, side))
+    render = cut(real.target.read(), crop.place, (side, side)) if kind else torch.full_like(photo, 0.98)
+    of_real = f"real: {kind}" if kind else "its error is not measured"
+    return [photo, render, *plainest(view, crop, name, side, draws)], f"{name} ({real.scene}); {of_real}"
+
+
+def simulated_energies(reals: Sequence[RealRender], name: str, side: int, seeds: int) -> Float[Tensor, "n 6"]:
+    """Energies of every crop of the same views under a type of artefact at full strength.
+
+    Args:
+        reals: real renders, whose photos, depths and opacities are degraded.
+        name: the type.
+        side: of a crop, pixels.
+        seeds: draws of each view.
+    """
+    views = [photographed(real) for real in reals]
+    pairs = [
+        (drawn(view, name, (1.0,), 1000 * number + seed)[0], view.image[0])
+        for number, view in enumerate(views)
+        for seed in range(seeds)
+    ]
+    return energies_of(crops(pairs, (side, side)))
+
+
+def sizes(name: str, real: Tensor, simulated: Tensor) -> dict[str, object]:
+    """Amplitudes (roots of an energy, in 1/255) of real and simulated crops at some quantiles.
+
+    Args:
+        name: type of artefact.
+        real: energies of real crops, (n, 6).
+        simulated: energies of crops at full strength, (m, 6).
+    """
+    index = ENERGIES.index(KINDS[name])
+    levels = real.new_tensor(QUANTILES)
+    amplitudes = [255 * values[:, index].quantile(levels).sqrt() for values in (real, simulated)]
+    keys = [f"{side}_{share:g}" for side in ("real", "simulated") for share in QUANTILES]
+    values = torch.cat(amplitudes).tolist()
+    return {"type": name, "energy": KINDS[name], **dict(zip(keys, values, strict=True))}
+
+
+def table(rows: Sequence[dict]) -> str:
+    """Quantiles as Markdown."""
+    heads = ("type", "error", *(f"{side}, {100 * q:g} %" for side in ("real", "simulated") for q in QUANTILES))
+    keys = [f"{side}_{q:g}" for side in ("real", "simulated") for q in QUANTILES]
+    lines = [(str(row["type"]), str(row["energy"]), *(f"{float(row[key]):.1f}" for key in keys)) for row in rows]
+    return markdown(frame(heads, lines))
+
+
+def run(cfg: DictConfig) -> None:
+    """Measure, print; write the sheet and the records that were asked for.
+
+    Args:
+        cfg: conf/artefact_sheet.yaml, composed.
+
+    Raises:
+        InputError: runs cannot be used or are of scenes that nothing may be trained on, or a file cannot be written.
+    """
+    require(cfg)
+    start(cfg.runtime)
+    fits = finished_fits(cfg.runs)
+    refuse_untrained(fits)
+    reals = real_renders(fits, cfg.renders, 0)
+    pairs = [(real.target.read(), photographed(real).image[0]) for real in reals if real.target.read is not None]
+    found = crops(pairs, (cfg.side, cfg.side))
+    if cfg.picture:
+        order = (*KINDS, *sorted({*TYPES} - {*KINDS}))
+        drawn_rows = [sheet_row(reals, found, name, cfg.side, cfg.draws) for name in order]
+        titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
+        images, names = zip(*drawn_rows, strict=True)
+        with whole_file(Path(cfg.picture)) as temporary:
+            kind = "PNG" if str(cfg.picture).endswith(".png") else "JPEG"
+            contact_sheet(images, titles, names, height=cfg.side).save(temporary, kind, quality=93, subsampling=0)
+    source = {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(found), **provenance(timed=True)}
+    rows = [
+        sizes(name, energies_of(found), simulated_energies(reals, name, cfg.side, cfg.seeds)) | source for name in KINDS
+    ]
+    if cfg.records:
+        write_json_lines(cfg.records, rows)
+    print(table(rows), end="")
