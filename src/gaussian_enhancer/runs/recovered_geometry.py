@@ -7,6 +7,8 @@ Axes: h height, w width.
 
 import hashlib
 import json
+import math
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +28,7 @@ from gaussian_enhancer.runs import lock
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
 from gaussian_enhancer.scene.colmap_model import ColmapImage, ColmapModel
-from gaussian_enhancer.scene.json_file import member, read_json
+from gaussian_enhancer.scene.json_file import member, number, read_json
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -40,8 +42,13 @@ SWEPT_PIXELS = 60_000
 """Pixels of an image that depth is searched at; larger images are made smaller first."""
 SWEEP = SweepSettings(neighbours=4, reduction=1)
 ENOUGH = 2
-"""Photos that must find a camera: fewer tell no depth."""
-SUMMARY = "geometry.json"
+"""Photos that must have a camera: fewer tell no depth."""
+STRAIGHT = 0.5
+"""Pixels in a photo's corner up to which distortion is left alone, so that the photo is not resampled for it."""
+SUMMARY, CAMERAS, DEPTH = "geometry.json", "cameras", "depth"
+"""What is written: a summary, a COLMAP model, and a depth map a view."""
+RENDER, PHOTO = "render", "photo"
+"""What names of files begin with, before the view's number."""
 PARTS = {
     "features": "structure from motion: features",
     "matches": "structure from motion: matches",
@@ -139,128 +146,140 @@ def _lacks_cameras(rendered: RenderedSet) -> bool:
 
 
 def _work(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None) -> None:
-    """Recover what is missing, and write it."""
+    """Recover what is missing, and write it; parts that a killed call left are made again."""
     started = time.monotonic()
-    found = True
-    if bare:
-        model = folder / "cameras"
-        found = reconstruct(_unposed(rendered), model, progress) and _enough(_placed(rendered, read_model(model)))
-    posed = time.monotonic()
-    if found:
-        _sweep(*_posed(rendered, bare, folder), folder / "depth", progress)
-    seconds = {"cameras": round(posed - started, 1), "depth": round(time.monotonic() - posed, 1)}
+    try:
+        _clear(folder)
+        found = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
+        posed = _posed(rendered, bare, folder) if found else rendered
+        middle = time.monotonic()
+        found = _enough(posed)
+        if found:
+            _sweep(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
+        else:
+            _clear(folder)
+    except BaseException:
+        _clear(folder)
+        raise
+    seconds = {CAMERAS: round(middle - started, 1), DEPTH: round(time.monotonic() - middle, 1)}
     write_text(folder / SUMMARY, json.dumps({"found": found, "seconds": seconds}) + "\n")
+
+
+def _clear(folder: Path) -> None:
+    for part in (CAMERAS, DEPTH):
+        shutil.rmtree(folder / part, ignore_errors=True)
 
 
 def _read(rendered: RenderedSet, bare: bool, folder: Path) -> Recovered:
     """The set with what was written."""
-    summary = read_json(folder / SUMMARY)
-    seconds = member(summary, "seconds", folder / SUMMARY)
-    views = f"{len(rendered.targets)} renders and {len(rendered.references)} photos"
-    if not member(summary, "found", folder / SUMMARY):
-        return Recovered(rendered, f"structure from motion of {views} found no common place for them")
-    placed, _ = _posed(rendered, bare, folder)
-    number, targets = 0, []
-    for view in placed.targets:
-        targets.append(view)
-        if view.camera is not None:
-            depth = ReadSweptDepth(folder / f"depth/{number:05d}.npy", view.camera.height, view.camera.width)
-            targets[-1], number = replace(view, read_depth=depth), number + 1
-    references = []
-    for view in placed.references:
-        references.append(view)
-        if view.camera is not None:
-            depth = ReadSweptDepth(folder / f"depth/{number:05d}.npy", view.camera.height, view.camera.width)
-            references[-1], number = replace(view, read_depth=depth), number + 1
-    kept = f"kept in {folder}"
-    swept = f"by plane sweep, {member(seconds, 'depth', folder / SUMMARY):.0f} s; {kept}"
-    cameras = ""
-    if bare:
-        posed = sum(view.camera is not None for view in targets), len(references)
-        cameras = f"by structure from motion: {posed[0]} of {len(targets)} renders, {posed[1]} of "
-        cameras += f"{len(rendered.references)} photos, {member(seconds, 'cameras', folder / SUMMARY):.0f} s"
-    rendered = replace(placed, targets=tuple(targets), references=tuple(references), own_depth=False)
-    return Recovered(rendered, cameras, swept)
-
-
-def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> tuple[RenderedSet, Points | None]:
-    """The set with the cameras that were given or recovered, and the model's points."""
+    source = folder / SUMMARY
+    summary = read_json(source)
+    times = member(summary, "seconds", source)
+    taken = {part: number(times, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
+    count = len(rendered.targets), len(rendered.references)
+    if not member(summary, "found", source):
+        tried = f"structure from motion of {count[0]} renders and {count[1]} photos"
+        return Recovered(rendered, f"{tried} found no place that they share, {taken[CAMERAS]:.0f} s" if bare else "")
+    posed = _posed(rendered, bare, folder)
+    targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
+    references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
+    kept = tuple(view for view in references if view.camera is not None or not bare)
+    found = replace(posed, targets=targets, references=kept, own_depth=False)
+    depth = f"by plane sweep, {taken[DEPTH]:.0f} s; kept in {folder}"
     if not bare:
-        return rendered, None
-    model = read_model(folder / "cameras")
-    return _placed(rendered, model), model.points
+        return Recovered(found, "", depth)
+    if any(view.read_depth is not None for view in rendered.targets):
+        depth += "; the given depth is left out, since its unit is not that of recovered cameras"
+    placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(kept)} of {count[1]} photos"
+    return Recovered(found, f"by structure from motion: {placed}, {taken[CAMERAS]:.0f} s", depth)
 
 
-def _enough(placed: RenderedSet) -> bool:
-    return len(placed.references) >= ENOUGH and any(view.camera is not None for view in placed.targets)
+def _enough(posed: RenderedSet) -> bool:
+    photos = sum(view.camera is not None for view in posed.references)
+    return photos >= ENOUGH and any(view.camera is not None for view in posed.targets)
 
 
 def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
-    """Renders and photos, by names that the model lists."""
-    renders = [UnposedImage(_name("render", i), _read_of(view), True, True) for i, view in enumerate(rendered.targets)]
+    """Renders and photos, by the names that `_posed` finds them by."""
+    renders = [
+        UnposedImage(f"{RENDER}_{i:05d}.png", _render_of(view), True, True) for i, view in enumerate(rendered.targets)
+    ]
     return renders + [
-        UnposedImage(_name("photo", i), _photo_of(view), view.camera is not None or view.read is not None, False)
+        UnposedImage(f"{PHOTO}_{i:05d}.png", _photo_of(view), view.camera is not None or view.read is not None, False)
         for i, view in enumerate(rendered.references)
     ]
 
 
-def _name(kind: str, index: int) -> str:
-    return f"{kind}_{index:05d}.png"
+def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
+    """The set with its own cameras, or with those of the model; what the model does not list has none."""
+    if not bare:
+        return rendered
+    model = read_model(folder / CAMERAS)
+    listed = {image.name: image for image in model.images}
 
+    def camera(name: str, read: Read) -> tuple[Camera | None, Lens | None]:
+        image = listed.get(name)
+        return (None, None) if image is None else _camera(model, image, read)
 
-def _placed(rendered: RenderedSet, model: ColmapModel) -> RenderedSet:
-    """The set with a model's cameras; photos that it does not list are left out, and no depth is kept."""
-    found = {image.name: image for image in model.images}
     targets = []
     for i, view in enumerate(rendered.targets):
-        image = found.get(_name("render", i))
-        camera = None if image is None else _camera(model, image, _read_of(view))[0]
-        targets.append(replace(view, camera=camera, read_depth=None))
+        found, _ = camera(f"{RENDER}_{i:05d}.png", _render_of(view))
+        targets.append(replace(view, camera=found, read_depth=None))
     references = []
     for i, view in enumerate(rendered.references):
-        image = found.get(_name("photo", i))
-        if image is not None:
-            camera, lens = _camera(model, image, _photo_of(view))
-            references.append(_undistorted(replace(view, camera=camera, read_depth=None), lens))
+        found, lens = camera(f"{PHOTO}_{i:05d}.png", _photo_of(view))
+        references.append(_undistorted(replace(view, camera=found, read_depth=None), lens))
     return replace(rendered, targets=tuple(targets), references=tuple(references))
 
 
 def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera, Lens]:
     """The ideal pinhole camera of an image at its own size, and its lens."""
     lens = model.cameras[image.camera].resized(*_size(read))
+    if lens.model == "SIMPLE_RADIAL":
+        focal, x, y, k = lens.params
+        reach = math.hypot(lens.width, lens.height) / (2 * focal)
+        if abs(k) * reach**3 * focal < STRAIGHT:
+            lens = replace(lens, model="SIMPLE_PINHOLE", params=(focal, x, y))
     K, height, width = ideal_pinhole(lens)
     return Camera(K.float(), rigid(camera_pose(image), image.name).float(), height, width), lens
 
 
-def _undistorted(view: RenderedView, lens: Lens) -> RenderedView:
+def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
     """A photo that is undistorted when it is read."""
-    if not lens.distorted or view.camera is None:
+    if lens is None or view.camera is None or not lens.distorted:
         return view
-    read, size = _photo_of(view), (view.camera.height, view.camera.width)
+    read = _photo_of(view)
     if isinstance(read, ReadPhoto) and read.lens is None:
-        undistorted: Read = replace(read, height=size[0], width=size[1], lens=lens)
+        undistorted: Read = replace(read, height=view.camera.height, width=view.camera.width, lens=lens)
     else:
         undistorted = ReadUndistorted(read, lens)
-    fine = undistorted if view.read_fine_photo is not None else None
-    return replace(view, read_photo=undistorted, read_fine_photo=fine)
+    return replace(view, read_photo=undistorted, read_fine_photo=undistorted if view.read_fine_photo else None)
 
 
 def _sweep(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
-    """Sweep every view that has a camera, and write its depth."""
-    targets = [view for view in rendered.targets if view.camera is not None]
-    references = [view for view in rendered.references if view.camera is not None]
-    readers = [_read_of(view) for view in targets] + [_photo_of(view) for view in references]
-    images, cameras = [], []
-    for view, read in zip((*targets, *references), readers, strict=True):
-        image = read()
-        shrink = min(1.0, (SWEPT_PIXELS / (image.shape[-2] * image.shape[-1])) ** 0.5)
-        size = [max(8, round(side * shrink)) for side in image.shape[-2:]]
-        images.append(resize(image, *size))
-        cameras.append(view.camera.resized(*size))  # type: ignore[union-attr]
-    told = None if progress is None else lambda done, total: progress("depth", done, total)
-    known = points or Points(torch.empty(0, 3), torch.empty(0, 3))
-    for number, depth in enumerate(sweep_depths(images, cameras, len(references), known, SWEEP, progress=told)):
-        save_array(folder / f"{number:05d}.npy", depth[0].numpy().astype(np.float32))
+    """Sweep every view that has a camera, and write its depth; photos come last, which all are compared with."""
+    views = [(f"{RENDER}_{i:05d}.npy", v, _render_of(v)) for i, v in enumerate(rendered.targets)]
+    views += [(f"{PHOTO}_{i:05d}.npy", v, _photo_of(v)) for i, v in enumerate(rendered.references)]
+    names, images, cameras = [], [], []
+    for name, view, read in views:
+        if view.camera is not None:
+            image = read()
+            shrink = min(1.0, (SWEPT_PIXELS / (image.shape[-2] * image.shape[-1])) ** 0.5)
+            size = [max(8, round(side * shrink)) for side in image.shape[-2:]]
+            names.append(name)
+            images.append(resize(image, *size))
+            cameras.append(view.camera.resized(*size))
+    photos = sum(view.camera is not None for view in rendered.references)
+    told = None if progress is None else lambda done, total: progress(DEPTH, done, total)
+    known = Points(torch.empty(0, 3), torch.empty(0, 3)) if points is None else points
+    for name, depth in zip(names, sweep_depths(images, cameras, photos, known, SWEEP, progress=told), strict=True):
+        save_array(folder / name, depth[0].numpy().astype(np.float32))
+
+
+def _with_depth(view: RenderedView, path: Path) -> RenderedView:
+    if view.camera is None:
+        return view
+    return replace(view, read_depth=ReadSweptDepth(path, view.camera.height, view.camera.width))
 
 
 @dataclass(frozen=True)
@@ -293,7 +312,7 @@ class ReadUndistorted:
         return undistort(self.read(), self.lens)
 
 
-def _read_of(view: RenderedView) -> Read:
+def _render_of(view: RenderedView) -> Read:
     if view.read is None:
         raise InputError(view.name, "has no render to enhance", "render it first")
     return view.read
@@ -319,7 +338,7 @@ def _identities(rendered: RenderedSet, bare: bool) -> list[object]:
         matrices: Sequence[Tensor] = () if bare or view.camera is None else (view.camera.K, view.camera.world_to_camera)
         return [kind, view.read is None, _content(read), [matrix.tolist() for matrix in matrices]]
 
-    renders = [identity("render", view, _read_of(view)) for view in rendered.targets]
+    renders = [identity("render", view, _render_of(view)) for view in rendered.targets]
     return renders + [identity("photo", view, _photo_of(view)) for view in rendered.references]
 
 
