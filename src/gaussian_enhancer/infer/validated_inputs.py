@@ -105,9 +105,9 @@ def validate_inputs(
         reference_config, references = _reference_part(rendered, reference_config)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
         parts.append(replace(references, why=references.why + left))
-    unreached = [view.name for view in rendered.targets if not reference_config.reaches(view)]
-    left = tuple(unreached) if reference_config.references else ()
-    return ValidatedInputs(rendered, reference_config, tuple(parts), pool, left)
+    apart = tuple(view.name for view in rendered.targets if not reference_config.reaches(view))
+    unreached = apart if reference_config.references else ()
+    return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
 
 
 def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:

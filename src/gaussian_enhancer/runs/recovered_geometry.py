@@ -331,7 +331,7 @@ def _size(read: Read) -> tuple[int, int]:
     return height, width
 
 
-def _identities(rendered: RenderedSet, bare: bool) -> list[object]:
+def _identities(rendered: RenderedSet, bare: bool) -> list[list[object]]:
     """What recovered geometry depends on: the images, and cameras where they were given."""
 
     def identity(kind: str, view: RenderedView, read: Read) -> list[object]:
