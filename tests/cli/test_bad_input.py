@@ -567,7 +567,7 @@ def test_enhance_renders_without_references(workplace: None, refused: Refused) -
     line = refused(*enhance("renders=alone/test/ours_2/renders", "photos=alone/test/ours_2/gt"))
     assert "leaves no photo to refer to" in line
     assert "references=" in line
-    assert "alone's training views" in line
+    assert "scene=capture scene.path=" in line
 
 
 def test_enhance_renders_in_empty_or_missing_folders(workplace: None, refused: Refused) -> None:

@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,13 +14,16 @@ from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_sr import SSIFSR
+from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians, quantised
 from support import paths
+from support.bright_weights import write_bright_weights
 from support.synthetic_runs import plane_camera, write_plane_run
+from support.textured_corner import write_corner
 
 CONF = paths.CONF
 
@@ -100,7 +104,7 @@ def test_an_older_snapshot_and_a_folder_of_ones_own(plane_run, weights, tmp_path
 def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, weights, tmp_path, capsys):
     side, photos = plane_run / "test/ours_100", plane_run / "train/ours_100/gt"
     folders = [f"renders={side / 'renders'}", f"photos={photos}", f"weights={weights}"]
-    run(configured(*folders, f"output={tmp_path / 'bare'}"))
+    run(configured(*folders, "recover_geometry=false", f"output={tmp_path / 'bare'}"))
     assert "cannot be reprojected" in capsys.readouterr().err.replace("\n", " ")
     run(
         configured(
@@ -110,6 +114,76 @@ def test_a_folder_of_renders_with_photos_with_and_without_geometry(plane_run, we
     assert "cannot be reprojected" not in capsys.readouterr().err.replace("\n", " ")
     assert same(tmp_path / "bare", side / "renders")
     assert same(tmp_path / "b", side / "renders")
+
+
+@pytest.fixture(scope="module")
+def bright(tmp_path_factory) -> Path:
+    """A network that brightens what it sees."""
+    return write_bright_weights(tmp_path_factory.mktemp("weights"), strength=1.0)
+
+
+def equal_files(folder: Path, renders: Path) -> bool:
+    names = sorted(path.name for path in renders.iterdir())
+    assert names == sorted(path.name for path in folder.iterdir() if path.is_file())
+    return all((folder / name).read_bytes() == (renders / name).read_bytes() for name in names)
+
+
+def warned(capsys) -> str:
+    """What standard error says in its warning."""
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert told.count("WARNING") == 1
+    return told.split("WARNING: ")[1]
+
+
+def test_a_run_whose_cameras_are_missing_is_passed_through_bit_for_bit(plane_run, bright, tmp_path, capsys):
+    lost = tmp_path / "lost"
+    shutil.copytree(plane_run, lost)
+    (lost / "cameras.json").unlink()
+    run(configured(f"run={lost}", f"weights={bright}", "recover_geometry=false", f"output={tmp_path / 'out'}"))
+    assert "has no camera or no depth" in warned(capsys)
+    assert equal_files(tmp_path / "out", lost / "test/ours_100/renders")
+    run(configured(f"run={plane_run}", f"weights={bright}", f"output={tmp_path / 'known'}"))
+    assert not equal_files(tmp_path / "known", plane_run / "test/ours_100/renders")
+
+
+def test_renders_that_no_camera_is_found_for_are_passed_through_as_they_are_stored(bright, tmp_path, capsys):
+    generator = torch.Generator().manual_seed(0)
+    (tmp_path / "renders").mkdir()
+    for name in ("renders/a.jpg", "renders/b.png", "photos/c.png", "photos/d.png"):
+        write_image(tmp_path / name, torch.rand(3, 48, 64, generator=generator))
+    folders = [f"renders={tmp_path / 'renders'}", f"photos={tmp_path / 'photos'}", f"weights={bright}"]
+    for _ in range(2):  # the second call knows that nothing was found
+        run(configured(*folders, f"output={tmp_path / 'out'}"))
+        assert "of 2 renders and 2 photos found no place that they share" in warned(capsys)
+        assert equal_files(tmp_path / "out", tmp_path / "renders")
+    assert run(configured(*folders, f"output={tmp_path / 'out'}", "dry_run=true")) is None
+    assert "Every render is written unchanged" in warned(capsys)
+
+
+def test_folders_without_cameras_are_enhanced_and_renders_of_another_place_stay(bright, tmp_path, capsys, monkeypatch):
+    write_corner(tmp_path, (2, 4, 6), (6,))
+    folders = [f"renders={tmp_path / 'renders'}", f"photos={tmp_path / 'photos'}", f"weights={bright}"]
+    run(configured(*folders, f"output={tmp_path / 'out'}"))
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert "structure from motion: 2 of 3 renders, 6 of 6 photos" in told
+    assert "by plane sweep" in told
+    assert "WARNING: 1 of 3 renders have no camera or no depth, so that no photo can be used: view_6.png." in told
+    changed = {
+        path.name: path.read_bytes() != (tmp_path / "out" / path.name).read_bytes()
+        for path in (tmp_path / "renders").iterdir()
+    }
+    assert changed == {"view_2.png": True, "view_4.png": True, "view_6.png": False}
+    monkeypatch.setattr("gaussian_enhancer.runs.recovered_geometry.reconstruct", None)  # is not called again
+    run(configured(*folders, f"output={tmp_path / 'out'}", "plan=full", "temporal_smoothing=0.5"))
+    assert "view_6.png" in warned(capsys)
+    assert (tmp_path / "out/view_6.png").read_bytes() == (tmp_path / "renders/view_6.png").read_bytes()
+
+
+def test_recovery_is_part_of_a_runs_address_only_where_folders_are_given(plane_run):
+    for given, same_address in ((f"run={plane_run}", True), ("renders=a", False)):
+        with_key = with_effect(configured(given))
+        assert ("recover_geometry" not in with_key) is same_address
+        assert with_key != with_effect(configured(given, "recover_geometry=false"))
 
 
 def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):

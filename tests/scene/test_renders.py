@@ -252,6 +252,21 @@ def test_the_pair_of_folders_that_3dgs_writes_refers_to_its_runs_training_views(
         assert torch.equal(pair_view.read_photo(), run_view.read_photo())
 
 
+def test_views_that_3dgs_numbers_on_both_sides_are_told_apart(tmp_path, scene):
+    write_3dgs(tmp_path / "run", scene)
+    found = read_run(tmp_path / "run")
+    assert [v.name for v in found.references] == [f"train_{i:05d}.png" for i in range(len(scene.train))]
+    assert not {v.name for v in found.references} & {v.name for v in found.targets}
+
+
+def test_a_run_of_3dgs_without_training_views_says_what_to_give(tmp_path, scene):
+    write_3dgs(tmp_path / "run", scene, train=False)
+    (tmp_path / "run/cfg_args").write_text("Namespace(sh_degree=3, source_path='/data/garden')")
+    pair = tmp_path / "run/test/ours_7000"
+    with pytest.raises(InputError, match="scene=capture scene.path=/data/garden"):
+        read_folder(pair / "renders", pair / "gt")
+
+
 def test_renders_alone_have_nothing_to_refer_to(tmp_path):
     write_bare(tmp_path)
     with pytest.raises(InputError, match="comes without photos"):

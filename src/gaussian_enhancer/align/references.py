@@ -42,6 +42,10 @@ class ReferenceConfig:
                 "candidates", f"is {self.candidates} for {self.references} references", "consider at least as many"
             )
 
+    def reaches(self, view: RenderedView) -> bool:
+        """Whether references can be brought to a target: to warp them takes its camera and its depth."""
+        return not isinstance(self.warp, Reprojected) or (view.camera is not None and view.read_depth is not None)
+
     def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
         """Indices of the pool's candidate references for a target, nearest first."""
         if not self.references:

@@ -12,7 +12,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import prepared
+from gaussian_enhancer.runs.enhancement import lost_references, prepared, with_geometry
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
 from gaussian_enhancer.runs.inputs import InputPaths
 from gaussian_enhancer.runs.output import write_enhanced
@@ -41,6 +41,7 @@ def enhance_folder(
     views: str = "test",
     weights: str | Path = "lr_tiny",
     device: str | None = None,
+    recover_geometry: bool = True,
     **options: Any,
 ) -> tuple[Path, ...]:
     """Enhance a folder of renders, a fitted run, or a splat with its capture; write images of the same names.
@@ -65,6 +66,8 @@ def enhance_folder(
         views: of a splat: the cameras that it is rendered from: "test", "train" or "all".
         weights: a name of the package's weights, or the path of a ``.safetensors`` file.
         device: "cpu" or "cuda"; None takes CUDA where there is one.
+        recover_geometry: find cameras and depth that are not given, by structure from motion of renders and photos, and
+            by plane sweep. They are kept in the folder ``geometry`` of the output. Without them no photo can be used.
         **options: fields of `EnhancementOptions`, for instance ``strength=0.5``.
 
     Returns:
@@ -97,11 +100,13 @@ def enhance_folder(
         attach_fine=_fine_photos(run, scene, downscale),
     )
     task = paths.read(chosen.type, pretrained.reference_config.fine)
+    if recover_geometry:
+        task = with_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, found = prepared(pretrained, task, settings, chosen)
     planner = found.planner(settings.rules)
     for read in file_reads(found, False, planner, False):
         read()
-    for why in filter(None, (task.note, *found.lacks)):
+    for why in filter(None, (task.note, *found.lacks, *lost_references(enhancer, task, found))):
         warnings.warn(why, stacklevel=2)
     images = enhancer(task.rendered, planner, found.pool)
     written = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)

@@ -15,9 +15,8 @@ from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.runs.enhancement import ready
-from gaussian_enhancer.runs.output import at_photo_size
+from gaussian_enhancer.runs.output import write_one
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.processes import launch
 from gaussian_enhancer.train.share import gathered
@@ -51,7 +50,7 @@ class Prediction(LightningModule):
         """
         view = replace(self.rendered, targets=(self.rendered.targets[int(batch)],))
         (one,) = self.enhancer(view, self.planner, self.pool)
-        write_image(self.folder / one.name, at_photo_size(one.image, view.targets[0], self.enhancer.network.scale))
+        write_one(one, self.folder, view.targets[0], self.enhancer.network.scale)
         # No tensor of inference mode, and no more than a pipe holds: who plans ahead knows the plans.
         self.written.append(replace(one, image=torch.empty(3, 0, 0), plan=None))
 

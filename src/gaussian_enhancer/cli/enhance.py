@@ -15,7 +15,7 @@ from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.metrics.records import write_records
-from gaussian_enhancer.runs.enhancement import process_count, ready, with_effect
+from gaussian_enhancer.runs.enhancement import lost_references, process_count, ready, with_effect
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, keep_sources, write_enhanced
 from gaussian_enhancer.runs.run import open_run
@@ -57,10 +57,8 @@ def run(cfg: DictConfig) -> float | None:
     plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
     notes = found.lacks if rules.full and not cfg.dry_run else (plan.table(),)
     _print([task.note, *notes], Console() if cfg.dry_run else console)
-    unaided = enhancer.reference_config.references == 0 and enhancer.network.scale == 1
-    if found.lacks and unaided and enhancer.pass_through:
-        said = f"WARNING: no photo can be used ({found.lacks[0]}). Every render is written unchanged."
-        console.print(said, style="bold red", highlight=False, soft_wrap=True, markup=False)
+    for lost in lost_references(enhancer, task, found):
+        console.print(f"WARNING: {lost}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None
 

@@ -160,6 +160,7 @@ class Enhance(Enhancing):
     cameras: Place | None
     depth: Place | None
     depth_scale: Positive
+    recover_geometry: bool
     budget_ms: Positive | None
     temporal_smoothing: Share
 

@@ -45,6 +45,7 @@ class Enhanced:
         references: names of the references that were used, best first. Where several regions were enhanced, those of
             the first.
         plan: which parts were enhanced; None where everything was.
+        unchanged: the image is the render as it was given, since no reference shows anything of it.
         coverage: how many references show each pixel of the render: their visibilities, summed; 0 where the plan passes
             the render through. None unless `SetEnhancer` keeps it.
     """
@@ -56,6 +57,7 @@ class Enhanced:
     references: tuple[str, ...]
     plan: ViewPlan | None = None
     coverage: Float[Tensor, "1 _ _"] | None = None
+    unchanged: bool = False
 
 
 class SetEnhancer:
@@ -152,8 +154,9 @@ class SetEnhancer:
         """
         before: PreviousChange | None = None
         for one, target in self._each(rendered, planner, pool, features):
-            if not self.temporal_smoothing:
+            if not self.temporal_smoothing or self._unreached(one, target):
                 yield one
+                before = None
                 continue
             image, before = smoothed_over_time(one.image, target, before, self.temporal_smoothing)
             yield dataclasses.replace(one, image=image)
@@ -186,11 +189,12 @@ class SetEnhancer:
             moved = target.on(self.device)
             aligned = self.reference_config.align(moved, view, pool, chosen)
             prepared = time.perf_counter()
-            image = self.enhance(join(moved, aligned), aligned.names, kept)[0]
+            views = join(moved, aligned)
+            image = self.enhance(views, aligned.names, kept)[0]
             ended = time.perf_counter()
             times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
             coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
-            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage), target
+            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage, self._passes(views)), target
 
     def _in_parts(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
@@ -219,6 +223,14 @@ class SetEnhancer:
         preparing = time.perf_counter() - started - enhancing
         return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan, coverage)
 
+    def _passes(self, views: NetworkInput) -> bool:
+        """Whether views are returned as they are, since no reference shows anything of them."""
+        return self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any())
+
+    def _unreached(self, one: Enhanced, target: Pixels) -> bool:
+        """Whether the plan leaves a view without references that lacks the camera or depth for them."""
+        return one.plan is not None and one.plan.references == () and (target.camera is None or target.depth is None)
+
     @torch.inference_mode()
     def enhance(
         self, views: NetworkInput, names: Sequence[str] = (), kept: ReferenceFeatures | None = None
@@ -232,7 +244,7 @@ class SetEnhancer:
         """
         views = views.to(self.device)
         refuse_not_finite(views)
-        if self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any()):
+        if self._passes(views):
             return views.render.float().clamp(0, 1).cpu()
         if views.depth is not None and not bool(usable(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)

@@ -64,6 +64,8 @@ class Planner:
     def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
         height, width = target.image.shape[-2:]
         plan, warp, seen, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
+        if self.reference_config.references and not self.reference_config.reaches(view):
+            return replace(plan, references=())
         if self.reference_config.references and not isinstance(warp, Reprojected):
             return plan  # references that are not warped belong to the whole image
         if self.rules.tiles == "auto":

@@ -1,6 +1,6 @@
 """Validating the input of a scene: cameras, depth, references and fine photos; what cannot be used, and why."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -34,21 +34,25 @@ class ValidatedInputs:
         reference_config: how references are chosen and aligned, as far as the input allows.
         parts: which parts are used, and why others are not.
         pool: the set's references; those that were read for validation are in memory.
+        unreached: names of the targets that no reference can be warped to, while others have references.
     """
 
     rendered: RenderedSet
     reference_config: ReferenceConfig
     parts: tuple[PlanItem, ...]
     pool: Pool
+    unreached: tuple[str, ...] = ()
 
     def planner(self, rules: Rules, known: Iterable[ViewPlan] = ()) -> Planner | None:
-        """The planner of the views; None where nothing may be left out.
+        """The planner of the views; None where nothing may be left out and every view can have references.
 
         Args:
             rules: what may be left out.
             known: plans of views that were made before.
         """
-        return None if rules.full else Planner(rules, self.reference_config, self.rendered, known, self.pool)
+        if rules.full and not self.unreached:
+            return None
+        return Planner(rules, self.reference_config, self.rendered, known, self.pool)
 
     @property
     def lacks(self) -> tuple[str, ...]:
@@ -62,6 +66,7 @@ def validate_inputs(
     rules: Rules,
     scale: int = 1,
     pool: Pool | None = None,
+    origins: Mapping[str, str] = {},
 ) -> ValidatedInputs:
     """Leave out of the input what cannot be used.
 
@@ -72,6 +77,7 @@ def validate_inputs(
             references without a camera are left out where others have one.
         scale: how many times finer the enhanced images are than the renders.
         pool: the set's references, where some are in memory already.
+        origins: where "cameras" and "depth" come from that were not given, or why there are none.
 
     Raises:
         InputError: there is no photo to refer to where references are asked for.
@@ -86,10 +92,10 @@ def validate_inputs(
         rendered, bare = _with_cameras(rendered)
     if pool is None or pool.views is not rendered.references:
         pool = Pool(rendered.references)
-    rendered, depth = _depth_part(rendered, reference_config, rules, pool)
+    rendered, depth = _depth_part(rendered, reference_config, rules, pool, origins.get("depth", ""))
     if rendered.references is not pool.views:
         pool = Pool(rendered.references)
-    parts += [_camera_part(rendered), depth]
+    parts += [_camera_part(rendered, origins.get("cameras", "")), depth]
     if reference_config.fine:
         fine = all(view.read_fine_photo is not None for view in rendered.references)
         why = "" if fine else "photos 4 times as fine as the renders are not known: enlarging without their detail"
@@ -99,7 +105,9 @@ def validate_inputs(
         reference_config, references = _reference_part(rendered, reference_config)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
         parts.append(replace(references, why=references.why + left))
-    return ValidatedInputs(rendered, reference_config, tuple(parts), pool)
+    apart = tuple(view.name for view in rendered.targets if not reference_config.reaches(view))
+    unreached = apart if reference_config.references else ()
+    return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
 
 
 def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[RenderedView]) -> str:
@@ -158,13 +166,16 @@ def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
     return replace(rendered, references=tuple(v for v in rendered.references if v.camera is not None)), bare
 
 
-def _camera_part(rendered: RenderedSet) -> PlanItem:
+def _camera_part(rendered: RenderedSet, origin: str) -> PlanItem:
     bare = [view.name for view in (*rendered.targets, *rendered.references) if view.camera is None]
-    return PlanItem("cameras", not bare, f"{bare[0]} has none" if bare else "")
+    lack = f"{bare[0]} has none" if len(bare) == 1 else f"{len(bare)} views have none, {bare[0]} first" if bare else ""
+    posed = any(view.camera is not None for view in rendered.targets) and bool(rendered.references)
+    posed = posed and all(view.camera is not None for view in rendered.references)
+    return PlanItem("cameras", not bare or posed, "; ".join(filter(None, (origin, lack))))
 
 
 def _depth_part(
-    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool
+    rendered: RenderedSet, reference_config: ReferenceConfig, rules: Rules, pool: Pool, origin: str
 ) -> tuple[RenderedSet, PlanItem]:
     """The set without depth where depth is not used, and the plan's part on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
@@ -175,7 +186,7 @@ def _depth_part(
     if rules.depth == "auto" and not rendered.own_depth:
         why = depth_doubt(pool, reference_config, known[:: max(1, (len(known) + 1) // 2)][:2])
     if not why:
-        return rendered, PlanItem("depth", True, kind)
+        return rendered, PlanItem("depth", True, origin or kind)
     targets, references = (
         tuple(replace(view, read_depth=None) for view in side) for side in (rendered.targets, rendered.references)
     )
@@ -187,9 +198,10 @@ def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) ->
     found = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, PlanItem("references", True, found)
-    bare = [v.name for v in rendered.targets if v.camera is None or v.read_depth is None]
-    bare += [view.name for view in rendered.references if view.camera is None]
-    if not bare:
-        return reference_config, PlanItem("references", True, found)
-    lack = f"{bare[0]} has no camera or no depth, so that photos cannot be reprojected"
+    unreached = [view.name for view in rendered.targets if not reference_config.reaches(view)]
+    bare = [view.name for view in rendered.references if view.camera is None]
+    if not bare and len(unreached) < len(rendered.targets):
+        left = f"; none for {len(unreached)} views without camera or depth" if unreached else ""
+        return reference_config, PlanItem("references", True, found + left)
+    lack = f"{(unreached + bare)[0]} has no camera or no depth, so that photos cannot be reprojected"
     return replace(reference_config, references=0), PlanItem("references", False, f"{lack}: no photo is used")

@@ -2,10 +2,12 @@
 
 import copy
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 from omegaconf import DictConfig, open_dict
 
+from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -13,6 +15,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_i
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.runs.inputs import Task, read_task
 from gaussian_enhancer.runs.instantiate import build
+from gaussian_enhancer.runs.recovered_geometry import RecoveryProgress, lacks_geometry, recover_geometry
 from gaussian_enhancer.runs.runtime import choose_device
 
 
@@ -49,9 +52,38 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, Val
     Raises:
         InputError: there are no such weights, the input cannot be read, or an option is out of range.
     """
-    pretrained = load_weights(cfg.weights)
+    pretrained, options = load_weights(cfg.weights), options_of(cfg)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
-    return prepared(pretrained, task, options_of(cfg), device)
+    if cfg.recover_geometry:
+        folder = Path(cfg.output or cfg.runs) / "geometry"
+        task = with_geometry(task, pretrained, options, folder, cfg.runtime.progress)
+    return prepared(pretrained, task, options, device)
+
+
+def with_geometry(
+    task: Task, pretrained: Pretrained, options: EnhancementOptions, folder: Path, shown: bool = False
+) -> Task:
+    """The task with cameras and depth recovered from its images, where references are to be warped and lack them.
+
+    Args:
+        task: what was given.
+        pretrained: the weights.
+        options: how it is enhanced.
+        folder: keeps what is recovered (`recover_geometry`).
+        shown: show a bar.
+
+    Raises:
+        InputError: an image cannot be read, or the folder cannot be written.
+    """
+    asked = options.reference_config(pretrained, task.depth)
+    warped = asked.references > 0 and isinstance(asked.warp, Reprojected) and options.rules.depth != "none"
+    if not warped or not lacks_geometry(task.rendered):
+        return task
+    with RecoveryProgress(shown) as bar:
+        found = recover_geometry(task.rendered, folder, bar.update)
+    origins = {"cameras": found.cameras, "depth": found.depth}
+    origins = {name: told for name, told in origins.items() if told}
+    return replace(task, rendered=found.rendered, depth="expected", origins=origins)
 
 
 def prepared(
@@ -69,15 +101,35 @@ def prepared(
         InputError: there are no references where some are asked for, or an option is out of range.
     """
     asked = options.reference_config(pretrained, task.depth)
-    found = validate_inputs(task.rendered, asked, options.rules, pretrained.network.scale)
+    found = validate_inputs(task.rendered, asked, options.rules, pretrained.network.scale, origins=task.origins)
     enhancer = options.enhancer(pretrained, found.reference_config, device)
     return enhancer, replace(task, rendered=found.rendered), found
+
+
+def lost_references(enhancer: SetEnhancer, task: Task, found: ValidatedInputs) -> list[str]:
+    """What is written unchanged, since no photo can be used for it, and why.
+
+    Args:
+        enhancer: what enhances.
+        task: what is enhanced.
+        found: what of it can be used.
+    """
+    if not enhancer.pass_through or enhancer.network.scale > 1:
+        return []
+    if found.lacks and enhancer.reference_config.references == 0:
+        failed = "" if any(view.camera for view in task.rendered.targets) else task.origins.get("cameras", "")
+        return [f"no photo can be used ({failed or found.lacks[0]}). Every render is written unchanged."]
+    if found.unreached:
+        count = f"{len(found.unreached)} of {len(task.rendered.targets)} renders have no camera or no depth"
+        return [f"{count}, so that no photo can be used: {', '.join(found.unreached)}. They are written unchanged."]
+    return []
 
 
 def with_effect(cfg: DictConfig) -> DictConfig:
     """The configuration without keys that change no image, from which the run's folder gets its name.
 
-    A plan that leaves nothing out is such a key, and so are a time budget and temporal smoothing that are not set.
+    A plan that leaves nothing out is such a key, and so are a time budget and temporal smoothing that are not set, and
+    recovery of the geometry that a run or a splat brings.
 
     Args:
         cfg: configuration of the job ``enhance``.
@@ -85,7 +137,9 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     kept = copy.deepcopy(cfg)
     with open_dict(kept):
         unset = {name: not kept.get(name) for name in ("budget_ms", "temporal_smoothing")}
-        for name, idle in {"dry_run": True, **unset, "plan": build(cfg.plan).full}.items():
+        brought = cfg.recover_geometry and cfg.renders is None
+        idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": brought}
+        for name, idle in idle_keys.items():
             if idle:
                 kept.pop(name, None)
     return kept

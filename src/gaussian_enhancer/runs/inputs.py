@@ -1,7 +1,7 @@
 """What is enhanced: a fitted run, a splat with its capture, or a folder of renders."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -27,12 +27,14 @@ class Task:
         step: training step of the renders, 0 where there is none.
         note: why photos 4 times as fine as the renders were asked for and are not there.
         depth: what the targets' depth is.
+        origins: where "cameras" and "depth" come from that were not given, or why they could not be recovered.
     """
 
     rendered: RenderedSet
     step: int = 0
     note: str = ""
     depth: DepthKind = "surface"
+    origins: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

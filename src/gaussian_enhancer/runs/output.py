@@ -36,7 +36,7 @@ def at_photo_size(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int)
 
 
 def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSet, scale: int) -> list[Enhanced]:
-    """Write each image as soon as it is made, at the size of its photo.
+    """Write each image as soon as it is made, at the size of its photo. What is unchanged is the render's own file.
 
     Args:
         views: enhanced views.
@@ -53,9 +53,27 @@ def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSe
     targets = {view.name: view for view in rendered.targets}
     written = []
     for one in views:
-        write_image(folder / one.name, at_photo_size(one.image, targets[one.name], scale))
+        write_one(one, folder, targets[one.name], scale)
         written.append(replace(one, image=one.image[:, :0, :0]))
     return written
+
+
+def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> None:
+    """Write an enhanced image, or copy the file of its render where nothing was changed.
+
+    Args:
+        one: the enhanced view.
+        folder: where it is written, under the render's name.
+        view: what was enhanced.
+        scale: how many times finer the image is than the render.
+
+    Raises:
+        InputError: the image cannot be written.
+    """
+    if one.unchanged and view.read is not None:
+        _keep(view.read, folder / one.name)
+    else:
+        write_image(folder / one.name, at_photo_size(one.image, view, scale))
 
 
 def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:

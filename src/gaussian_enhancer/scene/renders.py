@@ -84,6 +84,8 @@ def read_run(
     test_cameras, train_cameras = _match(cameras, test_stems, train_stems, root / "cameras.json")
     targets = _side(_parts(tests), test_cameras, colour)
     references = _side(_parts(trains), train_cameras, colour) if train_stems else _references(capture)
+    if train_stems and not any(entry.split for entry in cameras):
+        references = _told_apart(references)
     if any(view.read_photo is None for view in references):
         raise InputError(trains, "holds renders without gt photos", "render it again with its photos, or pass capture=")
     own = all((root / name).is_file() for name in OWN)
@@ -149,8 +151,15 @@ def read_folder(
             return read_run(run, step, background=background, name=name)
         received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
         remedy = "name a folder of the capture's other photos with references="
-        raise InputError(root, received, remedy if run is None else f"{remedy}, or render {run}'s training views too")
+        raise InputError(root, received, remedy if run is None else f"{remedy}, or {_remedy(run)}")
     return RenderedSet(name or root.resolve().name, tuple(targets), others, background)
+
+
+def _remedy(run: Path) -> str:
+    """What else to give for a run of 3DGS without training views, which names its capture in ``cfg_args``."""
+    arguments = run / "cfg_args"
+    found = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
+    return f"run={run} scene=capture scene.path={found[1] if found else 'CAPTURE'}"
 
 
 def _step(root: Path, step: int | None) -> int:
@@ -305,6 +314,12 @@ def _reference(
         None,
         ReadPhoto(path, *size, background),
     )
+
+
+def _told_apart(references: tuple[RenderedView, ...]) -> tuple[RenderedView, ...]:
+    """Training views by names of their own: 3DGS numbers both sides from 0, and no view refers to one of its name."""
+    numbered = re.compile(r"\d{5}\.\w+")
+    return tuple(replace(v, name=f"train_{v.name}") if numbered.fullmatch(v.name) else v for v in references)
 
 
 def _references(capture: Scene | None) -> tuple[RenderedView, ...]:

@@ -112,6 +112,44 @@ def sweep_points(
     return _merge(views, depths, step, settings)
 
 
+def sweep_depths(
+    images: Sequence[Float[Tensor, "3 _ _"]],
+    cameras: Sequence[Camera],
+    sources: int,
+    known: Points,
+    settings: SweepSettings = SweepSettings(),
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Float[Tensor, "1 h w"]]:
+    """Depth of every pixel of images that are compared with the last ones of them: renders with photos.
+
+    Args:
+        images: in [0, 1].
+        cameras: theirs, of the images' sizes.
+        sources: how many of the images, the last ones, others are compared with.
+        known: points that tell how deep the scene is.
+        settings: how finely; what confirms a depth has no effect.
+        progress: called with the number of finished images and of all.
+
+    Returns:
+        z of each image on its own pixels, or on the reduced pixels that were compared where it is larger.
+
+    Raises:
+        InputError: fewer than two images, or all cameras lie at one place.
+    """
+    depths_known = _known_depths(known, cameras)
+    distance = focus_distance(cameras) if depths_known is None else float(depths_known.median())
+    views = _views(images, cameras, distance, settings, len(images) - sources)
+    near, far = _depth_range(torch.empty(0) if depths_known is None else depths_known, distance)
+    inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
+    depths = []
+    for number, view in enumerate(views):
+        depths.append(1 / inverse_depth(view.image, view.camera, *_others(views, view), inverse, settings)[None])
+        if progress is not None:
+            progress(number + 1, len(views))
+    return depths
+
+
 def inverse_depth(
     image: np.ndarray,
     camera: Camera,
@@ -148,8 +186,9 @@ def inverse_depth(
 
 
 def _views(
-    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings
+    photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first: int = 0
 ) -> list[_View]:
+    """Reduced photos with their neighbours, of those from the first on."""
     if len(photos) < 2:
         raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
     centres = torch.stack([camera.centre for camera in cameras])
@@ -160,7 +199,7 @@ def _views(
         height, width = (max(8, side // factor) for side in (camera.height, camera.width))
         image = functional.interpolate(photo[None], (height, width), mode="area")[0]
         # A view at the same place tells nothing about depth: its cost is infinite.
-        ranked = [int(j) for j in cost[i].argsort() if cost[i, j].isfinite()]
+        ranked = [int(j) for j in cost[i].argsort() if j >= first and cost[i, j].isfinite()]
         channels_last = np.ascontiguousarray(image.permute(1, 2, 0).numpy())
         views.append(_View(channels_last, camera.resized(height, width), ranked[: settings.neighbours]))
     if not any(view.neighbours for view in views):
