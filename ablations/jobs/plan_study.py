@@ -14,6 +14,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
+from ablations.study.engine import Study, job
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -27,8 +28,8 @@ from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
-from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -57,32 +58,36 @@ def written(cfg: DictConfig) -> Path:
     return Path(cfg.results) / f"leaving_out_{cfg.worlds.name}.jsonl"
 
 
-def run(cfg: DictConfig) -> float | None:
-    """Measure every plan on every scene and write records, diagram and page; or write the page again.
-
-    Args:
-        cfg: see ``conf/plan_study.yaml``.
-
-    Returns:
-        How many times faster the shown plan is than the baseline, least over the scenes; None where none was measured.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """Every plan on every scene.
 
     Raises:
-        InputError: the configuration names an unknown plan, or a file cannot be read or written.
+        InputError: the configuration names an unknown plan, or there is no fit.
     """
     cfg = with_backbones(cfg)
-    require(cfg)
-    console = Console(stderr=True)
     for name in (cfg.baseline, cfg.shown):
         if name not in cfg.worlds.plans:
             raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")
-    results = Path(cfg.results)
     if not cfg.records_only:
         _refuse_without_fits(cfg)
-        records = [record for name in cfg.worlds.cells for record in _cell(cfg, str(name), console)]
-        if all(record.kind == MISSING for record in records):
-            raise InputError("plan_study", "measured no scene", "fit them with fit_missing=true")
-        write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
-    aims = aims_of(cfg)
+    scenes = () if cfg.records_only else tuple(map(str, cfg.worlds.cells))
+    console = Console(stderr=True)
+    return Study(
+        scenes,
+        lambda scene: _cell(cfg, scene, console),
+        ("scene",),
+        option="worlds",
+        records=written(cfg),
+        report=lambda: _reported(cfg, console),
+    )
+
+
+run = job(study)
+
+
+def _reported(cfg: DictConfig, console: Console) -> float | None:
+    """Write diagram and page; how many times faster the shown plan is, least over the scenes, None if none has both."""
+    results, aims = Path(cfg.results), aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
     sets = [
         PlanScenes(title, name, read_records(files[name]) if files[name].is_file() else (), aims)

@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except LostProcessError as error:
         _end(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
-        anew = bool(words) and words[0] in (*SCRIPTS, *BENCHMARKS)
+        anew = bool(words) and words[0] in BENCHMARKS
         after = "begins anew" if anew else "goes on where it stopped"
         _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {after}")
 

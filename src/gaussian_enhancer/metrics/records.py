@@ -118,7 +118,7 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
     Raises:
         InputError: if the file cannot be written.
     """
-    text = "".join(_line(record) for record in records)
+    text = "".join(record_line(record) for record in records)
     write_text(path, text)
 
 
@@ -130,7 +130,7 @@ def append_records(path: str | Path, records: Iterable[Record]) -> None:
     """
     import fcntl
 
-    data = "".join(_line(record) for record in records).encode()
+    data = "".join(record_line(record) for record in records).encode()
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -169,17 +169,30 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
         remedy = "measure first" if error.received == "does not exist" else error.remedy
         raise InputError(path, error.received, remedy) from None
     lines = content.split("\n")  # splitlines would cut names at exotic separators
-    return tuple(_parsed(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
+    return tuple(_checked(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
-def _line(record: Record) -> str:
+def record_line(record: Record) -> str:
     """A record as one line of JSON with the checksum of the rest."""
     values = _jsonable(dataclasses.asdict(record))
     values = {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _parsed(place: str, line: str) -> tuple[str, Record]:
+def parse_record(place: str, line: str) -> Record:
+    """The record of a line.
+
+    Args:
+        place: what the line is called in errors.
+        line: of a file of records.
+
+    Raises:
+        InputError: it is no record, or was changed or cut.
+    """
+    return _checked(place, line)[1]
+
+
+def _checked(place: str, line: str) -> tuple[str, Record]:
     """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:
