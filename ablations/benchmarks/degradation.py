@@ -25,7 +25,7 @@ from omegaconf import DictConfig
 from ablations.benchmarks.real_esrgan import SecondOrder
 from ablations.study.engine import Study, job
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import build
 
 Degradation = Callable[[View, torch.Generator], object]
@@ -114,9 +114,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     Raises:
         InputError: a method that was asked for is unknown or cannot be built.
     """
-    unknown = [method for method in methods or () if method not in METHODS]
-    if unknown:
-        raise InputError("methods", f"names {unknown[0]!r}", f"choose among {', '.join(METHODS)}")
+    refuse_unknown("methods", methods, METHODS)
     rows, left_out = [], {}
     for method in METHODS if methods is None else methods:
         try:

@@ -16,7 +16,7 @@ from ablations.study.aims import Aims
 from ablations.study.description import Method, SceneGroup, Study
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
@@ -126,9 +126,7 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 def _refuse_unknown(cfg: DictConfig) -> None:
     """Refuse scenes and roles that do not exist, which would leave cells or methods out without a word."""
     known = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
-    for scene in cfg.scenes or ():
-        if scene not in known:
-            raise InputError("scenes", f"names {scene!r}", f"choose from {', '.join(known)}")
+    refuse_unknown("scenes", cfg.scenes, known)
     for name, table in cfg.tables.items():
         if table.baseline not in table.methods:
             raise InputError(

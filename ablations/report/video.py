@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ablations.benchmarks.video_speed import STAGES, TOGETHER
-from ablations.readme import inserted
+from ablations.report.readme import inserted
 from ablations.scripts.flicker import compared
 from ablations.study.markdown import frame, markdown
 from ablations.study.row_table import read_layout, row_table
@@ -28,7 +28,7 @@ def mark(name: str) -> str:
     Args:
         name: of the record's file.
     """
-    return f"<!-- docs/results/{name}: python -m ablations.pages --write -->"
+    return f"<!-- docs/results/{name}: gaussian-enhancer pages write=true -->"
 
 
 def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:

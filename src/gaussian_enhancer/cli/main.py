@@ -41,13 +41,15 @@ JOBS = {
     "plan_study": "what the plan leaves out of each scene, what that saves and what it costs",
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",
+    "pages": "every committed page made again from its records, and whether it is what they say",
+    "fresh": "which committed pages are older than what they were made with",
     "report": "make a page to look at from a measured run",
     "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
     "export": "write weights as a program for other runtimes: ONNX or torch.export",
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
-LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard")
+LAB = ("quality", "tradeoff", "stability", "plan_study", "tables", "status", "dashboard", "pages", "fresh")
 """Jobs of the experiment suite."""
 
 SCRIPTS = {

@@ -386,6 +386,18 @@ class Status(Options):
     backbones: Place | None
 
 
+class Pages(Options):
+    """Options of the job ``pages``."""
+
+    write: bool
+
+
+class Fresh(Options):
+    """Options of the job ``fresh``."""
+
+    strict: bool
+
+
 class Tables(Options):
     """Options of the job ``tables``."""
 
@@ -650,6 +662,8 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "stability": Stability,
     "plan_study": PlanStudy,
     "tables": Tables,
+    "pages": Pages,
+    "fresh": Fresh,
     "status": Status,
     "report": Report,
     "dashboard": Dashboard,

@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable, write_text
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 
@@ -120,32 +119,6 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """
     text = "".join(record_line(record) for record in records)
     write_text(path, text)
-
-
-def append_records(path: str | Path, records: Iterable[Record]) -> None:
-    """Append records to a file, all of them or none; several processes may do so at once.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
-    import fcntl
-
-    data = "".join(record_line(record) for record in records).encode()
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("ab", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            before = file.seek(0, os.SEEK_END)
-            try:
-                written = 0
-                while written < len(data):
-                    written += file.write(data[written:])
-            except OSError:
-                file.truncate(before)
-                raise
-    except OSError as error:
-        raise unwritable(path, error) from error
 
 
 def read_records(path: str | Path) -> tuple[Record, ...]:

@@ -1,20 +1,15 @@
-"""README's figures, made from the records of the quality page.
-
-python -m ablations.readme            # fails where they are not what the records say
-python -m ablations.readme --write    # writes them in place
-"""
+"""README's figures, made from the records of the quality page."""
 
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.records import Record
 
 RECORDS = "docs/results/quality.jsonl"
-BEGIN, END = f"<!-- {RECORDS}: python -m ablations.readme --write -->", "<!-- end -->"
+BEGIN, END = f"<!-- {RECORDS}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
 SCENES = {
     "fox": "fox (real)",
@@ -114,22 +109,3 @@ def _worst(every: Sequence[Frame]) -> str:
             told.append(f"in {name}, every one of the {len(every)} frames gains, at least {min(gains):.3f} dB")
     sentence = "; ".join(told)
     return f"{sentence[0].upper()}{sentence[1:]}."
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Check README's figures, or write them."""
-    root = Path(__file__).resolve().parents[1]
-    readme = root / "README.md"
-    page = readme.read_text(encoding="utf-8")
-    made = inserted(page, text(read_records(root / RECORDS)))
-    if made == page:
-        print("README's figures are what the records say")
-    elif "--write" in arguments:
-        readme.write_text(made, encoding="utf-8")
-        print("README's figures written")
-    else:
-        raise SystemExit("README's figures are not what the records say: python -m ablations.readme --write")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

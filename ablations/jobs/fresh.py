@@ -1,7 +1,4 @@
-"""Which committed pages are older than what they were made with.
-
-    python -m ablations.freshness             # every page with what changed since; fails where one is false
-    python -m ablations.freshness --strict    # fails where any page is stale as well
+"""``gaussian-enhancer fresh``: which committed pages are older than what they were made with.
 
 A page's records state the commit that they were made at. The page is stale where a file that it hangs on (weights,
 networks, splats, training) changed since. It is false where it also says "as shipped" and a shipped file has changed.
@@ -9,10 +6,14 @@ networks, splats, training) changed since. It is false where it also says "as sh
 
 import json
 import subprocess
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+from omegaconf import DictConfig
+
+from ablations.jobs.pages import ROOT
+from gaussian_enhancer.errors import InputError
 
 INPUTS: Mapping[str, tuple[str, ...]] = {
     "weights": ("src/gaussian_enhancer/weights/*.safetensors",),
@@ -154,16 +155,18 @@ def _lines(root: Path, *arguments: str) -> list[str]:
     return [line for line in (_git(root, *arguments) or "").split("\n") if line]
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print every page's age; the exit status tells whether one is false, or with ``--strict`` stale."""
-    root = Path(__file__).resolve().parents[1]
-    ages = [age(root, page) for page in pages(root)]
+def run(cfg: DictConfig) -> None:
+    """Print every page's age.
+
+    Args:
+        cfg: conf/fresh.yaml, composed.
+
+    Raises:
+        InputError: a page is false, or stale where that is asked for.
+    """
+    ages = [age(ROOT, page) for page in pages(ROOT)]
     print("\n".join(map(str, ages)))
     stale, false = sum(one.stale for one in ages), sum(one.false for one in ages)
     print(f"{len(ages)} pages: {len(ages) - stale} fresh, {stale} stale, {false} of them false")
-    if false or (stale and "--strict" in arguments):
-        raise SystemExit(1)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+    if false or (stale and cfg.strict):
+        raise InputError("pages", f"hold {false} false and {stale - false} other stale ones", "measure them again")

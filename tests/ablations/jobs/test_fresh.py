@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ablations.freshness import INPUTS, PAGES, Page, age, pages
+from ablations.jobs.fresh import INPUTS, PAGES, Page, age, pages
 from support.paths import ROOT
 
 WEIGHTS, NETWORK = "src/gaussian_enhancer/weights/lr.safetensors", "src/gaussian_enhancer/network/sif.py"
