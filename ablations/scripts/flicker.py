@@ -8,7 +8,8 @@ sharper they are. A blurred render is steadier than the truth by this measure; t
 followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
 frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
 from the frame before (`enhance temporal_smoothing=S`) are variants of their own, and so are frames whose candidate
-references are chosen for the path: kept from frame to frame until others cost less than a share ``loyalty`` of theirs.
+references are chosen for the path: kept from frame to frame until others cost less than the share ``hysteresis`` of
+theirs.
 """
 
 import dataclasses
@@ -51,7 +52,7 @@ from gaussian_enhancer.types import Camera
 STEADY = "steady "
 """What stands in names of variants whose change is partly carried over; the share follows."""
 PATH = "path "
-"""What names of variants begin with whose references are chosen for the path; the loyalty follows."""
+"""What names of variants begin with whose references are chosen for the path; the factor follows."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def rendered_sequence(
     enhancer: SetEnhancer,
     photos: Sequence[Tensor] = (),
     temporal_smoothing: Sequence[float] = (),
-    loyalty: Sequence[float] = (),
+    hysteresis: Sequence[float] = (),
 ) -> Filmed:
     """Raw and enhanced frames of a path, by every choice of references and smoothing, and photos where they are known.
 
@@ -102,13 +103,13 @@ def rendered_sequence(
         enhancer: chooses references for each frame by itself.
         photos: the path as it looks; none where that is not known.
         temporal_smoothing: shares of the change that are carried over.
-        loyalty: factors on the cost of the frame before's references, as `PathReferences` takes them.
+        hysteresis: factors on the cost of the frame before's references, as `PathReferences` takes them.
     """
     at_one_size(enhancer)
     single = enhancer.reference_config
     enhanced = list(enhancer(rendered))
     chosen = {"enhanced": enhanced}
-    for factor in loyalty:
+    for factor in hysteresis:
         enhancer.reference_config = PathReferences.of(single, factor)
         chosen[f"{PATH}{factor:g}"] = list(enhancer(rendered))
     enhancer.reference_config = single
@@ -246,7 +247,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         photos = exact_photos(fit, cameras)
         drawn = path_renders(fit, cameras)
-        return records(fit, rendered_sequence(drawn, enhancer, photos, cfg.temporal_smoothing, cfg.loyalty), weights)
+        return records(fit, rendered_sequence(drawn, enhancer, photos, cfg.temporal_smoothing, cfg.hysteresis), weights)
 
     return Study(finished_fits(cfg.runs), measure, derived=compared)
 

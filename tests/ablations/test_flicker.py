@@ -125,7 +125,7 @@ def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tm
         Tinting(), ReferenceConfig(references=1, candidates=1), precision="float32", colour_clamping=0
     )
     config = enhancer.reference_config
-    film = rendered_sequence(rendered, enhancer, loyalty=[0.5, 1.0])
+    film = rendered_sequence(rendered, enhancer, hysteresis=[0.5, 1.0])
     assert enhancer.reference_config is config
     run = named(plane_run, tmp_path)
     found, all_records = means(run, film)

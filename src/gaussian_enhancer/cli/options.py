@@ -485,7 +485,7 @@ class Flicker(OfFits):
     cameras: Annotated[int, Field(ge=2)]
     strength: Share | None
     temporal_smoothing: list[Share]
-    loyalty: list[Annotated[float, Field(gt=0, le=1)]]
+    hysteresis: list[Annotated[float, Field(gt=0, le=1)]]
 
 
 class AlreadyGood(OfFits):

@@ -85,7 +85,7 @@ def rank_references(
     distance: str = "relative",
     depth: Float[Tensor, "1 h w"] | None = None,
     kept: Collection[int] = (),
-    loyalty: float = 1.0,
+    hysteresis: float = 1.0,
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.
 
@@ -103,7 +103,7 @@ def rank_references(
         distance: "relative" to the candidates' median camera spacing, or as "published" in scene units.
         depth: rendered z depth of the target.
         kept: indices of candidates that the frame before referred to.
-        loyalty: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
+        hysteresis: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
             Without cameras it has no effect.
 
     Raises:
@@ -125,7 +125,7 @@ def rank_references(
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
         costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
-    costs = torch.where(torch.tensor([i in kept for i in others]), loyalty * costs, costs)
+    costs = torch.where(torch.tensor([i in kept for i in others]), hysteresis * costs, costs)
     return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
 
 
