@@ -30,7 +30,7 @@ CLAIM = "as shipped"
 
 
 @dataclass(frozen=True)
-class Page:
+class CommittedPage:
     """A committed page of results.
 
     Args:
@@ -57,7 +57,7 @@ class Age:
         claims: whether the page says `CLAIM`.
     """
 
-    page: Page
+    page: CommittedPage
     commits: tuple[str, ...]
     unknown: tuple[str, ...]
     changed: Mapping[str, tuple[str, ...]]
@@ -85,42 +85,44 @@ class Age:
 
 
 PAGES = (
-    Page("docs/results/quality.md", ("docs/results/quality.jsonl",), ("weights", "network", "splat", "train")),
-    Page(
+    CommittedPage("docs/results/quality.md", ("docs/results/quality.jsonl",), ("weights", "network", "splat", "train")),
+    CommittedPage(
         "docs/results/plan.md",
         ("docs/results/leaving_out_test.jsonl", "docs/results/leaving_out_training.jsonl"),
         ("weights", "network", "splat"),
     ),
-    Page("docs/results/convergence.md", ("docs/results/convergence.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
-    Page("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/weights.md", ("docs/results/candidates.jsonl",), ("weights", "network", "train")),
-    Page(
+    CommittedPage("docs/results/convergence.md", ("docs/results/convergence.jsonl",), ("weights", "network", "splat")),
+    CommittedPage("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
+    CommittedPage("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
+    CommittedPage(
+        "docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")
+    ),
+    CommittedPage("docs/results/weights.md", ("docs/results/candidates.jsonl",), ("weights", "network", "train")),
+    CommittedPage(
         "docs/results/networks.md",
         ("docs/results/depth.jsonl", "docs/results/flicker.jsonl", "docs/results/evidence.jsonl"),
         ("weights", "network"),
     ),
-    Page(
+    CommittedPage(
         "docs/results/simulator.md",
         ("docs/results/realism_test.jsonl", "docs/results/renders_test.jsonl", "docs/results/renders_validation.jsonl"),
         ("simulator", "network", "train"),
     ),
-    Page("docs/video.md", ("docs/results/flicker_path.jsonl",), ("weights", "network")),
-    Page("docs/results/fitting.md", ("docs/results/initialisation.jsonl",), ("splat", "scenes")),
+    CommittedPage("docs/video.md", ("docs/results/flicker_path.jsonl",), ("weights", "network")),
+    CommittedPage("docs/results/fitting.md", ("docs/results/initialisation.jsonl",), ("splat", "scenes")),
 )
 """Pages by hand; the tables of the suite are found by their files."""
 
 
-def pages(root: Path) -> tuple[Page, ...]:
+def pages(root: Path) -> tuple[CommittedPage, ...]:
     """All pages with records: those of `PAGES`, and every table of the suite that was committed."""
     tables = sorted((root / "docs/results/tables").glob("*/*.jsonl"))
     names = [path.relative_to(root).with_suffix("").as_posix() for path in tables]
     hang = ("network", "splat", "train", "simulator", "scenes")
-    return (*PAGES, *(Page(f"{name}.md", (f"{name}.jsonl",), hang) for name in names))
+    return (*PAGES, *(CommittedPage(f"{name}.md", (f"{name}.jsonl",), hang) for name in names))
 
 
-def age(root: Path, page: Page) -> Age:
+def age(root: Path, page: CommittedPage) -> Age:
     """What changed since a page's records were made.
 
     Args:

@@ -41,7 +41,7 @@ WORLDS = {
 
 
 @dataclass(frozen=True)
-class Done:
+class PlanOutcome:
     """What a plan made of a scene's views.
 
     Args:
@@ -116,7 +116,7 @@ def aims_of(cfg: DictConfig) -> PlanAims:
     return PlanAims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 
-def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> Done:
+def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> PlanOutcome:
     """Enhance a set's views as the job enhance does, by one set of rules.
 
     Args:
@@ -132,7 +132,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         read()
     images = tuple(enhancer(found.rendered, planner, found.pool))
     views = tuple(one.plan for one in images if one.plan is not None)
-    return Done(Plan(rendered.name, rules, found.parts, views), images)
+    return PlanOutcome(Plan(rendered.name, rules, found.parts, views), images)
 
 
 def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
@@ -154,7 +154,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     rendered = replace(rendered, targets=rendered.targets[:: cell.every])
     device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
     rules = {str(name): build(composed("enhance", cfg, words).plan) for name, words in cfg.worlds.plans.items()}
-    done: dict[str, Done] = {}
+    done: dict[str, PlanOutcome] = {}
 
     def enhance(name: str) -> None:
         done[name] = enhanced_by(rules[name], pretrained, rendered, device)
@@ -173,7 +173,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
 
 
 def _scene_record(
-    fit: str, cell: StudyCell, name: str, one: Done, timing: Timing, peak: int, background: bool
+    fit: str, cell: StudyCell, name: str, one: PlanOutcome, timing: Timing, peak: int, background: bool
 ) -> Record:
     """Time, memory and what was left out of a scene."""
     views, count = one.plan.views, len(one.images)
@@ -197,7 +197,7 @@ def _scene_record(
     return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), how)
 
 
-def _view_records(rendered: RenderedSet, one: Done, distances: list[PerceptualDistance]) -> Iterator[Record]:
+def _view_records(rendered: RenderedSet, one: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:
     """Error of every view against its photo."""
     for view, image in zip(rendered.targets, one.images, strict=True):
         if view.read_photo is None:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
 from gaussian_enhancer.errors import InputError, refuse_unknown
@@ -95,7 +95,7 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
     own = [replace(r, variant=r.variant.split("/", 1)[1]) for r in records if r.variant.startswith(f"{name}/")]
     scenes = {str(group): tuple(map(str, cfg.groups[group].scenes)) for group in table.groups}
     measured = list(dict.fromkeys(record.scene for record in own))
-    study = Study(
+    study = TableDescription(
         name=name,
         title=str(table.title),
         kind="quality",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat, UnidentifiedImageError
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 
@@ -26,7 +26,7 @@ PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 22
 
 
 def write_grid(
-    path: Path, table: Study, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
+    path: Path, table: TableDescription, images: Mapping[tuple[str, str], Path], height: int = 192, share: float = 1 / 3
 ) -> Path:
     """Write a grid of labelled crops as PNG, whole or not at all.
 

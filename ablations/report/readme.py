@@ -23,7 +23,7 @@ HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (
 
 
 @dataclass(frozen=True)
-class Frame:
+class FrameGain:
     """One view before and after.
 
     Args:
@@ -39,20 +39,20 @@ class Frame:
         return self.enhanced[metric] - self.raw[metric]
 
 
-def frames(records: Sequence[Record]) -> dict[str, dict[str, list[Frame]]]:
+def frames(records: Sequence[Record]) -> dict[str, dict[str, list[FrameGain]]]:
     """Views by scene and fitted run.
 
     Raises:
         InputError: a view was enhanced but not measured raw.
     """
     measured = {(one.run, one.view, one.variant): one for one in records}
-    found: dict[str, dict[str, list[Frame]]] = {}
+    found: dict[str, dict[str, list[FrameGain]]] = {}
     for (run, view, variant), after in measured.items():
         if variant == ENHANCED:
             before = measured.get((run, view, RAW))
             if before is None:
                 raise InputError(f"{run}, {view}", "has no raw render in the records", "measure it again")
-            pair = Frame(_known(before), _known(after))
+            pair = FrameGain(_known(before), _known(after))
             found.setdefault(after.scene, {}).setdefault(run, []).append(pair)
     return found
 
@@ -88,7 +88,7 @@ def _known(record: Record) -> dict[str, float]:
     return {name: value for name, value in record.metrics.items() if value is not None}
 
 
-def _line(title: str, runs: Sequence[Sequence[Frame]]) -> str:
+def _line(title: str, runs: Sequence[Sequence[FrameGain]]) -> str:
     def mean(values: Sequence[Sequence[float]]) -> float:
         return statistics.fmean(statistics.fmean(run) for run in values)
 
@@ -97,7 +97,7 @@ def _line(title: str, runs: Sequence[Sequence[Frame]]) -> str:
     return f"| {title} | {raw:.2f} → {enhanced:.2f} dB | {aligned:+.2f} dB | {lpips:+.4f} |\n"
 
 
-def _worst(every: Sequence[Frame]) -> str:
+def _worst(every: Sequence[FrameGain]) -> str:
     """How many frames gain, and what the worst one gains or loses."""
     told = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):

@@ -31,7 +31,7 @@ KEYS = ("scene", "splat")
 
 
 @dataclass(frozen=True)
-class MeasuredRun:
+class StudiedRun:
     """A run that is measured.
 
     Args:
@@ -50,7 +50,7 @@ class MeasuredRun:
 
 
 def rows(
-    one: MeasuredRun, method: str, made: tuple[str, SetEnhancer], distances: Sequence[PerceptualDistance]
+    one: StudiedRun, method: str, made: tuple[str, SetEnhancer], distances: Sequence[PerceptualDistance]
 ) -> Iterator[dict[str, object]]:
     """Two rows a held-out view: the splat's render, and the render enhanced.
 
@@ -77,7 +77,7 @@ def gains(frame: pd.DataFrame) -> pd.DataFrame:
     return with_gains(frame, {"splat": BASE, "image": "render"}, ("scene", "view"))
 
 
-def named(word: str) -> MeasuredRun:
+def named(word: str) -> StudiedRun:
     """The run that a word names.
 
     Args:
@@ -97,10 +97,10 @@ def named(word: str) -> MeasuredRun:
     if cost is None:
         raise InputError(run / "records.jsonl", "holds no record of cost", "name a run of the job fit or distil")
     seconds, count = (cost.get(name) or 0.0 for name in ("milliseconds", "gaussians"))
-    return MeasuredRun(capture, splat, run, seconds / 1e3, count)
+    return StudiedRun(capture, splat, run, seconds / 1e3, count)
 
 
-def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[MeasuredRun]:
+def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[StudiedRun]:
     """The runs that words name, checked before any is measured.
 
     Args:
@@ -120,7 +120,7 @@ def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[Meas
     return runs
 
 
-def study(cfg: DictConfig, device: torch.device) -> Study[MeasuredRun]:
+def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
     """The renders of every run, raw and enhanced.
 
     Raises:

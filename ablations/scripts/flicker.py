@@ -56,7 +56,7 @@ PATH = "path "
 
 
 @dataclass(frozen=True)
-class Filmed:
+class FrameSequence:
     """Frames along a path in every variant.
 
     Args:
@@ -95,7 +95,7 @@ def rendered_sequence(
     photos: Sequence[Tensor] = (),
     temporal_smoothing: Sequence[float] = (),
     hysteresis: Sequence[float] = (),
-) -> Filmed:
+) -> FrameSequence:
     """Raw and enhanced frames of a path, by every choice of references and smoothing, and photos where they are known.
 
     Args:
@@ -130,7 +130,7 @@ def rendered_sequence(
     if photos:
         images["photo"] = tuple(photos)
     references = {name: tuple(one.references for one in frames) for name, frames in chosen.items()}
-    return Filmed(tuple(places), images, references)
+    return FrameSequence(tuple(places), images, references)
 
 
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
@@ -153,7 +153,7 @@ def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
     return [(len(set(b) - set(a)), set(a) == set(b) and a != b) for a, b in pairs]
 
 
-def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
+def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record]:
     """One record for each pair of neighbouring frames and variant."""
     changed = {name: changes(chosen) for name, chosen in sequence.references.items()}
     for variant, images in sequence.images.items():

@@ -18,7 +18,7 @@ GENERIC = ("blur", "noise", "jpeg")
 """What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
 
 
-class Adapted:
+class AdaptedGates:
     """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out.
 
     Args:
@@ -49,7 +49,7 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
     Raises:
         InputError: there is no such row, or a second stage comes without weights.
     """
-    adapted = Adapted()
+    adapted = AdaptedGates()
     makers: dict[str, Row] = {
         "none": none,
         "naive": naive,

@@ -60,7 +60,7 @@ def read_layout(name: str) -> TableLayout:
     return TableLayout(**plain(OmegaConf.load(configurations() / "table" / f"{name}.yaml")))  # type: ignore[arg-type]
 
 
-class Number(float):
+class OptionalNumber(float):
     """A number that may be unknown."""
 
     def __format__(self, form: str) -> str:
@@ -88,27 +88,27 @@ class Column:
     def __format__(self, form: str) -> str:
         """The first value."""
         first = self.values.iloc[0]
-        return format(Number(first) if isinstance(first, float) else first, form)
+        return format(OptionalNumber(first) if isinstance(first, float) else first, form)
 
     @property
-    def mean(self) -> Number:
+    def mean(self) -> OptionalNumber:
         """Of the values that are known."""
-        return Number(self.known.mean())
+        return OptionalNumber(self.known.mean())
 
     @property
-    def median(self) -> Number:
+    def median(self) -> OptionalNumber:
         """Likewise."""
-        return Number(self.known.median())
+        return OptionalNumber(self.known.median())
 
     @property
-    def min(self) -> Number:
+    def min(self) -> OptionalNumber:
         """Likewise."""
-        return Number(self.known.min())
+        return OptionalNumber(self.known.min())
 
     @property
-    def max(self) -> Number:
+    def max(self) -> OptionalNumber:
         """Likewise."""
-        return Number(self.known.max())
+        return OptionalNumber(self.known.max())
 
     @property
     def count(self) -> int:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from ablations.jobs.fresh import INPUTS, PAGES, Page, age, pages
+from ablations.jobs.fresh import INPUTS, PAGES, CommittedPage, age, pages
 from support.paths import ROOT
 
 WEIGHTS, NETWORK = "src/gaussian_enhancer/weights/lr.safetensors", "src/gaussian_enhancer/network/sif.py"
-PAGE = Page("page.md", ("page.jsonl",), ("weights", "network"))
+PAGE = CommittedPage("page.md", ("page.jsonl",), ("weights", "network"))
 
 
 @pytest.fixture
