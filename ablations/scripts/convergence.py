@@ -278,8 +278,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
             for name, picture, text in extremes(made, fit):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
 
-    how = {"derived": with_roles, "above": diagram, "below": pictured}
-    return Study(chosen, measure, KEYS, COLUMNS, "methods", **how)
+    return Study(chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=diagram, below=pictured)
 
 
 run = job(study)
