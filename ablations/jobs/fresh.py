@@ -6,7 +6,7 @@ networks, splats, training) changed since. It is false where it also says "as sh
 
 import json
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,17 +14,8 @@ from omegaconf import DictConfig
 
 from ablations.jobs.pages import ROOT
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import plain
 
-INPUTS: Mapping[str, tuple[str, ...]] = {
-    "weights": ("src/gaussian_enhancer/weights/*.safetensors",),
-    "network": ("src/gaussian_enhancer/network", "src/gaussian_enhancer/align", "src/gaussian_enhancer/infer"),
-    "splat": ("src/gaussian_enhancer/splat",),
-    "distil": ("src/gaussian_enhancer/distil",),
-    "train": ("src/gaussian_enhancer/train", "src/gaussian_enhancer/loss", "conf/recipe"),
-    "simulator": ("src/gaussian_enhancer/degrade",),
-    "scenes": ("src/gaussian_enhancer/scene",),
-}
-"""Paths by what they are, as git's pathspecs."""
 CLAIM = "as shipped"
 """Words of a page that are false once a shipped file has changed."""
 
@@ -36,12 +27,12 @@ class CommittedPage:
     Args:
         path: of the page, from the repository's root.
         records: its files of records, each line a JSON object with a ``commit``.
-        inputs: what its numbers hang on, of `INPUTS`.
+        inputs: what its numbers hang on, by name, as git's pathspecs.
     """
 
     path: str
     records: tuple[str, ...]
-    inputs: tuple[str, ...]
+    inputs: Mapping[str, Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -84,42 +75,22 @@ class Age:
         return told + (f"; {self.behind} commits behind" if self.behind else "")
 
 
-PAGES = (
-    CommittedPage("docs/results/quality.md", ("docs/results/quality.jsonl",), ("weights", "network", "splat", "train")),
-    CommittedPage(
-        "docs/results/plan.md",
-        ("docs/results/leaving_out_test.jsonl", "docs/results/leaving_out_training.jsonl"),
-        ("weights", "network", "splat"),
-    ),
-    CommittedPage("docs/results/convergence.md", ("docs/results/convergence.jsonl",), ("weights", "network", "splat")),
-    CommittedPage("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
-    CommittedPage("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
-    CommittedPage(
-        "docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")
-    ),
-    CommittedPage("docs/results/weights.md", ("docs/results/candidates.jsonl",), ("weights", "network", "train")),
-    CommittedPage(
-        "docs/results/networks.md",
-        ("docs/results/depth.jsonl", "docs/results/flicker.jsonl", "docs/results/evidence.jsonl"),
-        ("weights", "network"),
-    ),
-    CommittedPage(
-        "docs/results/simulator.md",
-        ("docs/results/realism_test.jsonl", "docs/results/renders_test.jsonl", "docs/results/renders_validation.jsonl"),
-        ("simulator", "network", "train"),
-    ),
-    CommittedPage("docs/video.md", ("docs/results/flicker_path.jsonl",), ("weights", "network")),
-    CommittedPage("docs/results/fitting.md", ("docs/results/initialisation.jsonl",), ("splat", "scenes")),
-)
-"""Pages by hand; the tables of the suite are found by their files."""
+def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
+    """All pages with records: those that are listed, and every table of the suite that was committed.
 
+    Args:
+        root: of a checkout.
+        cfg: conf/fresh.yaml, composed.
+    """
+    values = plain(cfg)
 
-def pages(root: Path) -> tuple[CommittedPage, ...]:
-    """All pages with records: those of `PAGES`, and every table of the suite that was committed."""
+    def page(path: str, records: Sequence[str], inputs: Sequence[str]) -> CommittedPage:
+        return CommittedPage(path, tuple(records), {name: values["inputs"][name] for name in inputs})
+
     tables = sorted((root / "docs/results/tables").glob("*/*.jsonl"))
     names = [path.relative_to(root).with_suffix("").as_posix() for path in tables]
-    hang = ("network", "splat", "train", "simulator", "scenes")
-    return (*PAGES, *(CommittedPage(f"{name}.md", (f"{name}.jsonl",), hang) for name in names))
+    listed = [page(path, one["records"], one["inputs"]) for path, one in values["pages"].items()]
+    return (*listed, *(page(f"{name}.md", (f"{name}.jsonl",), values["tables"]) for name in names))
 
 
 def age(root: Path, page: CommittedPage) -> Age:
@@ -132,8 +103,8 @@ def age(root: Path, page: CommittedPage) -> Age:
     commits = sorted({commit.rstrip("+") for file in page.records for commit in stated_commits(root / file)})
     known = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
     changed: dict[str, tuple[str, ...]] = {}
-    for name in page.inputs:
-        files = {line for commit in known for line in _lines(root, "diff", "--name-only", commit, "--", *INPUTS[name])}
+    for name, specs in page.inputs.items():
+        files = {line for commit in known for line in _lines(root, "diff", "--name-only", commit, "--", *specs)}
         if files:
             changed[name] = tuple(sorted(files))
     behind = max((int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known), default=0)
@@ -166,7 +137,7 @@ def run(cfg: DictConfig) -> None:
     Raises:
         InputError: a page is false, or stale where that is asked for.
     """
-    ages = [age(ROOT, page) for page in pages(ROOT)]
+    ages = [age(ROOT, page) for page in pages(ROOT, cfg)]
     print("\n".join(map(str, ages)))
     stale, false = sum(one.stale for one in ages), sum(one.false for one in ages)
     print(f"{len(ages)} pages: {len(ages) - stale} fresh, {stale} stale, {false} of them false")

@@ -396,6 +396,9 @@ class Fresh(Options):
     """Options of the job ``fresh``."""
 
     strict: bool
+    inputs: dict[str, list[str]]
+    pages: dict[str, Group]
+    tables: list[str]
 
 
 class Tables(Options):

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from ablations.report.stability import faults
 from ablations.stability import order
 from ablations.stability.case import PRECISIONS
 from ablations.stability.catalogue import FAMILIES, catalogue
-from ablations.stability.faults import FAULTS
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN, judged
 from ablations.stability.watched import measured
 from gaussian_enhancer.errors import InputError
@@ -113,7 +113,7 @@ def test_unknown_families_and_cases_are_refused():
 def test_names_are_unique_and_faults_name_cases():
     names = [one.name for one in catalogue()]
     assert len(set(names)) == len(names)
-    assert {fault.case for fault in FAULTS} <= set(names)
+    assert {fault["case"] for fault in faults()} <= set(names)
     assert {one.family for one in catalogue()} == set(FAMILIES)
 
 
