@@ -41,8 +41,8 @@ class Study(Generic[Part]):
     """What a study measures.
 
     Args:
-        parts: runs, scenes, methods or what else is measured at a time, each usable; none: reports are made of the
-            records alone.
+        parts: runs, scenes, names of methods or what else is measured at a time, each usable and told from others by
+            its text; none: reports are made of the records alone.
         measure: gives the measurements of a part.
         keys: columns that say what was measured; measuring it again replaces its rows.
         columns: further ones that records must have.
@@ -128,8 +128,8 @@ def add(study: Study[Any], file: RowFile, digest: str) -> None:
     file.held()  # a file of something else is refused before anything is measured
     folder = file.path.with_name(f"{file.path.name}.{digest}.parts")
     lines: list[str] = []
-    for number, part in enumerate(study.parts):
-        kept = folder / f"{number}.jsonl"
+    for part in study.parts:
+        kept = folder / f"{digest_of({'part': str(part)})}.jsonl"
         if not kept.is_file():
             write_text(kept, "\n".join(line_of(stated(one)) for one in study.measure(part)))
         lines += filter(None, kept.read_text(encoding="utf-8").split("\n"))  # splitlines would cut names
