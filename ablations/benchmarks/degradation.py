@@ -128,7 +128,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     return rows, left_out
 
 
-def study(cfg: DictConfig, device: torch.device) -> Study[list[MethodTiming]]:
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """All rows in turn; says which methods are left out.
 
     Raises:
@@ -138,7 +138,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[list[MethodTiming]]:
     for method, reason in left_out.items():
         print(f"left out: {method}: {reason}", file=sys.stderr)
 
-    def measure(rows: list[MethodTiming]) -> list[dict[str, Any]]:
+    def measure(_: str) -> list[dict[str, Any]]:
         numba.set_num_threads(1)
         with torch.no_grad():
             for seed in range(-2, cfg.rounds):
@@ -149,7 +149,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[list[MethodTiming]]:
         rivals = {row.input: row for row in rows if row.method == RIVAL}
         return [row.summary(rivals.get(row.input)) for row in rows]
 
-    return Study([rows], measure, ("method", "input"), option="methods")
+    return Study(["all in turn"], measure, ("method", "input"), option="methods")
 
 
 run = job(study)

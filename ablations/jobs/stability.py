@@ -1,7 +1,7 @@
 """``gaussian-enhancer stability``: stiff and extreme cases in every precision, as records, a page and diagrams."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, read_records
 
 
-def study(cfg: DictConfig, device: torch.device) -> Study[Callable[[], Iterator[Record]]]:
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """The matrix family by family, then the sampler's order schedule by schedule.
 
     Raises:
@@ -33,12 +33,11 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Callable[[], Iterator[
     families = {case.family: [one for one in cases if one.family == case.family] for case in cases}
     threads = cfg.runtime.threads or os.cpu_count() or 1
     steps, finest = tuple(cfg.order.steps), int(cfg.order.finest)
-    parts = [partial(_told, own, threads) for own in families.values()]
-    parts += [partial(measured_order, name, steps, finest) for name in SCHEDULES]
+    parts = {name: partial(_told, own, threads) for name, own in families.items()}
+    parts |= {f"order of {name}": partial(measured_order, name, steps, finest) for name in SCHEDULES}
     report = partial(_reported, Path(cfg.records), Path(cfg.markdown))
-    return Study(
-        () if cfg.records_only else parts, lambda part: part(), ("kind", "scene"), option="families", report=report
-    )
+    chosen = () if cfg.records_only else tuple(parts)
+    return Study(chosen, lambda name: parts[name](), ("kind", "scene"), option="families", report=report)
 
 
 run = job(study)

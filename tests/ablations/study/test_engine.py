@@ -41,6 +41,20 @@ def test_a_study_that_was_killed_goes_on_where_it_stopped(tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["rows.jsonl"]
 
 
+def test_parts_are_known_by_their_text_and_not_by_their_place(tmp_path):
+    path = str(tmp_path / "rows.jsonl")
+
+    def killed(part):
+        if part == "b":
+            raise KeyboardInterrupt
+        return [{"row": part, "psnr": 9.0}]
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(Study(("a", "b"), killed, ("row",)), path, "0123")
+    frame = measured(toy(("0", "a", "b")), path, "0123")
+    assert dict(zip(frame["row"], frame["psnr"], strict=True)) == {"0": 1.0, "a": 9.0, "b": 1.0}
+
+
 def test_another_command_does_not_go_on_with_what_was_killed(tmp_path):
     def killed(part):
         if part == "b":
