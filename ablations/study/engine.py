@@ -1,8 +1,8 @@
 """The study engine: parts are measured one after the other, rows are kept, and reports are made of them.
 
 A study is a configuration ``conf/JOB.yaml`` and a module that says what is measured: ``run = job(study)``, where
-``study(cfg, device)`` gives a `Study`. A layout of the group ``table`` says what its table and its page show; a study
-whose page is more than tables writes it by ``report``.
+``study(cfg, device)`` gives a `Study`. A layout of the group ``row_table`` says what its table and its page show. A
+study whose page is more than tables writes it by ``report``.
 
 A study that was killed goes on where it stopped: the same command finds the parts that were measured in a folder beside
 the records. At the end they are added to the records, in place of what was measured there before.
@@ -32,7 +32,7 @@ from gaussian_enhancer.runs.runtime import start
 Part = TypeVar("Part")
 
 
-NO_EFFECT = ("table", "page", "runtime", "output", "records_only")
+NO_EFFECT = ("row_table", "page", "runtime", "output", "records_only")
 """Options that change nothing of what is measured."""
 
 
@@ -80,9 +80,10 @@ def job(make: Callable[[DictConfig, torch.device], Study[Any]]) -> Callable[[Dic
         values = {name: value for name, value in plain(cfg).items() if name not in NO_EFFECT}
         records = study.records or cfg.records
         if study.report is not None:
-            add(study, RowFile(Path(records), study.keys), digest_of(values))
+            if records:
+                add(study, RowFile(Path(records), study.keys), digest_of(values))
             return study.report()
-        frame, layout = study.derived(measured(study, records, digest_of(values))), TableLayout(**plain(cfg.table))
+        frame, layout = study.derived(measured(study, records, digest_of(values))), TableLayout(**plain(cfg.row_table))
         if cfg.get("page"):
             path = Path(cfg.page)
             write_text(path, page(frame, layout, study.above(frame, path), study.below(path)))

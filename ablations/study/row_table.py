@@ -1,4 +1,4 @@
-"""A table of a frame of rows, as its layout in ``conf/table`` states it: groups of rows, one template a column.
+"""A table of a frame of rows, as its layout in ``conf/row_table`` states it: groups of rows, one template a column.
 
 A template is Python's format of the columns' statistics: ``"{psnr.mean:+.2f}"``, ``"{psnr.negatives}"``.
 A column without a statistic is the group's first value: ``"{views}"``.
@@ -56,8 +56,8 @@ class TableLayout:
 
 
 def read_layout(name: str) -> TableLayout:
-    """A layout of ``conf/table``."""
-    return TableLayout(**plain(OmegaConf.load(configurations() / "table" / f"{name}.yaml")))  # type: ignore[arg-type]
+    """A layout of ``conf/row_table``."""
+    return TableLayout(**plain(OmegaConf.load(configurations() / "row_table" / f"{name}.yaml")))  # type: ignore[arg-type]
 
 
 class OptionalNumber(float):

@@ -75,7 +75,7 @@ class RowFile:
             InputError: there is no file, it holds something else, or a record was damaged.
         """
         frame = frame_of(row for _, row in self._lines())
-        lacking = {*self.keys, *self.columns} - set(frame.columns)
+        lacking = set() if frame.empty else {*self.keys, *self.columns} - set(frame.columns)
         if lacking:
             raise InputError(self.path, f"lacks the column {sorted(lacking)[0]}", self._remedy)
         return frame

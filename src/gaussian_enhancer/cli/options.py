@@ -77,6 +77,7 @@ class Options(Shared):
 class OfFits(Shared):
     """Options of measurements of finished fits."""
 
+    row_table: Group
     runs: Places
     records: RecordsFile | None
 
@@ -84,6 +85,7 @@ class OfFits(Shared):
 class FromRecords(Shared):
     """Options of measurements of runs that make a page from their records."""
 
+    row_table: Group
     runs: Places
     records: RecordsFile
     page: Place | None
@@ -501,6 +503,7 @@ class AlreadyGood(OfFits):
 class Realism(Options):
     """Options of the job ``realism``."""
 
+    row_table: Group
     train: Places
     test: Places
     rows: list[str]
@@ -563,6 +566,7 @@ class FlowFigure(Options):
 class Networks(Options):
     """Options of the job ``networks``."""
 
+    row_table: Group
     paper: bool
     references: Size
     times: bool
@@ -599,6 +603,7 @@ class Peers(Options):
 class Degradation(Options):
     """Options of the job ``degradation``."""
 
+    row_table: Group
     methods: list[str] | None
     overrides: list[str]
     rounds: Annotated[int, Field(ge=2)]
@@ -608,6 +613,7 @@ class Degradation(Options):
 class Similarity(Options):
     """Options of the job ``similarity``."""
 
+    row_table: Group
     height: Count
     width: Count
     rounds: Count
@@ -617,6 +623,7 @@ class Similarity(Options):
 class SplatKernels(Options):
     """Options of the job ``splat_kernels``."""
 
+    row_table: Group
     sizes: list[PixelSize]
     counts: list[Count]
     methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]

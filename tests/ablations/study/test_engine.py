@@ -18,7 +18,7 @@ def toy(parts, psnr=1.0) -> Study[str]:
 
 def configured(tmp_path, **values):
     runtime = {"device": "cpu", "threads": 1, "keep_memory": False, "progress": False}
-    return OmegaConf.create({"runtime": runtime, "records": None, "table": TABLE, **values})
+    return OmegaConf.create({"runtime": runtime, "records": None, "row_table": TABLE, **values})
 
 
 def test_a_study_that_was_killed_goes_on_where_it_stopped(tmp_path):
@@ -99,7 +99,7 @@ def test_nothing_measured_is_refused_with_the_option_that_measures():
 
 def test_a_job_prints_the_table_and_writes_the_page(tmp_path, capsys):
     cfg = configured(tmp_path, records=str(tmp_path / "rows.jsonl"), page=str(tmp_path / "page.md"))
-    cfg.table.sections = {"a": "Section a"}
+    cfg.row_table.sections = {"a": "Section a"}
     job(lambda cfg, device: toy(("a", "b")))(cfg)
     assert capsys.readouterr().out.splitlines()[2:] == ["| a | 1.0 |", "| b | 1.0 |"]
     assert "## Section a\n\n| row | psnr |" in (tmp_path / "page.md").read_text()
