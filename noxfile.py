@@ -59,17 +59,16 @@ def tests_all(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def pages(session: nox.Session) -> None:
-    """Make every committed page and table again from its records; fails where one differs, `-- --write` writes them."""
+    """Make every committed page again from its records; fails where one differs, `-- write=true` writes them."""
     install(session)
-    session.run("python", "-m", "ablations.pages", *session.posargs)
+    session.run("gaussian-enhancer", "pages", *session.posargs)
 
 
 @nox.session(default=False)
 def fresh(session: nox.Session) -> None:
-    """List every committed page whose weights, network, splat or training code changed; check README's figures."""
+    """List every committed page whose weights or code changed since; `-- strict=true` fails for each of them."""
     install(session)
-    session.run("python", "-m", "ablations.readme")
-    session.run("python", "-m", "ablations.freshness", *session.posargs)
+    session.run("gaussian-enhancer", "fresh", *session.posargs)
 
 
 @nox.session(default=False)

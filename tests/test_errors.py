@@ -2,7 +2,9 @@
 
 import pickle
 
-from gaussian_enhancer.errors import InputError, reason_of
+import pytest
+
+from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
 
 FULL = InputError("disk", "is full", "free some space")
 
@@ -24,3 +26,10 @@ def test_what_a_file_says_cannot_break_the_line_or_fill_the_screen() -> None:
     assert len(text) < 1000
     assert text.startswith("a\\nb: \\x1b[2J")
     assert text.endswith("; write it again")
+
+
+def test_an_unknown_name_is_refused_with_those_that_are_known() -> None:
+    refuse_unknown("rows", None, ("a", "b"))
+    refuse_unknown("rows", ["b", "a"], ("a", "b"))
+    with pytest.raises(InputError, match="rows: names 'c'; choose from b, a"):
+        refuse_unknown("rows", ["a", "c"], ("b", "a"))

@@ -8,8 +8,8 @@ the median ratio to the rival in the same round. The row of both stages needs th
 not there it is left out with a word, or refused where it was asked for.
 """
 
-import json
 import statistics
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -23,12 +23,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from ablations.benchmarks.real_esrgan import SecondOrder
+from ablations.study.engine import Study, job
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.runtime import start
 
 Degradation = Callable[[View, torch.Generator], object]
 SIMULATORS = {
@@ -106,7 +104,7 @@ class MethodTiming:
             "method": self.method, "input": self.input, "n": len(self.wall),
             "median": middle, "lower_quartile": low, "upper_quartile": high,
             "processor": pixels * len(self.processor) / sum(self.processor),
-            "over_rival": statistics.median(ratios) if ratios else None,
+            "over_rival": statistics.median(ratios) if ratios else None, "threads": torch.get_num_threads(),
         }  # fmt: skip
 
 
@@ -116,9 +114,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     Raises:
         InputError: a method that was asked for is unknown or cannot be built.
     """
-    unknown = [method for method in methods or () if method not in METHODS]
-    if unknown:
-        raise InputError("methods", f"names {unknown[0]!r}", f"choose among {', '.join(METHODS)}")
+    refuse_unknown("methods", methods, METHODS)
     rows, left_out = [], {}
     for method in METHODS if methods is None else methods:
         try:
@@ -132,37 +128,28 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
     return rows, left_out
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print, record.
-
-    Args:
-        cfg: conf/degradation.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """All rows in turn; says which methods are left out.
 
     Raises:
-        InputError: a method that was asked for is unknown or cannot be built, or the record cannot be written.
+        InputError: a method that was asked for is unknown or cannot be built.
     """
-    start(cfg.runtime)
-    numba.set_num_threads(1)
     rows, left_out = rows_of(cfg.methods, cfg.overrides)
-    with torch.no_grad():
-        for seed in range(-2, cfg.rounds):
-            for row in rows:
-                row.run(seed + 2)
-    for row in rows:
-        del row.wall[:2], row.processor[:2]
-    rivals = {row.input: row for row in rows if row.method == RIVAL}
-    found = [row.summary(rivals.get(row.input)) for row in rows]
-    print(f"{'method':>24} {'input':>20} | {'median':>7} {'quartiles':>13} | {'processor':>9} | over rival")
-    for one in found:
-        spread = f"{one['lower_quartile']:.2f} to {one['upper_quartile']:.2f}"
-        ratio = "" if one["over_rival"] is None else f"{one['over_rival']:.2f}"
-        print(f"{one['method']:>24} {one['input']:>20} | {one['median']:7.3f} {spread:>13} |", end="")
-        print(f" {one['processor']:9.3f} | {ratio:>10}")
     for method, reason in left_out.items():
-        print(f"left out: {method}: {reason}")
-    if cfg.records:
-        record = {
-            "unit": "megapixels a second", "rows": found, "left_out": left_out, "threads": torch.get_num_threads(),
-            "rounds": cfg.rounds, "machine": this_machine(), "commit": this_commit(),
-        }  # fmt: skip
-        write_text(cfg.records, json.dumps(record, indent=2) + "\n")
+        print(f"left out: {method}: {reason}", file=sys.stderr)
+
+    def measure(_: str) -> list[dict[str, Any]]:
+        numba.set_num_threads(1)
+        with torch.no_grad():
+            for seed in range(-2, cfg.rounds):
+                for row in rows:
+                    row.run(seed + 2)
+        for row in rows:
+            del row.wall[:2], row.processor[:2]
+        rivals = {row.input: row for row in rows if row.method == RIVAL}
+        return [row.summary(rivals.get(row.input)) for row in rows]
+
+    return Study(["all in turn"], measure, ("method", "input"), option="methods")
+
+
+run = job(study)

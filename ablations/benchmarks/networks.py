@@ -6,28 +6,25 @@ bfloat16 and channels-last memory on an otherwise idle machine; networks run in 
 is kept.
 """
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import pandas as pd
 import torch
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from ablations.study.markdown import frame, markdown
+from ablations.study.engine import Study, job
 from gaussian_enhancer.configurations import configurations
-from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_of
 from gaussian_enhancer.metrics.cost import timed
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.types import NetworkInput
 
 SIZES = ("tiny", "base", "large")
@@ -139,62 +136,40 @@ def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> l
     return [1e3 * one.milliseconds / count for one, count in zip(times.values(), pixels, strict=True)]
 
 
-def measured(cfg: DictConfig) -> dict[str, Any]:
-    """The record: where and how it was measured, and a row for each network.
+def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
+    """A row for each network.
 
     Args:
         cfg: conf/networks.yaml, composed.
     """
     found = list(subjects(cfg.paper))
-    rows: list[dict[str, Any]] = []
-    times = None
+    times: list[dict[str, Any]] = [{} for _ in found]
     if cfg.times:
         prepared = [subject.network.to(memory_format=torch.channels_last) for subject in found]  # type: ignore[call-overload]
-        times = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
-    for index, subject in enumerate(found):
-        row = {
+        each = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
+        how = {"timed_on": f"{cfg.height}x{cfg.width}", "threads": torch.get_num_threads(), "precision": "bfloat16"}
+        times = [{"seconds_per_megapixel": round(one, 4), **how} for one in each]
+    for subject, time in zip(found, times, strict=True):
+        yield {
             "fusion": subject.fusion,
             "alignment": subject.alignment,
             "size": subject.size,
             "scale": subject.network.scale,
             "parameters": count_parameters(subject.network),
             "giga_multiply_adds_per_megapixel": round(multiply_adds(subject.network, cfg.references) / 1e3, 2),
+            "references": cfg.references,
+            **time,
         }
-        rows.append(row if times is None else {**row, "seconds_per_megapixel": round(times[index], 4)})
-    how = {"size": f"{cfg.height}x{cfg.width}", "rounds": cfg.rounds, "threads": torch.get_num_threads()}
-    how["precision"] = "bfloat16"
-    return {
-        "references": cfg.references,
-        "times": how if cfg.times else None,
-        "rows": rows,
-        "machine": this_machine(),
-        "commit": this_commit(),
-    }
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """The rows as a Markdown table."""
-    heads = ["network", "alignment", "size", "scale", "parameters", "10^9 multiply-adds / MP"]
-    timed = "seconds_per_megapixel" in rows[0]
-    lines: list[list[str]] = []
-    for row in rows:
-        name, alignment, size, scale, parameters, work, *seconds = row.values()
-        lines.append([f"`{name}`", alignment, size, f"{scale}x", f"{parameters:,}", f"{work:,.1f}"])
-        lines[-1] += [f"{value:.3f}" for value in seconds]
-    return markdown(frame(heads + ["s / MP"] * timed, lines))
+def named(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the network's name as Markdown prints code."""
+    return frame.assign(network="`" + frame["fusion"] + "`")
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print.
+def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
+    """All networks, timed in turn."""
+    return Study([cfg], measured, ("fusion", "alignment", "size", "references"), derived=named)
 
-    Args:
-        cfg: conf/networks.yaml, composed.
 
-    Raises:
-        InputError: the record cannot be written.
-    """
-    start(cfg.runtime)
-    record = measured(cfg)
-    print(table(record["rows"]), end="")
-    if cfg.records:
-        write_text(cfg.records, json.dumps(record, indent=1) + "\n")
+run = job(study)

@@ -4,29 +4,23 @@ SSIM and L1 with their compiled gradient, against torch's autograd of the same l
 round; printed are the medians and the median of the ratios of neighbouring runs.
 """
 
-import json
+from typing import Any
 
 import torch
 from omegaconf import DictConfig
 
-from gaussian_enhancer.files import write_text
+from ablations.study.engine import Study, job
 from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.metrics.cost import timed
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print.
+def measured(cfg: DictConfig) -> list[dict[str, Any]]:
+    """One row: both losses at one size.
 
     Args:
         cfg: conf/similarity.yaml, composed.
-
-    Raises:
-        InputError: the record cannot be written.
     """
-    start(cfg.runtime)
     photo, first = torch.rand(2, 3, cfg.height, cfg.width, generator=torch.Generator().manual_seed(0))
     target = prepare(photo)
 
@@ -40,16 +34,20 @@ def run(cfg: DictConfig) -> None:
         (0.8 * (image - photo).abs().mean() + 0.2 * unlike).backward()
 
     times = timed({"own": own, "autograd": autograd}, cfg.rounds)
-    record = {
+    row = {
         "size": f"{cfg.height}x{cfg.width}",
         "own_ms": times["own"].milliseconds,
         "autograd_ms": times["autograd"].milliseconds,
         "ratio": times["own"].times_faster(times["autograd"])[0],
         "rounds": cfg.rounds,
         "threads": torch.get_num_threads(),
-        "machine": this_machine(),
-        "commit": this_commit(),
     }
-    print(json.dumps(record, indent=2))
-    if cfg.records:
-        write_text(cfg.records, json.dumps(record) + "\n")
+    return [row]
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
+    """Both losses in turn."""
+    return Study([cfg], measured, ("size",))
+
+
+run = job(study)

@@ -6,9 +6,7 @@ falls on all of them alike. Printed per part: median and, as what an idle machin
 ``cold=true`` measures the first compilation in an empty cache instead.
 """
 
-import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -22,8 +20,7 @@ import numba
 import torch
 from omegaconf import DictConfig
 
-from gaussian_enhancer.files import write_text
-from gaussian_enhancer.runs.runtime import start
+from ablations.study.engine import Study, job
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, photometric_loss, prepare
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
@@ -93,7 +90,7 @@ class TimedFit:
     def summary(self) -> dict[str, Any]:
         """Medians and minima in ms, the first (compiling) iteration left out."""
         columns: dict[str, Any] = {
-            "height": self.height, "width": self.width, "count": self.count, "method": self.method.name,
+            "method": self.method.name, "image": f"{self.height}x{self.width}", "gaussians": self.count,
         }  # fmt: skip
         for part in PARTS:
             wall, processor = self.wall[part][1:], self.processor[part][1:]
@@ -102,17 +99,6 @@ class TimedFit:
                 "processor_ms": statistics.median(processor), "n": len(wall),
             }  # fmt: skip
         return columns
-
-
-def printed(rows: list[dict[str, Any]]) -> None:
-    """The table on the terminal."""
-    print(f"{'image':>9} {'count':>7} {'method':>13} | " + " | ".join(f"{part:>15}" for part in PARTS) + " | processor")
-    print(" " * 31 + " | " + " | ".join(f"{'median':>8}{'least':>7}" for _ in PARTS) + " |    median")
-    for row in rows:
-        cells = " | ".join(f"{row[part]['median_ms']:8.2f}{row[part]['min_ms']:7.2f}" for part in PARTS)
-        label = f"{row['height']}x{row['width']}"
-        total = row["iteration"]["processor_ms"]
-        print(f"{label:>9} {row['count']:>7} {row['method']:>13} | {cells} | {total:9.2f}")
 
 
 def cold_compile(method: str) -> dict[str, Any]:
@@ -127,41 +113,44 @@ def cold_compile(method: str) -> dict[str, Any]:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
         runs = [subprocess.run(command, env=environment, check=True, capture_output=True, text=True) for _ in range(2)]
     (cold, cold_processor), (warm, _) = (tuple(map(float, run.stdout.split())) for run in runs)
-    print(f"{method}: cold {cold:.1f} s (processor {cold_processor:.1f} s), from the cache {warm:.2f} s")
-    return {"method": method, "cold_s": cold, "cold_processor_s": cold_processor, "cached_s": warm}
+    return {
+        "method": method,
+        "image": "32x32",
+        "gaussians": 50,
+        "cold_s": cold,
+        "cold_processor_s": cold_processor,
+        "cached_s": warm,
+    }
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print, record.
+def measured(cfg: DictConfig) -> list[dict[str, Any]]:
+    """One row a size, count and method; or one a method, of its first compilation.
 
     Args:
         cfg: conf/splat_kernels.yaml, composed.
-
-    Raises:
-        InputError: the record cannot be written.
     """
-    start(cfg.runtime)
-    machine = {
-        "processor": platform.processor() or platform.machine(),
-        "threads": numba.get_num_threads(),
-        "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"), "torch_threads": torch.get_num_threads(),
-        "torch": torch.__version__, "numba": numba.__version__, "load": os.getloadavg()[0],
-    }  # fmt: skip
     if cfg.cold:
-        rows = [cold_compile(method) for method in cfg.methods]
-    else:
-        sizes = [tuple(map(int, size.split("x"))) for size in cfg.sizes]
-        cells = [
-            TimedFit(height, width, count, METHODS[method])
-            for height, width in sizes
-            for count in cfg.counts
-            for method in cfg.methods
-        ]
-        for _ in range(cfg.rounds + 1):
-            for cell in cells:
-                cell.iterate()
-        rows = [cell.summary() for cell in cells]
-        printed(rows)
-        print(f"{machine['threads']} threads, load {machine['load']:.1f} at the start")
-    if cfg.records:
-        write_text(cfg.records, json.dumps({"machine": machine, "rows": rows}, indent=2) + "\n")
+        return [cold_compile(method) for method in cfg.methods]
+    about = {
+        "threads": numba.get_num_threads(), "omp_wait_policy": os.environ.get("OMP_WAIT_POLICY"),
+        "torch_threads": torch.get_num_threads(), "numba": numba.__version__, "load": os.getloadavg()[0],
+    }  # fmt: skip
+    sizes = [tuple(map(int, size.split("x"))) for size in cfg.sizes]
+    cells = [
+        TimedFit(height, width, count, METHODS[method])
+        for height, width in sizes
+        for count in cfg.counts
+        for method in cfg.methods
+    ]
+    for _ in range(cfg.rounds + 1):
+        for cell in cells:
+            cell.iterate()
+    return [{**cell.summary(), **about} for cell in cells]
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
+    """All sizes, counts and methods in turn."""
+    return Study([cfg], measured, ("method", "image", "gaussians"), option="methods")
+
+
+run = job(study)

@@ -27,7 +27,7 @@ from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.runs.video import Filmed, Output, film, read_output
+from gaussian_enhancer.runs.video import Filmed, VideoOutput, film, read_output
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder
@@ -49,7 +49,7 @@ class Bench:
 
     filmed: Filmed
     rules: Rules
-    output: Output
+    output: VideoOutput
     folder: Path
 
     def fresh(self, pool: Pool | None = None) -> Film:

@@ -20,7 +20,7 @@ from ablations.ibgs.training import (
     train_residual,
     training_views,
 )
-from ablations.realism.realism import finished_fits, scene_of
+from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build

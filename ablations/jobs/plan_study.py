@@ -14,6 +14,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
+from ablations.study.engine import Study, job
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -27,8 +28,8 @@ from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
-from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
-from gaussian_enhancer.runs.instantiate import build, require
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records
+from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_run
@@ -40,7 +41,7 @@ WORLDS = {
 
 
 @dataclass(frozen=True)
-class Done:
+class PlanOutcome:
     """What a plan made of a scene's views.
 
     Args:
@@ -57,32 +58,36 @@ def written(cfg: DictConfig) -> Path:
     return Path(cfg.results) / f"leaving_out_{cfg.worlds.name}.jsonl"
 
 
-def run(cfg: DictConfig) -> float | None:
-    """Measure every plan on every scene and write records, diagram and page; or write the page again.
-
-    Args:
-        cfg: see ``conf/plan_study.yaml``.
-
-    Returns:
-        How many times faster the shown plan is than the baseline, least over the scenes; None where none was measured.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """Every plan on every scene.
 
     Raises:
-        InputError: the configuration names an unknown plan, or a file cannot be read or written.
+        InputError: the configuration names an unknown plan, or there is no fit.
     """
     cfg = with_backbones(cfg)
-    require(cfg)
-    console = Console(stderr=True)
     for name in (cfg.baseline, cfg.shown):
         if name not in cfg.worlds.plans:
             raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")
-    results = Path(cfg.results)
     if not cfg.records_only:
         _refuse_without_fits(cfg)
-        records = [record for name in cfg.worlds.cells for record in _cell(cfg, str(name), console)]
-        if all(record.kind == MISSING for record in records):
-            raise InputError("plan_study", "measured no scene", "fit them with fit_missing=true")
-        write_records(results / f"leaving_out_{cfg.worlds.name}.jsonl", records)
-    aims = aims_of(cfg)
+    scenes = () if cfg.records_only else tuple(map(str, cfg.worlds.cells))
+    console = Console(stderr=True)
+    return Study(
+        scenes,
+        lambda scene: _cell(cfg, scene, console),
+        ("scene",),
+        option="worlds",
+        records=written(cfg),
+        report=lambda: _reported(cfg, console),
+    )
+
+
+run = job(study)
+
+
+def _reported(cfg: DictConfig, console: Console) -> float | None:
+    """Write diagram and page; how many times faster the shown plan is, least over the scenes, None if none has both."""
+    results, aims = Path(cfg.results), aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
     sets = [
         PlanScenes(title, name, read_records(files[name]) if files[name].is_file() else (), aims)
@@ -111,7 +116,7 @@ def aims_of(cfg: DictConfig) -> PlanAims:
     return PlanAims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 
-def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> Done:
+def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, device: torch.device) -> PlanOutcome:
     """Enhance a set's views as the job enhance does, by one set of rules.
 
     Args:
@@ -127,7 +132,7 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
         read()
     images = tuple(enhancer(found.rendered, planner, found.pool))
     views = tuple(one.plan for one in images if one.plan is not None)
-    return Done(Plan(rendered.name, rules, found.parts, views), images)
+    return PlanOutcome(Plan(rendered.name, rules, found.parts, views), images)
 
 
 def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
@@ -149,7 +154,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     rendered = replace(rendered, targets=rendered.targets[:: cell.every])
     device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
     rules = {str(name): build(composed("enhance", cfg, words).plan) for name, words in cfg.worlds.plans.items()}
-    done: dict[str, Done] = {}
+    done: dict[str, PlanOutcome] = {}
 
     def enhance(name: str) -> None:
         done[name] = enhanced_by(rules[name], pretrained, rendered, device)
@@ -168,7 +173,7 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
 
 
 def _scene_record(
-    fit: str, cell: StudyCell, name: str, one: Done, timing: Timing, peak: int, background: bool
+    fit: str, cell: StudyCell, name: str, one: PlanOutcome, timing: Timing, peak: int, background: bool
 ) -> Record:
     """Time, memory and what was left out of a scene."""
     views, count = one.plan.views, len(one.images)
@@ -192,7 +197,7 @@ def _scene_record(
     return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), how)
 
 
-def _view_records(rendered: RenderedSet, one: Done, distances: list[PerceptualDistance]) -> Iterator[Record]:
+def _view_records(rendered: RenderedSet, one: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:
     """Error of every view against its photo."""
     for view, image in zip(rendered.targets, one.images, strict=True):
         if view.read_photo is None:

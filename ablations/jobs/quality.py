@@ -13,10 +13,10 @@ from rich.console import Console
 
 from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
@@ -95,7 +95,7 @@ def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTabl
     own = [replace(r, variant=r.variant.split("/", 1)[1]) for r in records if r.variant.startswith(f"{name}/")]
     scenes = {str(group): tuple(map(str, cfg.groups[group].scenes)) for group in table.groups}
     measured = list(dict.fromkeys(record.scene for record in own))
-    study = Study(
+    study = TableDescription(
         name=name,
         title=str(table.title),
         kind="quality",
@@ -126,9 +126,7 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 def _refuse_unknown(cfg: DictConfig) -> None:
     """Refuse scenes and roles that do not exist, which would leave cells or methods out without a word."""
     known = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
-    for scene in cfg.scenes or ():
-        if scene not in known:
-            raise InputError("scenes", f"names {scene!r}", f"choose from {', '.join(known)}")
+    refuse_unknown("scenes", cfg.scenes, known)
     for name, table in cfg.tables.items():
         if table.baseline not in table.methods:
             raise InputError(

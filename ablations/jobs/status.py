@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from ablations.suite.descriptions import asked_names, experiment
 from ablations.suite.plan import planned
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import refuse_unknown
 from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.status import NAMES, State, state_of
@@ -23,9 +23,7 @@ def run(cfg: DictConfig) -> None:
         InputError: a table or a state is unknown, or a mark cannot be read.
     """
     require(cfg)
-    for name in cfg.states or ():
-        if name not in NAMES:
-            raise InputError("states", f"names {name!r}", f"choose from {', '.join(NAMES)}")
+    refuse_unknown("states", cfg.states, NAMES)
     found = list(_begun(Path(cfg.runs)) if cfg.table is None else _needed(cfg))
     for job, name, state in found:
         if cfg.states is None or state.name in cfg.states:

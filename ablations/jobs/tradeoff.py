@@ -13,9 +13,9 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.tradeoff import write_pages
-from ablations.report.tradeoff_quality import Asked
+from ablations.report.tradeoff_quality import TradeoffLimits
 from ablations.tradeoff.interleaved import study_records
-from ablations.tradeoff.methods import Ready
+from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import TradeoffStudy, read_studies
 from ablations.tradeoff.trainings import training_records
@@ -51,7 +51,7 @@ def run(cfg: DictConfig) -> None:
     require(cfg)
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
-    asked = Asked(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
+    asked = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
     studies, console, folder = read_studies(cfg), Console(stderr=True), Path(cfg.results)
     for kind in KINDS if cfg.kind == "all" else (cfg.kind,):
         if not cfg.records_only:
@@ -84,7 +84,7 @@ def measured(cfg: DictConfig, kind: str, studies: tuple[TradeoffStudy, ...], con
     else:
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
         with TemporaryDirectory() as folder:
-            ready = Ready(cfg, device, Path(folder))
+            ready = SettingLoader(cfg, device, Path(folder))
             for study in studies:
                 yield from study_records(cfg, study, ready, distances, console)
 

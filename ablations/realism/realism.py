@@ -3,7 +3,6 @@
 Axes: h height, w width.
 """
 
-import glob
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +14,10 @@ from torch import Tensor
 from ablations.realism.anisotropy import anisotropy_distance
 from ablations.realism.patches import RenderPair, eight_bit
 from ablations.realism.spectrum import spectrum_distance
+from ablations.study.fits import refuse_without_views, scene_of
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 
@@ -40,69 +39,6 @@ class RealRender:
 
 Row = Callable[[RenderedSet], Simulator]
 """How a simulator is made for the renders of one splat: the adaptive gate looks at the splat's own training views."""
-
-
-def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
-    """Folders that match patterns: those of finished runs, and those of runs that are not finished.
-
-    Args:
-        patterns: paths of runs, with ``*`` where many are meant.
-
-    Raises:
-        InputError: there is no pattern, or one names no finished run.
-    """
-    if not patterns:
-        raise InputError("runs", "name no fit", "give folders of finished fits, or patterns")
-    done: set[Path] = set()
-    others: set[Path] = set()
-    for pattern in patterns:
-        folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
-        here = {folder for folder in folders if (folder / "done").is_file()}
-        if not here:
-            raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")
-        done |= here
-        others |= set(folders) - here
-    return sorted(done), sorted(others)
-
-
-def finished_fits(patterns: Sequence[str]) -> list[Path]:
-    """Folders of finished fits that match patterns.
-
-    Args:
-        patterns: as `finished_runs` takes them.
-
-    Raises:
-        InputError: a pattern names no finished run, or a run holds no held-out views.
-    """
-    found = finished_runs(patterns)[0]
-    for run in found:
-        refuse_without_views(run)
-    return found
-
-
-def refuse_without_views(run: Path) -> None:
-    """Refuse a run without renders of held-out views.
-
-    Raises:
-        InputError: it holds none.
-    """
-    if not run_steps(run):
-        raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
-
-
-def scene_of(run: Path) -> str:
-    """The scene of a fitted run: as its records name it, else by its folder's name, SCENE-METHOD-DIGEST.
-
-    Raises:
-        InputError: the folder has no records and another name, or its records are damaged.
-    """
-    source = run / "records.jsonl"
-    if source.is_file() and (records := read_records(source)):
-        return records[0].scene
-    parts = run.name.rsplit("-", 2)
-    if len(parts) != 3 or not all(parts):
-        raise InputError(run, "is not named SCENE-METHOD-DIGEST", "name runs of `gaussian-enhancer fit`")
-    return parts[0]
 
 
 def real_renders(runs: Sequence[Path], most: int | None = None, seed: int = 0) -> list[RealRender]:

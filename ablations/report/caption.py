@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from ablations.study.statistics import FEWEST
 from gaussian_enhancer.metrics.records import MISSING, Record
 
@@ -25,7 +25,7 @@ KINDS = {
 KINDS["images"] = KINDS["quality"]
 
 
-def caption(table: Study, records: Sequence[Record]) -> str:
+def caption(table: TableDescription, records: Sequence[Record]) -> str:
     """Title, scale, what stands in for what, and for tables of cost the machine, in sentences.
 
     Args:
@@ -44,7 +44,7 @@ def caption(table: Study, records: Sequence[Record]) -> str:
     return " ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 
-def _whose(table: Study, records: Sequence[Record]) -> list[str]:
+def _whose(table: TableDescription, records: Sequence[Record]) -> list[str]:
     """Whose system the rows are, and whether the paper's own were made."""
     if not any(method.mode for method in table.methods.values()):
         return []
@@ -62,7 +62,7 @@ def stand_in(what: str, dataset: str) -> str:
     return f"Stand-in: {what} {verb} in for {dataset}"
 
 
-def reading(table: Study, units: Sequence[str], alone: bool = False) -> str:
+def reading(table: TableDescription, units: Sequence[str], alone: bool = False) -> str:
     """How the table's numbers were made.
 
     Args:
@@ -81,7 +81,7 @@ def reading(table: Study, units: Sequence[str], alone: bool = False) -> str:
     return f"{text}.{one}{best}{paper}"
 
 
-def sources(folder: Path, table: Study, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
+def sources(folder: Path, table: TableDescription, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
     """Where the numbers come from: what the records state, each value once, and the hash of their file.
 
     Args:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ablations.study.aims import better
-from ablations.study.description import FAITHFUL, Study
+from ablations.study.description import FAITHFUL, TableDescription
 from ablations.study.lines import table_lines
 from ablations.study.rendered_table import SPLATS
 from ablations.study.results import Results
@@ -121,7 +121,7 @@ def _over(
                         yield _difference(results, block, own, other, metric)
 
 
-def _others(table: Study, method: str, others: Sequence[str] | None) -> list[str]:
+def _others(table: TableDescription, method: str, others: Sequence[str] | None) -> list[str]:
     """The rows that a method of the paper is held against: of the paper, and the baseline where all are asked for."""
     if others is not None:
         return [FAITHFUL + other for other in others]
@@ -163,7 +163,7 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
                         yield ours <= paper, f"{where} {ours:.4f} against {paper:g} ({number.seeds} runs)"
 
 
-def _printed(table: Study, block: str, method: str, other: str, metric: str) -> bool:
+def _printed(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:
     """Whether the paper's numbers have a method ahead of another; True where it has none."""
     cells = table.paper.get(block, {})
     ours, theirs = cells.get(method), cells.get(other)

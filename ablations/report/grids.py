@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image, ImageChops, ImageDraw, ImageFont, ImageStat, UnidentifiedImageError
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 
@@ -27,7 +27,7 @@ PAPER, INK, FRAME, NONE = (255, 255, 255), (30, 30, 30), (220, 30, 30), (225, 22
 
 def write_grid(
     path: Path,
-    table: Study,
+    table: TableDescription,
     images: Mapping[tuple[str, str], Path],
     height: int = 192,
     share: float = 1 / 3,

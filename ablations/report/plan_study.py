@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from ablations.study.aims import VERDICTS, better, losses
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
 from ablations.study.results import Results
@@ -108,7 +108,7 @@ class PlanScenes:
         plans = {record.variant: Method(record.variant) for record in self.records}
         scenes = {"scenes": SceneGroup("", tuple(dict.fromkeys(record.scene for record in self.records)))}
         return Results(
-            Study("plan_study", "", "quality", "", plans, self.aims.baseline, METRICS, (), scenes, ()), views
+            TableDescription("plan_study", "", "quality", "", plans, self.aims.baseline, METRICS, (), scenes, ()), views
         )
 
     def plans(self) -> tuple[str, ...]:

@@ -219,6 +219,6 @@ def _sources(cells: Sequence[Record]) -> str:
     files = ", ".join(f"`docs/results/{name}.jsonl`" for name in names)
     machines = ", ".join(sorted({cell.machine for cell in cells}))
     return (
-        f"{files}. `python -m ablations.pages --write` makes this page from them. "
+        f"{files}. `gaussian-enhancer pages write=true` makes this page from them. "
         f"The matrix was computed on {machines}.\n"
     )

@@ -3,16 +3,18 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pandas as pd
 
+from ablations.stability import catalogue
 from ablations.stability.case import PASSES, PRECISIONS, Case
-from ablations.stability.faults import FAULTS
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
 from ablations.stability.order import slopes
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import category_matrix, convergence
 from ablations.study.sections import source_list as sources
+from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.records import Record
 
 RAISED = "computed in float32"
@@ -70,9 +72,15 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
         "## Faults found and fixed\n",
         _FAULTS,
     ]
-    parts += [markdown(frame(("case", "what happened", "now"), [(f"`{f.case}`", f.fault, f.remedy) for f in FAULTS]))]
+    lines = [(f"`{fault['case']}`", fault["fault"], fault["remedy"]) for fault in faults()]
+    parts += [markdown(frame(("case", "what happened", "now"), lines))]
     parts += ["## Where the numbers come from\n", sources(records, source)]
     return "\n".join(parts)
+
+
+def faults() -> list[dict[str, str]]:
+    """Faults that were found and fixed: the case that holds each, what happened, and what happens now."""
+    return list(read_yaml(Path(catalogue.__file__).with_name("faults.yaml")))
 
 
 def outcome_of(record: Record) -> str:

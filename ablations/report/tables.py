@@ -10,7 +10,7 @@ import pandas as pd
 from ablations.report.caption import caption, reading, sources, stated
 from ablations.report.claims import Claim, claims
 from ablations.study import latex
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from ablations.study.markdown import frame, markdown, plain
 from ablations.study.rendered_table import Cell, RenderedTable, StudyTable
 from ablations.study.results import Results
@@ -19,7 +19,7 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, MISSING, Record
 
 
-def write_reports(folder: Path, study: Study, records: Sequence[Record]) -> list[Path]:
+def write_reports(folder: Path, study: TableDescription, records: Sequence[Record]) -> list[Path]:
     """Write ``<folder>/<name>.md``, ``.tex`` and ``.csv``, each whole or not at all.
 
     Args:
@@ -72,7 +72,7 @@ def cell_frame(table: StudyTable) -> pd.DataFrame:
     return pd.DataFrame(list(_cells(table)))
 
 
-def summary_page(studies: Sequence[tuple[Study, Sequence[Record]]]) -> str:
+def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -> str:
     """An index of a scale's results, one line a study, and which of the paper's claims hold in them, as Markdown.
 
     Args:
@@ -186,12 +186,12 @@ def _outside(table: StudyTable) -> list[str]:
     return [f"{count} records are of what the table does not ask for, and are in no number: {', '.join(places)}.\n"]
 
 
-def _picture(folder: Path, study: Study) -> str:
+def _picture(folder: Path, study: TableDescription) -> str:
     name = f"{study.name}.png"
     return f"![{plain(study.title)}]({name})\n" if (folder / name).is_file() else f"The grid `{name}` is missing.\n"
 
 
-def _methods(study: Study) -> str:
+def _methods(study: TableDescription) -> str:
     """What each method is and what makes it."""
     lines = []
     for name, method in study.methods.items():

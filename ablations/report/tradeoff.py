@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ablations.report.tradeoff_kernels import kernel_parts
-from ablations.report.tradeoff_quality import Asked, quality_parts
+from ablations.report.tradeoff_quality import TradeoffLimits, quality_parts
 from ablations.report.tradeoff_training import training_parts
 from ablations.study.sections import source_list as sources
 from gaussian_enhancer.files import write_text
@@ -13,7 +13,7 @@ from gaussian_enhancer.metrics.records import Record
 
 
 def write_pages(
-    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: Asked
+    page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: TradeoffLimits
 ) -> Iterator[Path]:
     """Write the page and its diagrams; each path as it is written.
 

@@ -33,7 +33,7 @@ TIME_AXIS = "time, ms per megapixel of output"
 
 
 @dataclass(frozen=True)
-class Asked:
+class TradeoffLimits:
     """What the page chooses for.
 
     Args:
@@ -52,7 +52,9 @@ are shown.
 """
 
 
-def quality_parts(records: Sequence[Record], titles: Mapping[str, str], asked: Asked) -> Iterator[tuple[str, str, str]]:
+def quality_parts(
+    records: Sequence[Record], titles: Mapping[str, str], asked: TradeoffLimits
+) -> Iterator[tuple[str, str, str]]:
     """Text, a diagram's name and the diagram, by study and side.
 
     Args:
@@ -113,7 +115,7 @@ def _panels(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str
             yield Panel(f"{title}, {named}", TIME_AXIS, title, drawn, baseline)
 
 
-def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], asked: Asked) -> str:
+def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], asked: TradeoffLimits) -> str:
     """What is cheapest within an error, and best within a time, by group."""
     rows = []
     for group, (found, _) in groups.items():

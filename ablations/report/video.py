@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from ablations.benchmarks.video_speed import STAGES, TOGETHER
-from ablations.readme import inserted
-from ablations.scripts.flicker import ways
+from ablations.report.readme import inserted
+from ablations.scripts.flicker import compared
 from ablations.study.markdown import frame, markdown
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import frame_of
 from gaussian_enhancer.input_files import parse_json, read_text
-from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.metrics.records import Record, read_records
 
 PAGE = Path("docs/video.md")
 SPEED = ("video_speed.json", "video_speed_one_thread.json")
@@ -26,7 +28,7 @@ def mark(name: str) -> str:
     Args:
         name: of the record's file.
     """
-    return f"<!-- docs/results/{name}: python -m ablations.pages --write -->"
+    return f"<!-- docs/results/{name}: gaussian-enhancer pages write=true -->"
 
 
 def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:
@@ -52,6 +54,16 @@ def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:
     return f"{markdown(frame(heads, lines))}\n{told}\n"
 
 
+def flicker_table(records: Sequence[Record]) -> str:
+    """Flicker by choice of references and smoothing, ratios to raw frames and exact photos, and the gain in PSNR.
+
+    Args:
+        records: of the job ``flicker``.
+    """
+    found = compared(frame_of(records))
+    return markdown(row_table(found[found["variant"] != "change"], read_layout("flicker_path")))
+
+
 def filled(page: str, results: Path) -> str:
     """The page with its tables as the records have them.
 
@@ -64,4 +76,4 @@ def filled(page: str, results: Path) -> str:
     """
     speed = [parse_json(read_text(results / name), results / name) for name in SPEED if (results / name).is_file()]
     page = inserted(page, speed_table(speed), mark(SPEED[0]), PAGE)
-    return inserted(page, ways(read_records(results / FLICKER)), mark(FLICKER), PAGE)
+    return inserted(page, flicker_table(read_records(results / FLICKER)), mark(FLICKER), PAGE)

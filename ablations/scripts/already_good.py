@@ -16,10 +16,10 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from omegaconf import DictConfig
-from rich.console import Console
 from torch import Tensor
 
-from ablations.realism.realism import finished_fits, scene_of
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.align.alignment import Pixels, apply_colour
 from gaussian_enhancer.align.coarse_visibility import coarse
 from gaussian_enhancer.align.exposure import fit_colour
@@ -31,33 +31,13 @@ from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.regions import BLOCK
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.frozen import refuse_frozen
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.types import quantised
 
 ALLOWED = 0.02
 """dB that passing blocks through may cost."""
-
-
-def run(cfg: DictConfig) -> None:
-    """Measure, and write the records.
-
-    Args:
-        cfg: conf/already_good.yaml, composed.
-
-    Raises:
-        InputError: a run is of a test scene, weights or runs cannot be used, or the records cannot be written.
-    """
-    require(cfg)
-    fits = finished_fits(cfg.runs)
-    refuse_frozen(fits, "chosen by")
-    device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
-    found = [one for fit in fits for one in measured(fit, cfg.views, pretrained, device)]
-    write_records(cfg.records, found)
-    Console(stderr=True).print(f"{cfg.records}: {len(found)} views", highlight=False, soft_wrap=True)
 
 
 def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
@@ -122,3 +102,18 @@ def box(needed: Tensor) -> float:
 def blocks(values: Tensor) -> Tensor:
     """Mean over each block."""
     return F.avg_pool2d(values[None, None], BLOCK, ceil_mode=True)[0, 0]
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """What each order passes through.
+
+    Raises:
+        InputError: a run is of a test scene, or weights or runs cannot be used.
+    """
+    fits = finished_fits(cfg.runs)
+    refuse_frozen(fits, "chosen by")
+    pretrained = load_weights(cfg.weights)
+    return Study(fits, lambda fit: measured(fit, cfg.views, pretrained, device))
+
+
+run = job(study)

@@ -16,7 +16,8 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from ablations.realism.real_crops import KINDS, Crop, crops, cut, energies_of, worst
-from ablations.realism.realism import RealRender, finished_fits, photographed, real_renders, scene_of
+from ablations.realism.realism import RealRender, photographed, real_renders
+from ablations.study.fits import finished_fits, scene_of
 from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS, TYPES
 from gaussian_enhancer.degrade.artefacts.view import View

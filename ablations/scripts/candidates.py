@@ -10,14 +10,13 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig
 
-from ablations.realism.realism import finished_fits
-from ablations.scripts.renders import measured, table
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits
+from ablations.study.gains import gain_study
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_frozen
 
 
@@ -52,31 +51,14 @@ def enhancers(candidates: Sequence[str], device: torch.device | None = None) -> 
     }
 
 
-def show(made: dict[str, SetEnhancer], cfg: DictConfig, device: torch.device, head: str) -> None:
-    """Enhance, measure, print a line for each row under a head.
-
-    Args:
-        made: the rows.
-        cfg: conf/candidates.yaml or conf/guards.yaml, composed.
-        device: where LPIPS is measured.
-        head: of the column with the rows' names.
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """The candidates' gains.
 
     Raises:
-        InputError: a run is of a test scene, by which nothing may be chosen.
+        InputError: weights or runs cannot be compared, or a run is of a test scene.
     """
     refuse_frozen(finished_fits(cfg.runs))
-    print(table(measured(made, cfg, device), head), end="")
+    return gain_study(enhancers(cfg.weights, device), cfg, device)
 
 
-def run(cfg: DictConfig) -> None:
-    """Enhance, measure, print.
-
-    Args:
-        cfg: conf/candidates.yaml, composed.
-
-    Raises:
-        InputError: weights or runs cannot be compared, or the records cannot be written.
-    """
-    require(cfg)
-    device = start(cfg.runtime)
-    show(enhancers(cfg.weights, device), cfg, device, "weights")
+run = job(study)

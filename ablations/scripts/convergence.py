@@ -19,23 +19,21 @@ from PIL import Image
 from torch import Tensor
 
 from ablations.ibgs.method import IBGS
-from ablations.realism.realism import finished_fits, scene_of
-from ablations.report import same_fits
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
+from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
+from ablations.study.fits import finished_fits, scene_of
 from ablations.study.markdown import markdown
 from ablations.study.methods import Method, SameEverywhere, TwoFits, average
 from ablations.study.plots import STYLE
-from ablations.study.row_files import RowFile
+from ablations.study.row_table import TableLayout, row_table
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.types import quantised
 
@@ -64,12 +62,6 @@ CREDITS = {
     "flowerpot": "Natowi, CC BY-SA 4.0, as this picture",
 }
 """Who took a capture's photos. Other captures' photos are not shown."""
-TITLES = {
-    "training": "Captures that weights may learn from",
-    "validation": "Validation captures",
-    "test": "Test captures",
-    "procedural": "Procedural validation scenes",
-}
 
 
 def blocks(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "i j"]:
@@ -232,86 +224,9 @@ def role_of(scene: str) -> str:
     raise InputError(scene, "has no role", f"name the run by its capture: {', '.join(sum(ROLES.values(), ()))}")
 
 
-def summary(frame: pd.DataFrame) -> pd.DataFrame:
-    """Means over the views of each capture, snapshot and method, with the worst view."""
-    frame = frame.assign(role=frame["scene"].map(role_of))
-    groups = frame.groupby(["role", "scene", "step", "method"], sort=True)
-    lpips = {
-        f"LPIPS({name})": (f"gain_lpips_{name}", "mean")
-        for name in ("alex", "squeeze")
-        if f"gain_lpips_{name}" in frame
-    }
-    return groups.agg(
-        views=("view", "count"),
-        raw=("raw_psnr_aligned", "mean"),
-        gain=("gain_psnr_aligned", "mean"),
-        worst=("gain_psnr_aligned", "min"),
-        plain=("gain_psnr", "mean"),
-        worst_plain=("gain_psnr", "min"),
-        SSIM=("gain_ssim", "mean"),
-        **lpips,
-        harmed=("blocks_harmed", "mean"),
-        removed=("error_removed", "mean"),
-        added=("error_added", "mean"),
-    ).reset_index()
-
-
-def page_text(frame: pd.DataFrame, picture: str, about: str, views: Mapping[str, str] | None = None) -> str:
-    """The page as Markdown.
-
-    Args:
-        frame: rows of all records.
-        picture: address of the diagram.
-        about: what was measured.
-        views: captions of the pictures of single views, by address.
-    """
-    parts = ["# Gain against the age of a splat", about, f"![gain against raw PSNR, by capture]({picture})"]
-    parts += _tables(summary(frame))
-    if views:
-        parts.append("## The worst and the best view of each fit")
-        parts += [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
-    return "\n\n".join(parts) + "\n"
-
-
-def same_fits_text(frame: pd.DataFrame) -> str:
-    """The page about peers on the same fits: means over captures first, then each capture.
-
-    Args:
-        frame: rows of all records.
-    """
-    each = summary(frame)
-    values = [name for name in each.columns if name not in ("role", "scene", "step", "method", "views")]
-    worst = dict.fromkeys(("worst", "worst_plain"), "min")
-    how = {"captures": ("scene", "nunique"), "views": ("views", "sum")}
-    how |= {name: (name, worst.get(name, "mean")) for name in values}
-    means = each.groupby(["role", "method"], sort=True).agg(**how).reset_index()
-    parts = [f"# {same_fits.TITLE}", same_fits.ABOUT, *_tables(means, "means over captures"), *_tables(each)]
-    return "\n\n".join(parts) + "\n"
-
-
-def _tables(table: pd.DataFrame, told: str = "") -> list[str]:
-    """A heading and a table for each role, with numbers as text."""
-    signed = dict.fromkeys(("gain", "worst", "plain", "worst_plain"), "{:+.2f}".format)
-    finer = {name: "{:+.4f}".format for name in table.columns if name == "SSIM" or name.startswith("LPIPS")}
-    shares = dict.fromkeys(("harmed", "removed", "added"), "{:.1%}".format)
-    forms = {"raw": "{:.2f}".format, **signed, **finer, **shares}
-    table = table.assign(**{name: table[name].map(form) for name, form in forms.items()})
-    heads = {
-        "raw": "raw, dB",
-        "gain": "gain, dB",
-        "worst": "worst view",
-        "plain": "gain, plain",
-        "worst_plain": "worst view, plain",
-        "harmed": f"blocks that lose > {HARM} dB",
-        "removed": "error removed",
-        "added": "error added",
-    }
-    parts = []
-    for role in ROLES:
-        mine = table[table["role"] == role].drop(columns="role").rename(columns=heads)
-        if len(mine):
-            parts += [f"## {TITLES[role]}{f': {told}' if told else ''}", markdown(mine.astype(str))]
-    return parts
+def with_roles(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the role of their capture."""
+    return frame.assign(role=frame["scene"].map(role_of))
 
 
 def drawn(frame: pd.DataFrame, path: Path) -> None:
@@ -319,8 +234,9 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    table = summary(frame)
-    table = table[table["method"] == frame["method"].iloc[0]]
+    method = frame["method"].iloc[0]
+    groups = frame[frame["method"] == method].groupby(["role", "scene", "step"])
+    table = groups.agg(raw=("raw_psnr_aligned", "mean"), gain=("gain_psnr_aligned", "mean")).reset_index()
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     marks = {"training": "o", "validation": "s", "test": "D", "procedural": "^"}
@@ -335,32 +251,12 @@ def drawn(frame: pd.DataFrame, path: Path) -> None:
     axes.set(
         xlabel="raw render, colour-aligned PSNR, dB",
         ylabel="gain, dB",
-        title=f"{frame['method'].iloc[0]}; points: steps",
+        title=f"{method}; points: steps",
     )
     axes.legend(fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     with rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):  # equal records give an equal file
         figure.savefig(path, format="svg", metadata={"Date": None})
-
-
-ABOUT = """Held-out views of real captures, about 400 pixels wide: 3DGS with up to 100,000 Gaussians and spherical
-harmonics of degree 3, at several steps of each fit. PSNR is colour-aligned unless it says plain; a gain in LPIPS alone
-does not count. Of the training captures, panel17 has taught the network of the shipped weights; viking is among the
-captures that have taught their confidence.
-
-`lr_tiny` is what is shipped: colours are completed, and the confidence gives the shares of the change to apply, of its
-means and of its details, block by block. `lr_tiny, one share` had one share for both, learnt from other fits.
-`lr_tiny@0.75 without confidence` applies 75 % everywhere instead. `lr_tiny@1 plain` applies the whole change and
-completes nothing. All were chosen by the validation captures. Fits that are not there any more have no rows of
-`lr_tiny`.
-
-Fits of 3,000 to 10,000 steps have 60,000 to 80,000 Gaussians at most and a fifth of the photos held out
-(`settings.max_gaussians`, `scene.split.test_every=5`; `settings.sh_degree=3 +settings.start_gaussians=30000
-+densification=gradient +settings.densification.pull=2e-4 +settings.densification.opacity=0.005`); those of fox and
-monstree hold out every eighth. The earlier ones are of `gaussian-enhancer fit '+sweep=[converged_training,two_jobs]'`
-and `converged_validation`. This page is made by `gaussian-enhancer convergence
-methods=[lr_tiny,lr_tiny@0.75:without_confidence,lr_tiny@1:plain] runs=[FITS] records=docs/results/convergence.jsonl
-page=docs/results/convergence.md`."""
 
 
 def fits(patterns: Sequence[str]) -> list[Path]:
@@ -380,13 +276,8 @@ def fits(patterns: Sequence[str]) -> list[Path]:
     return found
 
 
-COLUMNS = ("method", "scene", "step", "view", "raw_psnr_aligned", "gain_psnr_aligned")
+COLUMNS = ("view", "raw_psnr_aligned", "gain_psnr_aligned")
 KEYS = ("method", "scene", "step")
-
-
-def row_file(path: str | Path) -> RowFile:
-    """The records of this study."""
-    return RowFile(Path(path), COLUMNS, KEYS, "methods")
 
 
 def shown_views(page: Path) -> dict[str, str]:
@@ -398,36 +289,54 @@ def shown_views(page: Path) -> dict[str, str]:
     return found
 
 
-def run(cfg: DictConfig) -> None:
-    """Enhance and measure where methods are given; make the page from the records, and print its numbers.
+def diagram(frame: pd.DataFrame, page: Path) -> list[str]:
+    """The part of the page with the diagram, which is drawn beside it."""
+    drawing = page.with_suffix(".svg")
+    drawn(frame, drawing)
+    return [f"![gain against raw PSNR, by capture]({drawing.name})"]
 
-    Args:
-        cfg: conf/convergence.yaml, composed.
+
+def overall(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
+    """The part of the page with a table of all views of each role, a line a method."""
+    layout, parts = replace(layout, by={"method": "method"}), []
+    for role, title in layout.sections.items():
+        own = frame[frame["role"] == role]
+        parts += [f"## {title}: all views", markdown(row_table(own, layout))] if len(own) else []
+    return parts
+
+
+def pictured(page: Path) -> list[str]:
+    """The part of the page with single views."""
+    views = shown_views(page)
+    parts = [f"![raw render, enhanced view and photo]({address})\n\n{text}" for address, text in views.items()]
+    return ["## The worst and the best view of each fit", *parts] if views else []
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """Every snapshot of fits, or the last alone, by every method; and pictures where they are asked for.
+
+    Where the last snapshots alone are measured, the page has means over all views in place of the diagram.
 
     Raises:
-        InputError: weights, fits or records cannot be read, or a file cannot be written.
+        InputError: weights or fits cannot be read, or what a method is made of is missing.
     """
-    require(cfg)
-    device, records = start(cfg.runtime), row_file(cfg.records)
-    if cfg.methods:
-        records.held()  # a file of something else is refused before anything is measured
-        distances = asked_distances(cfg.lpips, cfg.backbones, device)
-        made = asked_methods(cfg, device)
-        chosen = fits(cfg.runs)
-        for fit, method in ((fit, method) for fit in chosen for method in made.values()):
-            for step in steps_of(fit, cfg.last):
-                method.of(fit, step)  # what is missing is refused before anything is measured
-        records.add([row for fit in chosen for row in rows(made, fit, distances, cfg.last)])
-        if cfg.pictures:
-            pictured = [fit for fit in chosen if scene_of(fit) in (*CREDITS, *ROLES["procedural"])]
-            for name, picture, text in (shown for fit in pictured for shown in extremes(made, fit)):
+    chosen = fits(cfg.runs) if cfg.methods else []
+    made = asked_methods(cfg, device)
+    for fit, method in ((fit, method) for fit in chosen for method in made.values()):
+        for step in steps_of(fit, cfg.last):
+            method.of(fit, step)  # what is missing is refused before anything is measured
+    distances = asked_distances(cfg.lpips, cfg.backbones, device) if chosen else []
+
+    def measure(fit: Path) -> Iterator[dict[str, object]]:
+        yield from rows(made, fit, distances, cfg.last)
+        if cfg.pictures and scene_of(fit) in (*CREDITS, *ROLES["procedural"]):
+            for name, picture, text in extremes(made, fit):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
-    frame = records.read()
-    if cfg.page:
-        page = Path(cfg.page)
-        if cfg.about == "same_fits":
-            write_text(page, same_fits_text(frame))
-        else:
-            drawn(frame, page.with_suffix(".svg"))
-            write_text(page, page_text(frame, page.with_suffix(".svg").name, ABOUT, shown_views(page)))
-    print(summary(frame).to_string(index=False))
+
+    def above(frame: pd.DataFrame, page: Path) -> list[str]:
+        return overall(frame, TableLayout(**plain(cfg.row_table))) if cfg.last else diagram(frame, page)
+
+    return Study(chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=above, below=pictured)
+
+
+run = job(study)

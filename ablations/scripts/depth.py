@@ -12,20 +12,21 @@ and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences av
 """
 
 import copy
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pandas as pd
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from omegaconf import DictConfig
 from torch import Tensor
 
-from ablations.realism.realism import finished_fits, scene_of
+from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import enhanced_views
-from ablations.study.markdown import frame, markdown
+from ablations.study.fits import finished_fits, scene_of
+from ablations.study.rows import with_gains
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.depth_search import DepthKind
 from gaussian_enhancer.align.references import ReferenceConfig
@@ -36,9 +37,8 @@ from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.image_quality import psnr
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
-from gaussian_enhancer.metrics.records import Record, write_records
-from gaussian_enhancer.runs.instantiate import build, require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.metrics.records import Record
+from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.procedural.source import ProceduralView
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -200,7 +200,7 @@ def reference_quality(
     }
 
 
-def study(
+def measured(
     rendered: RenderedSet,
     enhancer: SetEnhancer,
     depths: Mapping[str, Depths],
@@ -236,62 +236,34 @@ def study(
             yield one.view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
 
 
-def table(found: Sequence[Record]) -> str:
-    """Mean gains over the raw render by run and depth, then over all views."""
-    names = [name for name in ("psnr", "psnr_aligned", "ssim", "lpips_alex") if name in found[0].metrics]
-    heads = ["run", "depth", "views", *(f"gain in {name}" for name in names), "gain of residuals handed on"]
-    heads += ["best reference, dB", "render there, dB", "share visible"]
-    lines: list[list[str]] = []
-    raw = {(record.run, record.view): record for record in found if record.variant == "raw"}
-    runs = list(dict.fromkeys(record.run for record in found))
-    for label, chosen in [*((run, {run}) for run in runs), ("all", set(runs))]:
-        for depth, *_ in SEARCHED:
-            mine = [record for record in found if record.variant == depth and record.run in chosen]
-            if not mine:
-                continue
-            before = [raw[record.run, record.view] for record in mine]
-            cells = [label, depth, str(len(mine))]
-            cells += [_mean(_gains(mine, before, name, name), "+.4f") for name in names]
-            cells.append(_mean(_gains(mine, before, "propagated_psnr", "psnr"), "+.4f"))
-            for name, form in (("reference_psnr", ".2f"), ("render_psnr_there", ".2f"), ("reference_visible", ".3f")):
-                cells.append(_mean([value for r in mine if (value := r.metrics[name]) is not None], form))
-            lines.append(cells)
-    return markdown(frame(heads, lines))
+def gains(frame: pd.DataFrame) -> pd.DataFrame:
+    """Every depth's rows with their gains over the raw render."""
+    found = with_gains(frame, {"variant": "raw"}, ("run", "view"))
+    found["gain of residuals"] = found["propagated_psnr"] - (found["psnr"] - found["gain psnr"])
+    return found[found["variant"] != "raw"]
 
 
-def _gains(after: Sequence[Record], before: Sequence[Record], name: str, raw_name: str) -> list[float]:
-    pairs = [(a.metrics[name], b.metrics[raw_name]) for a, b in zip(after, before, strict=True)]
-    return [a - b for a, b in pairs if a is not None and b is not None]
-
-
-def _mean(values: Sequence[float], form: str) -> str:
-    return format(statistics.fmean(values), form) if values else "-"
-
-
-def run(cfg: DictConfig) -> None:
-    """Enhance, measure, print.
-
-    Args:
-        cfg: conf/depth.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """The same weights through every kind of depth.
 
     Raises:
-        InputError: weights or runs cannot be used, or the records cannot be written.
+        InputError: weights or runs cannot be used.
     """
-    require(cfg)
-    device = start(cfg.runtime)
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
     pretrained = load_weights(cfg.weights)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device, strength=cfg.strength)
     note = f"{PROTOCOL}; weights {Path(cfg.weights).name}, strength {cfg.strength:g}"
-    found: list[Record] = []
-    for fit in finished_fits(cfg.runs):
+
+    def measure(fit: Path) -> Iterator[Record]:
         rendered = read_run(fit)
         splat = f"ours_{run_steps(fit)[-1]}"
         depths = depths_of(fit, replace(rendered, targets=rendered.targets[:: cfg.every]))
-        for view, variant, metrics, reasons in study(rendered, enhancer, depths, distances, cfg.every):
+        for view, variant, metrics, reasons in measured(rendered, enhancer, depths, distances, cfg.every):
             size = (view.camera.width, view.camera.height) if view.camera is not None else (0, 0)
             what = (fit.name, scene_of(fit), splat, view.name, variant)
-            found.append(Record("depth", *what, metrics, reasons, size, note))
-        if cfg.records:
-            write_records(cfg.records, found)
-    print(table(found), end="")
+            yield Record("depth", *what, metrics, reasons, size, note)
+
+    return Study(finished_fits(cfg.runs), measure, derived=gains)
+
+
+run = job(study)

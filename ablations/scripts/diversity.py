@@ -8,19 +8,17 @@ over as many samples. A simulator whose spread is far below the real one has col
 import statistics
 from collections import defaultdict
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 
 from ablations.realism.diversity import diversity
 from ablations.realism.patches import RenderPair
 from ablations.realism.realism import RealRender, Row, simulated_pairs
-from ablations.scripts.realism import chosen, studied
+from ablations.scripts.realism import chosen, told
 from ablations.scripts.simulators import rows
-from ablations.study.markdown import frame, markdown
+from ablations.study.engine import Study, job
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.provenance import provenance
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 
 
 def same_views(pairs: list[RenderPair], least: int = 2) -> list[list[RenderPair]]:
@@ -56,30 +54,25 @@ def compared(name: str, row: Row, reals: list[RealRender], seed: int) -> dict:
     for kind, values in spreads.items():
         deviation = statistics.stdev(values) if len(values) > 1 else None
         found[kind] = {"mean": statistics.fmean(values), "deviation": deviation, "n": len(values)}
-    return {**found, **provenance(timed=True)}
+    return found
 
 
-def table(results: list[dict]) -> str:
-    """One line a row, as Markdown; spreads in steps of 1/255."""
-    lines = []
-    for result in results:
-        simulated, real = result["simulated"]["mean"], result["real"]["mean"]
-        share = f"{simulated / real:.2f}" if real > 0 else "real renders are equal"
-        spreads = (f"{255 * simulated:.2f}", f"{255 * real:.2f}", share)
-        lines.append((result["row"], *spreads, str(result["views"]), str(result["renders"])))
-    return markdown(frame(("row", "simulated spread", "real spread", "share", "views", "renders"), lines))
+def spreads(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows with spreads in steps of 1/255, and the simulated one as a share of the real one."""
+    simulated, real = 255 * frame["simulated mean"], 255 * frame["real mean"]
+    share = (simulated / real).where(real > 0)
+    return frame.assign(**{"simulated spread": simulated, "real spread": real, "share": share})
 
 
-def run(cfg: DictConfig) -> None:
-    """Compare row by row; write and print.
-
-    Args:
-        cfg: conf/diversity.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """Every row's spread beside the real one.
 
     Raises:
-        InputError: a row is unknown, runs cannot be used, or the records cannot be written.
+        InputError: a row is unknown, or runs cannot be used.
     """
-    require(cfg)
-    start(cfg.runtime)
     makers, reals = rows(cfg.rows, cfg.generator_weights), chosen(cfg.runs, None, cfg.seed)
-    print(table(studied(makers, lambda name, row: compared(name, row, reals, cfg.seed), cfg.records)), end="")
+    measure = lambda name: [told(compared(name, makers[name], reals, cfg.seed))]  # noqa: E731
+    return Study(tuple(makers), measure, ("row", "seed"), derived=spreads, option="rows")
+
+
+run = job(study)

@@ -11,18 +11,16 @@ import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from ablations.realism.realism import finished_fits
-from ablations.study.markdown import frame, markdown
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits
 from gaussian_enhancer.degrade.gates.adaptive import calibrated
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_json_lines
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_untrained
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
@@ -73,17 +71,16 @@ def rows(run: Path, count: int) -> list[dict[str, object]]:
     return found
 
 
-def table(records: Sequence[dict]) -> str:
-    """Ratios of held-out to training views' energies at each run's last step; factor and power over all snapshots."""
-    last = [record for record in records if record["last"]]
-    heads = ("energy", f"ratio, n = {len(last)}", "least", "most", f"factor, n = {len(records)}", "power")
-    lines: list[list[str]] = []
+def by_energy(frame: pd.DataFrame) -> pd.DataFrame:
+    """One row a snapshot and energy: the ratio at each run's last step, factor and power over all snapshots."""
+    parts = []
     for name in ENERGIES:
-        ratios = [record[name]["held_out"] / record[name]["training"] for record in last if record[name]["training"]]
-        factor, power = growth([(record[name]["training"], record[name]["held_out"]) for record in records])
-        numbers = (statistics.median(ratios), min(ratios), max(ratios), factor, power)
-        lines.append([name, *(f"{number:.2f}" for number in numbers)])
-    return markdown(frame(heads, lines))
+        own = pd.DataFrame({"energy": name, "step": frame["step"]})
+        before, after = frame[f"{name} training"], frame[f"{name} held_out"]
+        own["ratio at the end"] = (after / before).where(frame["last"] & (before > 0))
+        own["factor"], own["power"] = growth(list(zip(before, after, strict=True)))
+        parts.append(own)
+    return pd.concat(parts, ignore_index=True)
 
 
 def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -98,24 +95,21 @@ def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return math.exp(logarithm), power
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print; write what was asked for.
-
-    Args:
-        cfg: conf/fingerprints.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """The fingerprints of both sides of every snapshot, and gates where they are asked for.
 
     Raises:
-        InputError: runs cannot be used, or a file cannot be written.
+        InputError: runs cannot be used.
     """
-    require(cfg)
-    start(cfg.runtime)
-    records: list[dict[str, object]] = []
-    fits = finished_fits(cfg.runs)
-    refuse_untrained(fits)
-    for fit in fits:
-        records += rows(fit, cfg.views)
-        if cfg.records:
-            write_json_lines(cfg.records, records)
+
+    def measure(fit: Path) -> list[dict[str, object]]:
         if cfg.gates:
             calibrate(fit, Path(cfg.gates), cfg.views)
-    print(table(records), end="")
+        return rows(fit, cfg.views)
+
+    fits = finished_fits(cfg.runs)
+    refuse_untrained(fits)
+    return Study(fits, measure, ("run", "step"), derived=by_energy)
+
+
+run = job(study)

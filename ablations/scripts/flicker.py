@@ -8,26 +8,30 @@ sharper they are. A blurred render is steadier than the truth by this measure; t
 followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
 frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
 from the frame before (`enhance temporal_smoothing=S`) are variants of their own, and so are frames whose candidate
-references are chosen for the path: kept from frame to frame until others cost less than a share ``loyalty`` of theirs.
+references are chosen for the path: kept from frame to frame until others cost less than the share ``hysteresis`` of
+theirs.
 """
 
 import dataclasses
 import itertools
-import statistics
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+import torch
 from omegaconf import DictConfig
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio
 
-from ablations.realism.realism import finished_fits, scene_of
 from ablations.scripts.depth import at_one_size, world_of
 from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence_errors
-from ablations.study.markdown import frame, markdown
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits, scene_of
+from ablations.study.rows import with_gains
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -35,10 +39,8 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.records import Record, write_records
+from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.inputs import render_capture
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.path import short_tour, smooth_path
 from gaussian_enhancer.scene.procedural.source import ProceduralView
@@ -50,11 +52,11 @@ from gaussian_enhancer.types import Camera
 STEADY = "steady "
 """What stands in names of variants whose change is partly carried over; the share follows."""
 PATH = "path "
-"""What names of variants begin with whose references are chosen for the path; the loyalty follows."""
+"""What names of variants begin with whose references are chosen for the path; the factor follows."""
 
 
 @dataclass(frozen=True)
-class Filmed:
+class FrameSequence:
     """Frames along a path in every variant.
 
     Args:
@@ -92,8 +94,8 @@ def rendered_sequence(
     enhancer: SetEnhancer,
     photos: Sequence[Tensor] = (),
     temporal_smoothing: Sequence[float] = (),
-    loyalty: Sequence[float] = (),
-) -> Filmed:
+    hysteresis: Sequence[float] = (),
+) -> FrameSequence:
     """Raw and enhanced frames of a path, by every choice of references and smoothing, and photos where they are known.
 
     Args:
@@ -101,13 +103,13 @@ def rendered_sequence(
         enhancer: chooses references for each frame by itself.
         photos: the path as it looks; none where that is not known.
         temporal_smoothing: shares of the change that are carried over.
-        loyalty: factors on the cost of the frame before's references, as `PathReferences` takes them.
+        hysteresis: factors on the cost of the frame before's references, as `PathReferences` takes them.
     """
     at_one_size(enhancer)
     single = enhancer.reference_config
     enhanced = list(enhancer(rendered))
     chosen = {"enhanced": enhanced}
-    for factor in loyalty:
+    for factor in hysteresis:
         enhancer.reference_config = PathReferences.of(single, factor)
         chosen[f"{PATH}{factor:g}"] = list(enhancer(rendered))
     enhancer.reference_config = single
@@ -128,7 +130,7 @@ def rendered_sequence(
     if photos:
         images["photo"] = tuple(photos)
     references = {name: tuple(one.references for one in frames) for name, frames in chosen.items()}
-    return Filmed(tuple(places), images, references)
+    return FrameSequence(tuple(places), images, references)
 
 
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
@@ -151,7 +153,7 @@ def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
     return [(len(set(b) - set(a)), set(a) == set(b) and a != b) for a, b in pairs]
 
 
-def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
+def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record]:
     """One record for each pair of neighbouring frames and variant."""
     changed = {name: changes(chosen) for name, chosen in sequence.references.items()}
     for variant, images in sequence.images.items():
@@ -170,57 +172,33 @@ def records(run: Path, sequence: Filmed, weights: str) -> Iterator[Record]:
             yield Record("consistency", *what, {**_metrics(error), **extra}, _reasons(error), size, note)
 
 
-def table(found: Sequence[Record]) -> str:
-    """Mean errors by run and variant, in steps of 1/255, and what changing references adds to them."""
-    heads = ["run", "pairs", "raw", "enhanced", "photo", "enhanced / raw", "raw, dB", "enhanced, dB"]
-    heads += ["change", "change / its size", "pairs with new references", "enhanced - raw there", "elsewhere"]
-    lines: list[list[str]] = []
-    for run in dict.fromkeys(record.run for record in found):
-        mine = [record for record in found if record.run == run]
-        raw, enhanced, photo, change = (_values(mine, v) for v in ("raw", "enhanced", "photo", "change"))
-        new = {r.view for r in mine if r.variant == "enhanced" and r.metrics["references_new"]}
-        excess = {view: enhanced[view] - raw[view] for view in enhanced}
-        sizes = _values(mine, "change", "size")
-        cells = [run, str(len(raw)), *(_mean(values, ".2f", 255) for values in (raw, enhanced, photo))]
-        cells.append(f"{sum(enhanced.values()) / sum(raw.values()):.3f}" if any(raw.values()) else "-")
-        cells += [_mean(_values(mine, variant, "warped_psnr"), ".2f") for variant in ("raw", "enhanced")]
-        cells.append(_mean(change, ".2f", 255))
-        cells.append(f"{sum(change.values()) / sum(sizes.values()):.2f}" if any(sizes.values()) else "-")
-        there = {view: value for view, value in excess.items() if view in new}
-        elsewhere = {view: value for view, value in excess.items() if view not in new}
-        cells += [str(len(new)), _mean(there, "+.3f", 255), _mean(elsewhere, "+.3f", 255)]
-        lines.append(cells)
-    return f"{markdown(frame(heads, lines))}\n{ways(found)}"
+def compared(frame: pd.DataFrame) -> pd.DataFrame:
+    """The pairs of frames that show a common surface, with their error beside that of raw frames and of exact photos.
 
-
-def ways(found: Sequence[Record]) -> str:
-    """A table of flicker by choice of references and smoothing.
-
-    It holds its ratios to the raw frames' and to the exact photos' own, the pairs of frames with new references, and
-    the gain in PSNR where exact photos are known.
+    An error "over" another is divided by the other's mean over the pairs that both have, so that its mean over pairs is
+    the ratio of the two means.
     """
-    heads = ("run", "frames", "error, 1/255", "error / raw", "error / exact photos", "new references", "gain, dB")
-    return markdown(frame(heads, _ways(found)))
+    found = with_gains(frame, {"variant": "raw"}, ("run", "view"))
+    found = with_other(with_other(found[found["visible"] > 0], "raw"), "photo")
+    error, groups = found["warped_error"], [found["run"], found["variant"]]
+    for name in ("raw", "photo", "size"):
+        other = found[name].where(error.notna())
+        found[f"error over {name}"] = error.where(other.notna()) / other.groupby(groups).transform("mean")
+    new, excess = found["references_new"], 255 * (error - found["raw"])
+    gain = found["gain psnr"] if "gain psnr" in found else math.nan * error
+    columns = {
+        "error": 255 * error,
+        "excess at new references": excess.where(new > 0),
+        "excess elsewhere": excess.where(new == 0),
+        "gain psnr": gain.where(found["variant"] != "raw"),
+    }
+    return found.assign(**columns)
 
 
-def _ways(found: Sequence[Record]) -> Iterator[tuple[str, ...]]:
-    for run in dict.fromkeys(record.run for record in found):
-        mine = [record for record in found if record.run == run]
-        raw, photo, exact = _values(mine, "raw"), _values(mine, "photo"), _values(mine, "raw", "psnr")
-        for name in dict.fromkeys(record.variant for record in mine if record.variant != "change"):
-            errors = _values(mine, name)
-            gains = {view: value - exact[view] for view, value in _values(mine, name, "psnr").items()}
-            new = [value > 0 for value in _values(mine, name, "references_new").values()]
-            changed = f"{sum(new)} of {len(new)}" if new else ""
-            gained = _mean(gains, "+.2f") if gains and name != "raw" else ""
-            yield run, name, _mean(errors, ".2f", 255), _ratio(errors, raw), _ratio(errors, photo), changed, gained
-
-
-def _ratio(errors: Mapping[str, float], others: Mapping[str, float]) -> str:
-    """Of the sums over the pairs that both hold; empty where there is nothing to compare with."""
-    shared = errors.keys() & others.keys()
-    below = sum(others[view] for view in shared)
-    return f"{sum(errors[view] for view in shared) / below:.3f}" if below else ""
+def with_other(frame: pd.DataFrame, variant: str) -> pd.DataFrame:
+    """The frame with a column that holds the error of another variant of the same pair of frames."""
+    other = frame.loc[frame["variant"] == variant, ["run", "view", "warped_error"]]
+    return frame.merge(other.rename(columns={"warped_error": variant}), on=["run", "view"], how="left")
 
 
 def _metrics(error: WarpedError) -> dict[str, float | None]:
@@ -239,16 +217,6 @@ def _reasons(error: WarpedError) -> dict[str, str]:
     return dict.fromkeys(names, "not measured: the frames show no common surface")
 
 
-def _values(found: Sequence[Record], variant: str, metric: str = "warped_error") -> dict[str, float]:
-    """A metric of a variant by frame, of the pairs that could be measured."""
-    mine = [record for record in found if record.variant == variant]
-    return {r.view: value for r in mine if r.metrics["visible"] and (value := r.metrics.get(metric)) is not None}
-
-
-def _mean(values: Mapping[str, float], form: str, unit: int | float = 1.0) -> str:
-    return format(unit * statistics.fmean(values.values()), form) if values else "-"
-
-
 def _no_photo() -> Tensor:
     raise InputError("path", "has no photo", "ask for renders only")
 
@@ -265,26 +233,23 @@ def _same(value: Tensor) -> Tensor:
     return value
 
 
-def run(cfg: DictConfig) -> None:
-    """Render, enhance, compare, print.
-
-    Args:
-        cfg: conf/flicker.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """Every kind of frames along each run's path.
 
     Raises:
-        InputError: weights or runs cannot be used, or the records cannot be written.
+        InputError: weights or runs cannot be used.
     """
-    require(cfg)
-    device = start(cfg.runtime)
     pretrained = load_weights(cfg.weights)
     enhancer = EnhancementOptions(strength=cfg.strength).enhancer(pretrained, pretrained.reference_config, device)
-    found: list[Record] = []
-    for fit in finished_fits(cfg.runs):
+    weights = f"{Path(cfg.weights).name}, strength {enhancer.strength:g}"
+
+    def measure(fit: Path) -> Iterator[Record]:
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
-        sequence = rendered_sequence(
-            path_renders(fit, cameras), enhancer, exact_photos(fit, cameras), cfg.temporal_smoothing, cfg.loyalty
-        )
-        found += records(fit, sequence, f"{Path(cfg.weights).name}, strength {enhancer.strength:g}")
-        if cfg.records:
-            write_records(cfg.records, found)
-    print(table(found), end="")
+        photos = exact_photos(fit, cameras)
+        drawn = path_renders(fit, cameras)
+        return records(fit, rendered_sequence(drawn, enhancer, photos, cfg.temporal_smoothing, cfg.hysteresis), weights)
+
+    return Study(finished_fits(cfg.runs), measure, derived=compared)
+
+
+run = job(study)

@@ -7,17 +7,20 @@ within, `SetEnhancer`) or ``strength`` (the share of the change that is applied)
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 from omegaconf import DictConfig
 
-from ablations.scripts.candidates import loaded, show
+from ablations.scripts.candidates import loaded
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits
+from ablations.study.gains import gain_study
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import Pretrained
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.frozen import refuse_frozen
 
 LIMITS: dict[str, tuple[float | None, ...]] = {
     "photo_consistency": (None, 0.3, 0.2, 0.15, 0.1),
@@ -47,20 +50,19 @@ def guarded(
     return SetEnhancer(network, checked, device, strength=pretrained.strength)
 
 
-def run(cfg: DictConfig) -> None:
-    """Enhance under every limit, measure, print.
-
-    Args:
-        cfg: conf/guards.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """Gains under every limit.
 
     Raises:
-        InputError: weights or runs cannot be compared, or the records cannot be written.
+        InputError: weights or runs cannot be compared, or a run is of a test scene.
     """
-    require(cfg)
-    device = start(cfg.runtime)
+    refuse_frozen(finished_fits(cfg.runs), "chosen by")
     made = {
         f"{name}, {cfg.guard} {limit}": guarded(found, cfg.guard, limit, device)
         for name, found in loaded(cfg.weights).items()
         for limit in LIMITS[cfg.guard]
     }
-    show(made, cfg, device, "limit")
+    return gain_study(made, cfg, device)
+
+
+run = job(study)

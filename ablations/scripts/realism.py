@@ -11,8 +11,9 @@ import dataclasses
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
+import torch
 from omegaconf import DictConfig
 
 from ablations.realism.patches import cut_patches
@@ -20,20 +21,14 @@ from ablations.realism.realism import (
     RealRender,
     Row,
     distances,
-    finished_runs,
     real_renders,
     simulated_pairs,
 )
-from ablations.realism.two_sample import TwoSample, two_sample_test
+from ablations.realism.two_sample import two_sample_test
 from ablations.scripts.simulators import rows
-from ablations.study.markdown import frame, markdown
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_runs
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_json_lines
-from gaussian_enhancer.metrics.provenance import provenance
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
-
-SHOWN = ("accuracy", "interval", "auc", "beside photo", "spectrum dB", "residual dB", "anisotropy", "residual", "PSNR")
 
 
 def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender], cfg: DictConfig) -> dict:
@@ -60,28 +55,7 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
     found["distances"] = distances(pairs)
     elapsed = {"simulation": simulated - begun, "tests": time.perf_counter() - simulated}
     found["seconds"] = {**elapsed, "processor": time.process_time() - worked}
-    return {**found, **provenance(timed=True)}
-
-
-def table(results: list[dict]) -> str:
-    """One line a row, as Markdown."""
-    lines = []
-    for result in results:
-        alone, beside, far = TwoSample(**result["alone"]), TwoSample(**result["beside_photo"]), result["distances"]
-        cells = (
-            result["row"],
-            f"{100 * alone.accuracy:.1f}%",
-            f"{100 * alone.low:.1f}-{100 * alone.high:.1f}%",
-            f"{alone.auc:.3f}",
-            f"{100 * beside.accuracy:.1f}%",
-            f"{far['spectrum_image_db']:.2f}",
-            f"{far['spectrum_residual_db']:.2f}",
-            f"{far['anisotropy_image']:.3f}",
-            f"{far['anisotropy_residual']:.3f}",
-            f"{far['psnr_simulated_db']:.2f} ({far['psnr_real_db']:.2f})",
-        )
-        lines.append(cells)
-    return markdown(frame(("row", *SHOWN), lines))
+    return found
 
 
 def chosen(patterns: Sequence[str], most: int | None, seed: int) -> list[RealRender]:
@@ -92,37 +66,25 @@ def chosen(patterns: Sequence[str], most: int | None, seed: int) -> list[RealRen
     return real_renders(runs, most, seed)
 
 
-def studied(makers: Mapping[str, Row], compare: Callable[[str, Row], dict], path: str | None) -> list[dict]:
-    """Compare row by row; what is done so far is written after each row, so that a kill loses one at most.
-
-    Args:
-        makers: rows by name.
-        compare: gives a row's result.
-        path: file that gets a line for every row; None writes none.
-    """
-    results: list[dict] = []
-    for name, row in makers.items():
-        results.append(compare(name, row))
-        print(json.dumps(results[-1]), file=sys.stderr)
-        if path:
-            write_json_lines(path, results)
-    return results
+def told(row: dict) -> dict:
+    """A row, shown as soon as it is measured: each takes long."""
+    print(json.dumps(row), file=sys.stderr)
+    return row
 
 
-def run(cfg: DictConfig) -> None:
-    """Compare row by row; write and print.
-
-    Args:
-        cfg: conf/realism.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """Every row against the real renders.
 
     Raises:
-        InputError: a row is unknown, runs cannot be used or share a scene, or the records cannot be written.
+        InputError: a row is unknown, or runs cannot be used or share a scene.
     """
-    require(cfg)
-    start(cfg.runtime)
     makers = rows(cfg.rows, cfg.generator_weights, cfg.steps)
     train, test = (chosen(side, cfg.renders, cfg.seed) for side in (cfg.train, cfg.test))
     shared = {one.scene for one in train} & {one.scene for one in test}
     if shared:
         raise InputError("test", f"shares the scene {sorted(shared)[0]} with train", "keep the scenes apart")
-    print(table(studied(makers, lambda name, row: compared(name, row, train, test, cfg), cfg.records)), end="")
+    measure = lambda name: [told(compared(name, makers[name], train, test, cfg))]  # noqa: E731
+    return Study(tuple(makers), measure, ("row", "seed", "size"), option="rows")
+
+
+run = job(study)

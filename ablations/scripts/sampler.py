@@ -7,15 +7,16 @@ runs (docs/data.md).
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from ablations.realism.realism import finished_fits, real_renders
-from ablations.study.markdown import frame, markdown
+from ablations.realism.realism import real_renders
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.adaptive import calibrated
@@ -24,10 +25,6 @@ from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_json_lines
-from gaussian_enhancer.metrics.provenance import provenance
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 
 CROP = 128
 """Side of the crops, pixels."""
@@ -38,17 +35,15 @@ SAMPLERS = {
 }
 
 
-def run(cfg: DictConfig) -> None:
-    """Sample, measure, print.
+def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
+    """One row a sampler.
 
     Args:
         cfg: conf/sampler.yaml, composed.
 
     Raises:
-        InputError: weights or runs cannot be used, or the records cannot be written.
+        InputError: weights or runs cannot be used.
     """
-    require(cfg)
-    start(cfg.runtime)
     views = [one.target for one in real_renders(finished_fits(cfg.runs), cfg.renders)]
     photo, real = (torch.stack([_crop(getattr(view, side)) for view in views]) for side in ("read_photo", "read"))
     gate = calibrated(
@@ -56,7 +51,6 @@ def run(cfg: DictConfig) -> None:
     )
     manual = Simulator(gate)(View(photo), torch.Generator().manual_seed(0)).image
     model = load_model(cfg.generator_weights).model
-    rows: list[dict[str, Any]] = []
     with torch.no_grad():
         true = model.extractor(manual, real).grid.std((0, 2, 3))
         for name, sampler in SAMPLERS.items():
@@ -67,12 +61,7 @@ def run(cfg: DictConfig) -> None:
             change = [float((image - photo).square().mean().sqrt()) for image in (made, real)]
             spread = float((codes.grid.std((0, 2, 3)) / true).mean())
             row = {"sampler": name, "spread": spread, "change": change[0] / change[1]}
-            rows.append({**row, "milliseconds": 1e3 * seconds / len(manual), "views": len(manual)})
-    heads = ("sampler", "spread of codes", "change of the view", f"ms a crop of {CROP} x {CROP}")
-    shown = [(r["sampler"], f"{r['spread']:.2f}", f"{r['change']:.2f}", f"{r['milliseconds']:.1f}") for r in rows]
-    print(markdown(frame(heads, shown)), end="")
-    if cfg.records:
-        write_json_lines(cfg.records, [{**row, **provenance()} for row in rows])
+            yield {**row, "milliseconds": 1e3 * seconds / len(manual), "views": len(manual)}
 
 
 def _crop(read: Callable[[], Tensor]) -> Tensor:
@@ -81,3 +70,11 @@ def _crop(read: Callable[[], Tensor]) -> Tensor:
         size = f"{image.shape[2]}x{image.shape[1]}"
         raise InputError("runs", f"hold a view of {size}", f"give views of at least {CROP}x{CROP}")
     return image[:, :CROP, :CROP]
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[DictConfig]:
+    """All samplers on the same crops."""
+    return Study([cfg], measured, ("sampler",))
+
+
+run = job(study)

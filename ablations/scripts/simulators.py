@@ -11,14 +11,14 @@ from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGa
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import diffused
 from gaussian_enhancer.degrade.simulator import Simulator
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 GENERIC = ("blur", "noise", "jpeg")
 """What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
 
 
-class Adapted:
+class AdaptedGates:
     """Adaptive gates of splats, each calibrated once on the splat's training views, never on those held out.
 
     Args:
@@ -49,7 +49,7 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
     Raises:
         InputError: there is no such row, or a second stage comes without weights.
     """
-    adapted = Adapted()
+    adapted = AdaptedGates()
     makers: dict[str, Row] = {
         "none": none,
         "naive": naive,
@@ -58,9 +58,7 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
         "adaptive": lambda splat: Simulator(adapted(splat)),
     }
     learnt = ("tsds", "random_tsds", "none_tsds")
-    unknown = [name for name in names if name not in (*makers, *learnt)]
-    if unknown:
-        raise InputError("rows", f"names {unknown[0]!r}", f"choose among {', '.join((*makers, *learnt))}")
+    refuse_unknown("rows", names, (*makers, *learnt))
     if set(names) & set(learnt):
         if generator is None:
             raise InputError("rows", "names a second stage without weights", "add generator_weights=simulator")

@@ -1,30 +1,29 @@
 """How fast the latent sampler's error falls with its steps, by schedule."""
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
-from ablations.stability.sampler import SCHEDULES, order
+from ablations.stability.sampler import order
 from gaussian_enhancer.metrics.records import Record
 
 KIND = "sampler order"
 """Kind of these records."""
 
 
-def measured_order(steps: Sequence[int], finest: int, known: Collection[str] = ()) -> Iterator[Record]:
-    """A record for each schedule and number of steps: error against the finest solution.
+def measured_order(name: str, steps: Sequence[int], finest: int) -> Iterator[Record]:
+    """A record for each number of steps: error against the finest solution.
 
     Args:
+        name: of the schedule.
         steps: evaluations of the denoiser; none gives no record.
         finest: steps of the solution that is compared with.
-        known: schedules that are left out.
     """
     protocol = f"DDIM in float64, root mean square difference of codes to {finest} steps of the same schedule"
-    for name in [name for name in SCHEDULES if steps and name not in known]:
-        for count, error in order(name, tuple(steps), finest).items():
-            known_error = error if math.isfinite(error) else None
-            metrics: dict[str, float | None] = {"steps": float(count), "error": known_error}
-            reasons = {} if known_error is not None else {"error": "the walk diverges"}
-            yield Record(KIND, "sampler", name, "float64", "forward", str(count), metrics, reasons, protocol=protocol)
+    for count, error in (order(name, tuple(steps), finest) if steps else {}).items():
+        known = error if math.isfinite(error) else None
+        metrics: dict[str, float | None] = {"steps": float(count), "error": known}
+        reasons = {} if known is not None else {"error": "the walk diverges"}
+        yield Record(KIND, "sampler", name, "float64", "forward", str(count), metrics, reasons, protocol=protocol)
 
 
 def slopes(records: Sequence[Record]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """The matrix in a process of its own, so that a hang or a crash is a cell and not the end of the job."""
 
 import multiprocessing
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 
 import torch
@@ -17,7 +17,6 @@ def measured(
     cases: Sequence[Case],
     precisions: Sequence[Precision] = PRECISIONS,
     threads: int = 1,
-    known: Collection[tuple[str, str, str]] = (),
 ) -> Iterator[Record]:
     """A record for each case, precision and pass.
 
@@ -25,10 +24,8 @@ def measured(
         cases: importable by name, since another process computes them.
         precisions: columns.
         threads: that the other process computes with.
-        known: cells that are left out, by the names of case, precision and pass.
     """
-    every: list[Task] = [(c, p, d) for c in cases for p in precisions for d in c.passes]
-    left = [(c, p, d) for c, p, d in every if (c.name, p.name, d) not in known]
+    left: list[Task] = [(c, p, d) for c in cases for p in precisions for d in c.passes]
     while left:
         worker = _Worker(left, threads)
         try:

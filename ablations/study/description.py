@@ -68,7 +68,7 @@ class SceneGroup:
 
 
 @dataclass(frozen=True)
-class Study:
+class TableDescription:
     """One table, figure or study.
 
     Args:
@@ -114,7 +114,7 @@ class Study:
             raise ValueError(f"baseline {self.baseline!r} is none of {', '.join(self.methods)}")
 
 
-def write_description(path: str | Path, table: Study) -> None:
+def write_description(path: str | Path, table: TableDescription) -> None:
     """Write a table's description as JSON, whole or not at all.
 
     Raises:
@@ -124,7 +124,7 @@ def write_description(path: str | Path, table: Study) -> None:
         temporary.write_text(json.dumps(dataclasses.asdict(table), indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
-def read_description(path: str | Path) -> Study:
+def read_description(path: str | Path) -> TableDescription:
     """Read what `write_description` wrote.
 
     Raises:
@@ -138,7 +138,7 @@ def read_description(path: str | Path) -> Study:
         raise InputError(path, f"describes no table ({error})", "make the table again") from None
 
 
-def table_of(values: Mapping[str, Any]) -> Study:
+def table_of(values: Mapping[str, Any]) -> TableDescription:
     """A table from plain values.
 
     Raises:
@@ -153,7 +153,7 @@ def table_of(values: Mapping[str, Any]) -> Study:
         }
         for block, rows_ in values.get("paper", {}).items()
     }
-    return Study(**_tuples({**values, "methods": methods, "datasets": datasets, "paper": paper}))
+    return TableDescription(**_tuples({**values, "methods": methods, "datasets": datasets, "paper": paper}))
 
 
 def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from ablations.study.results import Results, block_of
 from ablations.study.sample import SceneSplat, ScoreSample
 from ablations.study.statistics import Spread, interval, over_seeds
@@ -80,7 +80,7 @@ def table_lines(results: Results, records: Sequence[Record]) -> tuple[Line, ...]
     return tuple(_lines(results, _members(results.study, records)))
 
 
-def baselines(table: Study, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
+def baselines(table: TableDescription, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
     """For each record the places of the baseline's records that its gain is over; empty where there is none.
 
     Mostly one, of the same scene, splat, view and seed. A baseline without a seed stands beside every seed; a method
@@ -119,7 +119,7 @@ def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[in
                     yield dataclasses.replace(line, numbers=numbers)
 
 
-def _members(table: Study, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
+def _members(table: TableDescription, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
     """Places and scenes of the records by block and method."""
     kinds = ("cost" if table.kind == "cost" else "quality", MISSING)
     found: dict[tuple[str, str], list[tuple[int, str]]] = {}
@@ -164,7 +164,7 @@ def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[L
         yield dataclasses.replace(told, numbers=numbers)
 
 
-def _repeat(gains: ScoreSample, spread: Spread, table: Study, line: Line, metric: str) -> Number:
+def _repeat(gains: ScoreSample, spread: Spread, table: TableDescription, line: Line, metric: str) -> Number:
     found = _known(getattr(spread, STATISTICS[line.statistic]))
     _, paper_gain = _paper(table, line, metric)
     number = _counted(gains, Number(gain=found, paper_gain=paper_gain))
@@ -188,7 +188,7 @@ def _unit(pair: SceneSplat, seed: int | None) -> str:
     return pair[0] if seed is None else f"{pair[0]}, seed {seed}"
 
 
-def _paper(table: Study, line: Line, metric: str) -> tuple[float | None, float | None]:
+def _paper(table: TableDescription, line: Line, metric: str) -> tuple[float | None, float | None]:
     """The paper's value and gain. Its blocks are those of one dataset, and stand beside all where a scale has more."""
     place = table.metrics.index(metric)
     if table.kind == "repeats":

@@ -11,8 +11,8 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float
 from torch import Tensor
 
-from ablations.realism.realism import finished_fits, scene_of
 from ablations.study.enhanced_views import ViewMethod
+from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import Pool, ReferenceConfig
 from gaussian_enhancer.errors import InputError

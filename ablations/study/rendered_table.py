@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from ablations.study.lines import ALL, STATISTICS, Line, Number, table_lines
 from ablations.study.results import Results
 from ablations.study.significance import Place, Significance, significance
@@ -91,7 +91,7 @@ class StudyTable:
         InputError: a view was measured twice.
     """
 
-    def __init__(self, study: Study, records: Sequence[Record]) -> None:
+    def __init__(self, study: TableDescription, records: Sequence[Record]) -> None:
         self.study = study
         self.results = Results(study, records)
         found = table_lines(self.results, records)

@@ -9,14 +9,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from ablations.study.description import Study
+from ablations.study.description import TableDescription
 from ablations.study.sample import SceneSplat, ScoreSample, Unit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.comparison import VariantPair
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 
-def block_of(study: Study, record: Record) -> str:
+def block_of(study: TableDescription, record: Record) -> str:
     """The block of the rendered table that a record belongs to; empty where it belongs to none.
 
     The block is the record's splat. Studies of cost have output sizes as blocks: a record belongs to the size that its
@@ -44,7 +44,7 @@ class Results:
         InputError: a view was measured twice.
     """
 
-    def __init__(self, study: Study, records: Iterable[Record]) -> None:
+    def __init__(self, study: TableDescription, records: Iterable[Record]) -> None:
         placed = [replace(record, splat=block_of(study, record)) for record in records]
         self.study, self.costs = study, study.kind == "cost"
         self.pairs: tuple[SceneSplat, ...] = tuple(dict.fromkeys((record.scene, record.splat) for record in placed))

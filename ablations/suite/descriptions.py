@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from ablations.study.description import FAITHFUL, Method, SceneGroup, Study
+from ablations.study.description import FAITHFUL, Method, SceneGroup, TableDescription
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
@@ -34,7 +34,7 @@ class Experiment:
         learns: by method, which of the scale's trainings it learns by.
     """
 
-    table: Study
+    table: TableDescription
     cells: tuple[StudyCell, ...]
     learns: Mapping[str, str]
 
@@ -110,7 +110,7 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
             for method, values in study["methods"].items()
         }
         cost = study["kind"] == "cost"
-        table = Study(
+        table = TableDescription(
             name,
             str(study["title"]),
             study["kind"],
@@ -205,7 +205,7 @@ def _outputs(scale: DictConfig) -> dict[str, SceneGroup]:
     }
 
 
-def _cells(table: Study, scale: DictConfig) -> Iterator[StudyCell]:
+def _cells(table: TableDescription, scale: DictConfig) -> Iterator[StudyCell]:
     """Every scene of every dataset by every splat."""
     density, every = (scale.finer.fit, scale.finer.every) if table.finer else (scale.sparse, scale.every)
     for splat in table.splats:

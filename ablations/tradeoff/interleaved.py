@@ -16,7 +16,7 @@ from rich.console import Console
 from torch import Tensor
 
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
-from ablations.tradeoff.methods import Enhance, Ready
+from ablations.tradeoff.methods import Enhance, SettingLoader
 from ablations.tradeoff.settings import TradeoffStudy
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import peak_memory, timed
@@ -32,7 +32,7 @@ KIND = "tradeoff"
 
 
 @dataclass(frozen=True)
-class First:
+class FirstCall:
     """What the first call of a setting on a view gave.
 
     Args:
@@ -49,7 +49,11 @@ class First:
 
 
 def study_records(
-    cfg: DictConfig, study: TradeoffStudy, ready: Ready, distances: Sequence[PerceptualDistance], console: Console
+    cfg: DictConfig,
+    study: TradeoffStudy,
+    ready: SettingLoader,
+    distances: Sequence[PerceptualDistance],
+    console: Console,
 ) -> Iterator[Record]:
     """The records of a study, every setting on every view; one that cannot be measured leaves a record that says why.
 
@@ -101,7 +105,7 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
     return single(task.rendered, study.views)
 
 
-def _weights(study: TradeoffStudy, ready: Ready) -> tuple[dict[str, str], dict[str, str]]:
+def _weights(study: TradeoffStudy, ready: SettingLoader) -> tuple[dict[str, str], dict[str, str]]:
     """Weights by setting, and why others have none."""
     found, absent = {}, {}
     for setting in study.settings:
@@ -113,7 +117,7 @@ def _weights(study: TradeoffStudy, ready: Ready) -> tuple[dict[str, str], dict[s
 
 
 def _enhancers(
-    study: TradeoffStudy, ready: Ready, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
+    study: TradeoffStudy, ready: SettingLoader, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
 ) -> Iterator[tuple[str, Enhance]]:
     """Settings that are not missing, ready for a fit's views; reasons of those that cannot be are added."""
     for setting in study.settings:
@@ -130,7 +134,7 @@ def _firsts(
     view: RenderedSet,
     device: torch.device,
     reasons: dict[str, str],
-) -> Iterator[tuple[str, First]]:
+) -> Iterator[tuple[str, FirstCall]]:
     """The first call of every setting on a view, which warms it up; reasons of those that fail are added."""
     compiled = {setting.name for setting in study.settings if setting.compiled}
     for name, one in enhance.items():
@@ -143,7 +147,7 @@ def _firsts(
                 call()  # draws photos, whose memory is not the setting's
             compiling = _compiling(call, device) if name in compiled else None
             peak = peak_memory(functools.partial(_kept, call, images), device)
-            yield name, First(call, images[0], peak / 1e6, compiling)
+            yield name, FirstCall(call, images[0], peak / 1e6, compiling)
         except Exception as error:
             if name not in compiled:
                 raise
@@ -165,7 +169,7 @@ def _measured(
     cell: StudyCell,
     fit: Path,
     view: RenderedSet,
-    firsts: Mapping[str, First],
+    firsts: Mapping[str, FirstCall],
     device: torch.device,
     distances: Sequence[PerceptualDistance],
 ) -> Iterator[Record]:

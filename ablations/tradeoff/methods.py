@@ -9,7 +9,7 @@ from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
 from torch import Tensor
 
-from ablations.study.description import Method, Study
+from ablations.study.description import Method, TableDescription
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import composed
 from ablations.suite.method_runs import Runs
@@ -34,7 +34,7 @@ Enhance = Callable[[RenderedSet], Float[Tensor, "3 _ _"]]
 
 
 @dataclass
-class Ready:
+class SettingLoader:
     """Makes settings ready to be called.
 
     Args:
@@ -112,7 +112,7 @@ def _training(cfg: DictConfig, setting: Setting) -> Experiment:
     """A table of one trained method, so that its training is found where the suite files it."""
     train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
     methods = {setting.name: Method(title=setting.name, about="", role="", train=train)}
-    table = Study(
+    table = TableDescription(
         "tradeoff", "", "quality", "", methods, setting.name, (), (), {}, tuple(cfg.scale.seeds[:1]), {}, False, ""
     )
     return Experiment(table, (), {setting.name: setting.learns})

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
 from ablations.tradeoff.rasterisers import rasterisers
-from gaussian_enhancer.errors import InputError, reason_of
+from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
 from gaussian_enhancer.metrics.cost import timed
 from gaussian_enhancer.metrics.records import Record, missing_record
 
@@ -62,9 +62,7 @@ def numeric_records(
         if names is None or case.name in names:
             console.print(case.name, highlight=False)
             yield from case_records(case, repeats, device, seconds)
-    for name in names or ():
-        if name not in known:
-            raise InputError("numerics.cases", f"names {name!r}", f"choose from {', '.join(known)}")
+    refuse_unknown("numerics.cases", names, known)
 
 
 def case_records(case: Computation, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:

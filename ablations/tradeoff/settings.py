@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 
 from ablations.suite.descriptions import UPSCALE, USUAL
 from ablations.suite.evaluation import StudyCell
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.network.baselines.bicubic import Bicubic
 from gaussian_enhancer.network.baselines.identity import Identity
 from gaussian_enhancer.network.network import Network
@@ -100,9 +100,7 @@ def read_studies(cfg: DictConfig) -> tuple[TradeoffStudy, ...]:
     curves = plain(cfg.curves)
     density = tuple(curves.pop("density"))
     asked = tuple(curves) if cfg.studies is None else tuple(cfg.studies)
-    for name in asked:
-        if name not in curves:
-            raise InputError("studies", f"names {name!r}", f"choose from {', '.join(curves)}")
+    refuse_unknown("studies", asked, curves)
     studies = [_study(name, curves[name], density) for name in asked]
     views = sum(study.views * len(study.cells) for study in studies)
     return tuple(replace(study, seconds=60 * float(cfg.minutes) / max(1, views)) for study in studies)

@@ -1,5 +1,7 @@
 """The errors that the command line turns into one line: what a user can mend, and a process that was killed."""
 
+from collections.abc import Iterable
+
 
 class InputError(ValueError):
     """What the user handed in cannot be used; the command line turns it into one line and exit code 2.
@@ -27,6 +29,23 @@ class InputError(ValueError):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         """Pickle by the three parts, so that the error survives worker processes."""
         return InputError, (self.subject, self.received, self.remedy)
+
+
+def refuse_unknown(option: str, names: Iterable[object] | None, known: Iterable[object]) -> None:
+    """Refuse an option that names what there is not.
+
+    Args:
+        option: its name.
+        names: what it names; None names nothing.
+        known: what it may name, in the order in which an error tells it.
+
+    Raises:
+        InputError: a name is unknown.
+    """
+    listed = [str(name) for name in known]
+    for name in names or ():
+        if str(name) not in listed:
+            raise InputError(option, f"names {str(name)!r}", f"choose from {', '.join(listed)}")
 
 
 class LostProcessError(RuntimeError):

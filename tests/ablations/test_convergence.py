@@ -8,16 +8,20 @@ import pytest
 import torch
 
 from ablations.scripts.convergence import (
-    ABOUT,
-    TITLES,
+    COLUMNS,
+    KEYS,
+    ROLES,
+    diagram,
     enhancers,
     fits,
     harm,
-    page_text,
+    pictured,
     role_of,
-    row_file,
     shown_views,
+    with_roles,
 )
+from ablations.study.row_table import page, read_layout
+from ablations.study.rows import RowFile
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -59,13 +63,13 @@ def test_the_page_is_made_again_from_the_records(plane_run, tmp_path, job, capsy
     assert {row["scene"] for row in rows} == {"plush"}
     assert {row["step"] for row in rows} == {50, 100}
     first = capsys.readouterr().out
-    assert len(first.splitlines()) == 1 + 2 * 2
+    assert len(first.splitlines()) == 2 + 2 * 2
     job("convergence", f"records={records}", f"page={tmp_path}/page.md")
     assert capsys.readouterr().out == first
-    page = (tmp_path / "page.md").read_text()
-    assert ".jpg" not in page
-    assert "## Validation captures" in page
-    assert "](page.svg)" in page
+    text = (tmp_path / "page.md").read_text()
+    assert ".jpg" not in text
+    assert "## Validation captures" in text
+    assert "](page.svg)" in text
     assert (tmp_path / "page.svg").is_file()
 
 
@@ -79,11 +83,11 @@ def test_the_page_shows_the_worst_and_the_best_view_of_each_fit(plane_run, tmp_p
         for row in rows
         if (row["method"], row["step"]) == ("lr_tiny", 100)
     }
-    page = (tmp_path / "page.md").read_text()
+    made = (tmp_path / "page.md").read_text()
     for word, chosen in (("worst", min), ("best", max)):
         view = chosen(gains, key=gains.__getitem__)
         text = f"100 steps, view {view}: the {word} of {len(gains)}, {gains[view]:+.2f} dB"
-        assert text in page.split(f"](page/plush_{word}.jpg)")[1]
+        assert text in made.split(f"](page/plush_{word}.jpg)")[1]
         assert text in shown_views(tmp_path / "page.md")[f"page/plush_{word}.jpg"]
 
 
@@ -105,15 +109,19 @@ def test_records_of_something_else_are_refused(job, tmp_path, capsys) -> None:
     assert not (tmp_path / "page.md").exists()
 
 
-def test_the_committed_page_is_what_its_records_say() -> None:
-    page = (DOCS / "results/convergence.md").read_text()
-    frame = row_file(DOCS / "results/convergence.jsonl").read()
-    assert page_text(frame, "convergence.svg", ABOUT, shown_views(DOCS / "results/convergence.md")) == page
+def test_the_committed_page_is_what_its_records_say(tmp_path) -> None:
+    committed = DOCS / "results/convergence.md"
+    frame = with_roles(RowFile(DOCS / "results/convergence.jsonl", KEYS, COLUMNS).read())
+    above, below = diagram(frame, tmp_path / "convergence.md"), pictured(committed)
+    assert page(frame, read_layout("convergence"), above, below) == committed.read_text()
+    assert (tmp_path / "convergence.svg").read_bytes() == committed.with_suffix(".svg").read_bytes()
 
 
 def test_every_role_has_a_title_and_an_unknown_capture_none() -> None:
-    assert TITLES[role_of("plush")] == "Validation captures"
-    assert TITLES[role_of("fox")] == "Test captures"
+    titles = read_layout("convergence").sections
+    assert titles.keys() == ROLES.keys() == read_layout("distil_study").sections.keys()
+    assert titles[role_of("plush")] == "Validation captures"
+    assert titles[role_of("fox")] == "Test captures"
     with pytest.raises(InputError, match="has no role"):
         role_of("garden")
 

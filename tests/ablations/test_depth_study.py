@@ -10,14 +10,16 @@ from ablations.scripts.depth import (
     SEARCHED,
     Through,
     exact_depths,
+    gains,
+    measured,
     preparations,
     propagated,
     reference_quality,
-    study,
-    table,
     with_sky,
     world_of,
 )
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import frame_of
 from gaussian_enhancer.align.alignment import Aligned, Unwarped
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
@@ -49,7 +51,7 @@ def misplaced(plane_run) -> tuple[RenderedSet, dict[str, dict[str, torch.Tensor]
 
 def test_the_better_the_depth_the_better_the_references(misplaced):
     rendered, depths = misplaced
-    found = list(study(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
+    found = list(measured(rendered, SetEnhancer(small(), ReferenceConfig(), precision="float32"), depths))
     assert [variant for _, variant, _, _ in found] == ["raw", *ROWS] * len(rendered.targets)
     by = {kind: [m for _, variant, m, _ in found if variant == kind] for kind in ("raw", *ROWS)}
     for raw, expected, searched, _, surface, *_, exact in zip(*by.values(), strict=True):
@@ -146,11 +148,11 @@ def test_table_states_gains_over_the_raw_render(misplaced):
     rendered, depths = misplaced
     records = [
         Record("depth", "plane", "plane", "ours_100", view.name, variant, metrics, reasons)
-        for view, variant, metrics, reasons in study(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
+        for view, variant, metrics, reasons in measured(rendered, SetEnhancer(small(), ReferenceConfig()), depths)
     ]
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table(records).splitlines()]
-    assert [line[:3] for line in lines[2:]] == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]
-    by_depth = {line[1]: dict(zip(lines[0], line, strict=True)) for line in lines[2 : 2 + len(ROWS)]}
-    assert by_depth["exact"]["gain in psnr"] == "+0.0000"
-    handed = {depth: float(line["gain of residuals handed on"]) for depth, line in by_depth.items()}
+    table = row_table(gains(frame_of(records)), read_layout("depth"))
+    assert table.iloc[:, :3].to_numpy().tolist() == [[run, d, "2"] for run in ("plane", "all") for d in ROWS]
+    by_depth = table[table["run"] == "plane"].set_index("depth")
+    assert by_depth.loc["exact", "gain in psnr"] == "+0.0000"
+    handed = by_depth["gain of residuals handed on"].astype(float)
     assert handed["exact"] > handed["expected"]

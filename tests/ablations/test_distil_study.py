@@ -7,7 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from ablations.scripts.distil_study import ABOUT, chosen, named, page_text, row_file, summary
+from ablations.scripts.distil_study import COLUMNS, KEYS, chosen, gains, named
+from ablations.study.row_table import page, read_layout, row_table
+from ablations.study.rows import RowFile
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 from support.paths import DOCS
@@ -35,15 +37,17 @@ def frame(splat: str, *psnr: float, image: str = "render", scene: str = "plush")
 def test_gains_are_over_the_raw_render_of_the_same_capture():
     other = frame("raw", 10.0, scene="copr")
     found = pd.concat([frame("raw", 20.0, 30.0), frame("raw", 22.0, 30.0, image="lr"), other, frame("new", 19.0, 34.0)])
-    table = summary(found.reset_index(drop=True)).set_index(["scene", "splat", "image"])
-    assert table.loc[("plush", "raw", "render"), ["psnr_aligned", "gain", "worst"]].tolist() == [25, 0, 0]
-    assert table.loc[("plush", "raw", "lr"), ["gain", "worst"]].tolist() == [1, 0]
-    assert table.loc[("plush", "new", "render"), ["gain", "worst", "views"]].tolist() == [1.5, -1, 2]
-    assert table.loc[("copr", "raw", "render"), "gain"] == 0
-    page = page_text(found.reset_index(drop=True), ABOUT)
-    assert "## Validation captures" in page
-    assert "| 26.50 |" in page
-    assert "| +1.50 |" in page
+    rows, layout = gains(found.reset_index(drop=True)), read_layout("distil_study")
+    table = row_table(rows, layout).set_index(["scene", "splat", "image"])
+    gain = ["gain, aligned", "worst view"]
+    assert table.loc[("plush", "raw", "render"), ["PSNR, aligned", *gain]].tolist() == ["25.00", "+0.00", "+0.00"]
+    assert table.loc[("plush", "raw", "lr"), gain].tolist() == ["+1.00", "+0.00"]
+    assert table.loc[("plush", "new", "render"), [*gain, "views"]].tolist() == ["+1.50", "-1.00", "2"]
+    assert table.loc[("copr", "raw", "render"), "gain, aligned"] == "+0.00"
+    text = page(rows, layout)
+    assert "## Validation captures" in text
+    assert "| 26.50 |" in text
+    assert "| +1.50 |" in text
 
 
 @pytest.fixture
@@ -81,21 +85,21 @@ def test_runs_that_cannot_be_compared_are_refused_before_they_are_measured(fitte
 
 
 def test_the_page_is_made_again_from_the_records(fitted, tmp_path, job, capsys):
-    records, page = tmp_path / "found.jsonl", tmp_path / "page.md"
-    job("distil_study", f"runs=['plush/raw:{fitted}','plush/new, too:{fitted}']", f"records={records}", f"page={page}")
+    records, text = tmp_path / "found.jsonl", tmp_path / "page.md"
+    job("distil_study", f"runs=['plush/raw:{fitted}','plush/new, too:{fitted}']", f"records={records}", f"page={text}")
     rows = [json.loads(line) for line in records.read_text().splitlines()]
     assert {(row["splat"], row["image"]) for row in rows} == {
         (splat, image) for splat in ("raw", "new, too") for image in {row["image"] for row in rows}
     }
     assert len({row["image"] for row in rows}) == 2
     assert {"commit", "machine", "weights"} <= set(rows[0])
-    first, printed = page.read_text(), capsys.readouterr().out
+    first, printed = text.read_text(), capsys.readouterr().out
     assert "| plush | new, too | render |" in first
-    job("distil_study", f"records={records}", f"page={page}")
-    assert page.read_text() == first
+    job("distil_study", f"records={records}", f"page={text}")
+    assert text.read_text() == first
     assert capsys.readouterr().out == printed
 
 
 def test_the_committed_page_is_what_its_records_say():
-    rows = row_file(DOCS / "results/distil.jsonl").read()
-    assert page_text(rows, ABOUT) == (DOCS / "results/distil.md").read_text()
+    rows = RowFile(DOCS / "results/distil.jsonl", KEYS, COLUMNS).read()
+    assert page(gains(rows), read_layout("distil_study")) == (DOCS / "results/distil.md").read_text()

@@ -5,11 +5,13 @@ import pytest
 import torch
 from test_sif import small
 
-from ablations.scripts.flicker import changes, exact_photos, path_cameras, records, rendered_sequence, table, ways
+from ablations.report.video import flicker_table
+from ablations.scripts.flicker import changes, compared, exact_photos, path_cameras, records, rendered_sequence
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import RowFile
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.metrics.records import read_records, write_records
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
@@ -94,7 +96,7 @@ def test_carrying_changes_over_calms_what_is_unsteady(plane_run, tmp_path):
     enhancer = SetEnhancer(Unsteady(0.1), ReferenceConfig(), precision="float32")
     found, all_records = means(named(plane_run, tmp_path), rendered_sequence(rendered, enhancer, photos, [0.5]))
     assert sum(found["steady 0.5"]) < 0.6 * sum(found["enhanced"])
-    rows = by_name(ways(all_records))
+    rows = by_name(flicker_table(all_records))
     assert list(rows) == ["raw", "enhanced", "steady 0.5", "photo"]
     assert float(rows["steady 0.5"][1]) < 0.6 * float(rows["enhanced"][1])
     assert float(rows["enhanced"][4]) < float(rows["steady 0.5"][4])  # half-way of the two brightnesses is the photos
@@ -123,7 +125,7 @@ def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tm
         Tinting(), ReferenceConfig(references=1, candidates=1), precision="float32", colour_clamping=0
     )
     config = enhancer.reference_config
-    film = rendered_sequence(rendered, enhancer, loyalty=[0.5, 1.0])
+    film = rendered_sequence(rendered, enhancer, hysteresis=[0.5, 1.0])
     assert enhancer.reference_config is config
     run = named(plane_run, tmp_path)
     found, all_records = means(run, film)
@@ -132,7 +134,7 @@ def test_references_that_are_kept_along_the_path_change_less_often(plane_run, tm
     assert new["path 0.5"] == 0
     assert found["path 1"] == found["enhanced"]
     assert sum(found["path 0.5"]) < 0.8 * sum(found["enhanced"])
-    rows = by_name(ways(all_records))
+    rows = by_name(flicker_table(all_records))
     assert rows["path 0.5"][3] == "0 of 7"
     assert rows["enhanced"][3] == "7 of 7"
     assert rows["enhanced"][2] == rows["enhanced"][4] == ""  # no exact photos
@@ -150,11 +152,19 @@ def test_unsteady_network_is_found_out(plane_run, tmp_path):
     for raw, enhanced, change in zip(found["raw"], found["enhanced"], found["change"], strict=True):
         assert enhanced > raw + 0.015
         assert change == pytest.approx(10 / 255, abs=0.004)
-    write_records(tmp_path / "flicker.jsonl", lines)
-    printed = table(read_records(tmp_path / "flicker.jsonl"))
-    cells = [cell.strip() for cell in printed.splitlines()[2].split("|")]
-    assert cells[1:3] == [run.name, "4"]
-    assert float(cells[6]) > 1.5
+    file = RowFile(tmp_path / "flicker.jsonl", ("run", "view", "variant"))
+    file.add(lines)
+    table = row_table(compared(file.read()), read_layout("flicker")).set_index("frames")
+    assert list(table.index) == ["raw", "enhanced", "change"]
+    assert table.loc["enhanced", ["run", "pairs"]].tolist() == [run.name, "4"]
+    assert float(table.loc["enhanced", "error / raw"]) > 1.5
+    new = table.loc["enhanced", "new references"].split(" of ")
+    shown = "error - raw there" if new[0] == new[1] else "elsewhere"
+    assert float(table.loc["enhanced", shown]) > 255 * 0.015
+    sizes = [r.metrics["size"] for r in lines if r.variant == "change"]
+    assert float(table.loc["change", "error / size of the change"]) == pytest.approx(
+        sum(found["change"]) / sum(sizes), abs=0.01
+    )
 
 
 def test_changes_of_references_are_counted():

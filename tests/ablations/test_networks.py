@@ -1,16 +1,26 @@
-import json
-
+import pandas as pd
 import torch
 from hydra import initialize_config_dir
 from torch import nn
 
 from ablations.benchmarks import networks
+from ablations.study.markdown import markdown
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import RowFile
 from gaussian_enhancer.infer.weights import NETWORKS
 from gaussian_enhancer.network.network import Network
 from support import paths
 
 ROOT = paths.ROOT
 PAPER = "gaussian_enhancer.network.paper."
+
+
+def recorded(name: str) -> pd.DataFrame:
+    return networks.named(RowFile(ROOT / f"docs/results/{name}.jsonl", ("fusion",)).read())
+
+
+def table(rows: pd.DataFrame) -> str:
+    return markdown(row_table(rows, read_layout("networks")))
 
 
 class OneConvolution(Network):
@@ -42,17 +52,17 @@ def test_times_are_one_for_each_network():
 
 
 def test_record_holds_every_network_that_weights_can_name():
-    rows = json.loads((ROOT / "docs" / "results" / "networks.json").read_text())["rows"]
-    names = {row["fusion"] for row in rows}
+    rows = recorded("networks")
+    names = set(rows["fusion"])
     assert len(names) == sum(not kind.__module__.startswith(PAPER) for kind in NETWORKS.values())
     page = (ROOT / "docs" / "results" / "networks.md").read_text()
-    assert networks.table(rows) in page
+    assert table(rows) in page
 
 
 def test_page_on_fidelity_holds_the_cost_of_the_papers_networks_with_and_without_the_buffer():
-    rows = json.loads((ROOT / "docs/results/paper_networks.json").read_text())["rows"]
-    assert networks.table(rows) in (ROOT / "docs/fidelity.md").read_text()
-    work = {(row["fusion"], row["size"]): row["giga_multiply_adds_per_megapixel"] for row in rows}
+    rows = recorded("paper_networks")
+    assert table(rows) in (ROOT / "docs/fidelity.md").read_text()
+    work = rows.set_index(["fusion", "size"])["giga_multiply_adds_per_megapixel"]
     for size in networks.SIZES:
         assert work["ssif_sr, paper", size] < work["ssif_sr, paper, without its buffer", size]
 

@@ -7,7 +7,9 @@ import pytest
 import torch
 from test_sif import small
 
-from ablations.scripts import candidates, guards, renders
+from ablations.scripts import candidates, guards
+from ablations.study.row_table import read_layout, row_table
+from ablations.study.rows import frame_of
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
@@ -59,8 +61,8 @@ def test_the_worst_view_is_shown():
     gains = {"v0": 1.0, "v1": 0.5, "v2": -0.25}
     where = {"row": "a", "scene": "s", "run": "s-3dgs"}
     rows = [{**where, "view": view, "psnr": g, "psnr_aligned": g} for view, g in gains.items()]
-    line = renders.table(rows).splitlines()[-1]
-    assert "| -0.250 | 1 of 3 |" in line
+    line = row_table(frame_of(rows), read_layout("gains")).iloc[0]
+    assert (line["worst view"], line["views worse"]) == ("-0.250", "1 of 3")
 
 
 @pytest.mark.parametrize("name", ["candidates", "guards"])

@@ -14,14 +14,14 @@ from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.controls import status
 from gaussian_enhancer.viewer.modes import Mode
-from gaussian_enhancer.viewer.stage import Times, View
+from gaussian_enhancer.viewer.stage import StageView, Times
 from support.synthetic_runs import coloured_sheet
 
 
 def test_the_pages_line_is_read():
     image, plane = torch.zeros(3, 8, 20), torch.ones(1, 8, 20)
     for enhanced, times, total in ((image, Times(10.0, 20.0, 30.4), 60), (None, Times(10.0), 10)):
-        view = View(identity_camera(8, 20, 20.0), image, plane, plane, enhanced, None, (), times)
+        view = StageView(identity_camera(8, 20, 20.0), image, plane, plane, enhanced, None, (), times)
         told = status(12, image, view, Mode("wipe")).replace("**", "")
         assert stated(f"gaussian-enhancer {told} Show mode") == (total, 20, 8, 12)
     assert stated("Waiting for the first picture.") is None

@@ -657,13 +657,13 @@ def test_measurements_refuse_what_is_no_fit(job: str, refused: Refused) -> None:
 def test_realism_refuses_what_is_no_fit_and_rows_that_do_not_exist(refused: Refused) -> None:
     assert "test: is mandatory and was not given; add test=... train=..." in refused("realism")
     assert "nope: names no finished run" in refused("realism", "train=[nope]", "test=[nope]")
-    assert "rows: names 'x'; choose among none, naive" in refused("realism", "train=[a]", "test=[b]", "rows=[x]")
+    assert "rows: names 'x'; choose from none, naive" in refused("realism", "train=[a]", "test=[b]", "rows=[x]")
     assert "add generator_weights=" in refused("realism", "train=[a]", "test=[b]", "rows=[tsds]")
 
 
 def test_benchmarks_and_pictures_refuse_mistakes(refused: Refused) -> None:
     assert "sizes.0: is '24x'; give text that matches" in refused("splat_kernels", "sizes=[24x]")
-    assert "methods: names 'x'; choose among stage 1" in refused("degradation", "methods=[x]")
+    assert "methods: names 'x'; choose from stage 1" in refused("degradation", "methods=[x]")
     assert "rounds: is 0; give a number of at least 1" in refused("similarity", "rounds=0")
     assert "nope: holds no enhanced views" in refused("before_after", "run=nope", "output=picture.jpg")
     assert "name: is 'a/b'" in refused("ship", "weights=lr_tiny", "name=a/b", "helps=much", "harms=little")

@@ -141,10 +141,10 @@ def test_a_measurement_that_is_stopped_begins_anew(toy_job, capsys, monkeypatch)
     def run(cfg):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(cli.SCRIPTS, "toy", "a toy")
-    module = types.ModuleType("ablations.scripts.toy")
+    monkeypatch.setitem(cli.BENCHMARKS, "toy", "a toy")
+    module = types.ModuleType("ablations.benchmarks.toy")
     module.run = run
-    monkeypatch.setitem(sys.modules, "ablations.scripts.toy", module)
+    monkeypatch.setitem(sys.modules, "ablations.benchmarks.toy", module)
     with pytest.raises(SystemExit) as stop:
         cli.main(["toy"])
     assert stop.value.code == 130

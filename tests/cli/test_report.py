@@ -11,7 +11,7 @@ from PIL import Image
 
 from gaussian_enhancer.cli import measure, report
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record, append_records, read_records
+from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from support import paths
 
 CONF = paths.ROOT / "conf"
@@ -27,6 +27,7 @@ def measured(tmp_path: Path) -> Path:
     """A measured run of two views, its times recorded."""
     noise = torch.Generator().manual_seed(0)
     run = tmp_path / "run"
+    costs = []
     for view in ("a.png", "b.png"):
         photo = torch.rand(32, 40, 3, generator=noise)
         error = 0.2 * torch.randn(32, 40, 3, generator=noise)
@@ -34,8 +35,8 @@ def measured(tmp_path: Path) -> Path:
             path = run / "test" / "ours_7" / part / view
             path.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray((image.clamp(0, 1) * 255).round().byte().numpy()).save(path)
-        cost = Record("cost", "run", "yard", "3dgs", view, "enhanced", {"milliseconds": 7.5})
-        append_records(run / "records.jsonl", [cost])
+        costs.append(Record("cost", "run", "yard", "3dgs", view, "enhanced", {"milliseconds": 7.5}))
+    write_records(run / "records.jsonl", costs)
     (run / "config.yaml").write_text("weights: sif_small\n")
     folder = tmp_path / "measured"
     measure.run(job("measure", f"run={run}", f"output={folder}", "lpips=[lpips_alex]"))

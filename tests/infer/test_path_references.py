@@ -59,8 +59,8 @@ def test_a_path_goes_on_where_it_stopped():
     assert begun + chosen(second, WAVERING[7:]) == expected
 
 
-def test_without_loyalty_and_without_references_it_chooses_as_for_single_views():
-    assert chosen(PathReferences.of(CONFIG, loyalty=1.0), WAVERING) == chosen(CONFIG, WAVERING)
+def test_without_hysteresis_and_without_references_it_chooses_as_for_single_views():
+    assert chosen(PathReferences.of(CONFIG, hysteresis=1.0), WAVERING) == chosen(CONFIG, WAVERING)
     none = PathReferences.of(ReferenceConfig(references=0, candidates=0))
     assert chosen(none, WAVERING[:2]) == [(), ()]
 

@@ -1,7 +1,6 @@
 import dataclasses
 import json
 import math
-import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from gaussian_enhancer.metrics.records import (
     HIGHER_IS_BETTER,
     MISSING,
     Record,
-    append_records,
     missing_record,
     read_checked,
     read_records,
@@ -78,57 +76,6 @@ def test_cut_and_foreign_lines_are_refused_by_place(tmp_path: Path) -> None:
         read_records(path)
     with pytest.raises(InputError, match="does not exist; measure first"):
         read_records(tmp_path / "none.jsonl")
-
-
-def _append(path: str, who: int) -> None:
-    for i in range(20):
-        append_records(path, [record(f"{who}-{i}-{j}.png") for j in range(3)])
-
-
-def test_several_processes_append_whole_lines(tmp_path: Path) -> None:
-    path = tmp_path / "records.jsonl"
-    context = multiprocessing.get_context("fork")
-    workers = [context.Process(target=_append, args=(str(path), who)) for who in range(3)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    assert len({r.view for r in read_records(path)}) == 180
-
-
-def test_a_full_disk_leaves_the_old_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "records.jsonl"
-    append_records(path, [record()])
-    before = path.read_bytes()
-    opened = Path.open
-
-    class Full:
-        """A file that takes ten bytes and no more."""
-
-        def __init__(self, file: object) -> None:
-            self.file, self.room = file, 10
-
-        def __enter__(self) -> "Full":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.file.close()  # type: ignore[attr-defined]
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self.file, name)
-
-        def write(self, data: bytes) -> int:
-            if not self.room:
-                raise OSError(28, "No space left on device")
-            taken = self.file.write(data[: self.room])  # type: ignore[attr-defined]
-            self.room -= taken
-            return taken
-
-    monkeypatch.setattr(Path, "open", lambda self, *a, **k: Full(opened(self, *a, **k)))
-    with pytest.raises(InputError, match=r"records\.jsonl: cannot be written \(No space left on device\)"):
-        append_records(path, [record("b.png")])
-    monkeypatch.undo()
-    assert path.read_bytes() == before
 
 
 def test_records_cannot_be_changed() -> None:

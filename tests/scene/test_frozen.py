@@ -88,6 +88,6 @@ def test_a_training_that_names_one_is_refused_before_anything_is_read(tmp_path, 
 
 def test_a_choice_of_weights_that_names_one_is_refused(tmp_path):
     (Path(found(tmp_path, "monstree-3dgs-1")) / "done").write_text("{}")
-    cfg = OmegaConf.create({"runs": [str(tmp_path / "monstree-*")]})
+    cfg = OmegaConf.create({"runs": [str(tmp_path / "monstree-*")], "weights": ["lr_tiny"]})
     with pytest.raises(InputError, match="nothing may be chosen by"):
-        candidates.show({}, cfg, torch.device("cpu"), "weights")
+        candidates.study(cfg, torch.device("cpu"))

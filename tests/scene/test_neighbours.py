@@ -11,10 +11,8 @@ from gaussian_enhancer.scene.neighbours import (
     covisibility,
     pose_costs,
     rank_references,
-    scene_references,
 )
 from gaussian_enhancer.scene.rendered import RenderedView
-from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.types import Camera, identity_camera
 
 
@@ -113,17 +111,8 @@ def test_depth_puts_views_that_see_the_target_first():
     assert rank_references(view("t.png", target), candidates, 1, depth=wall) == (1,)
 
 
-def test_scene_references_are_training_photos_only():
-    photos = tuple(Photo(f"{i}.png", camera_at(float(i)), lambda: torch.zeros(3, 24, 32)) for i in range(6))
-    scene = Scene("row", photos, (0, 2, 3, 5), (1, 4))
-    assert set(scene_references(scene, 1, 2)) == {0, 2}
-    assert set(scene_references(scene, 4, 2)) == {3, 5}
-    assert scene_references(scene, 3, 1) == (2,)
-    assert set(scene_references(scene, 3, 9)) == {0, 2, 5}
-
-
 def test_kept_references_stay_until_another_is_clearly_better():
     target, views = view("t", camera_at(0.6)), [view("a", camera_at(0.0)), view("b", camera_at(1.0))]
     assert rank_references(target, views, 1) == (1,)
-    assert rank_references(target, views, 1, kept=[0], loyalty=0.5) == (0,)
-    assert rank_references(view("t", camera_at(0.9)), views, 1, kept=[0], loyalty=0.5) == (1,)
+    assert rank_references(target, views, 1, kept=[0], hysteresis=0.5) == (0,)
+    assert rank_references(view("t", camera_at(0.9)), views, 1, kept=[0], hysteresis=0.5) == (1,)

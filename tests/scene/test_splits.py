@@ -1,11 +1,9 @@
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.scene.splits import Split, every_nth, resplit, thinned
+from gaussian_enhancer.scene.splits import Split, every_nth, thinned
 
 
 def test_every_eighth_is_held_out():
@@ -34,14 +32,6 @@ def test_files_own_split_is_followed_unless_refused():
 
 def test_thinned_by_one_keeps_all():
     assert thinned((1, 2), (0,), 1, True) == ((1, 2), (0,))
-
-
-def test_resplit_thins_what_a_scene_has():
-    photos = tuple(Photo(f"{i}.png", None, lambda: torch.zeros(3, 2, 2)) for i in range(6))
-    scene = Scene("s", photos, (1, 2, 3, 4, 5), (0,))
-    again = resplit(scene, Split(train_every=2, unused_as_test=True))
-    assert (again.train, again.test) == ((1, 3, 5), (0, 2, 4))
-    assert again.photos is photos
 
 
 @pytest.mark.parametrize("values", [{"test_every": 1}, {"test_every": -2}, {"test_offset": 8}, {"train_every": 0}])

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from PIL import Image
 
-from ablations.study.description import Method, SceneGroup, Study, write_description
+from ablations.study.description import Method, SceneGroup, TableDescription, write_description
 from gaussian_enhancer.metrics.records import MISSING, Record, write_records
 
 NASTY = "<script>document.title='broken'</script><img src=x onerror=alert(1)>"
 SCENES = ("yard", NASTY)
 GAIN = {"ge": 1.0, "gepp": 2.0}
 
-QUALITY = Study(
+QUALITY = TableDescription(
     name="table_2",
     title="Same resolution, Mip-NeRF 360",
     kind="quality",
@@ -32,7 +32,7 @@ QUALITY = Study(
     paper={"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": None}},
 )
 
-REPEATS = Study(
+REPEATS = TableDescription(
     name="table_10",
     title="Repeated",
     kind="repeats",

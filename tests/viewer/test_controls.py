@@ -11,7 +11,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.controls import Controls, status
 from gaussian_enhancer.viewer.modes import Mode
-from gaussian_enhancer.viewer.stage import Times, View
+from gaussian_enhancer.viewer.stage import StageView, Times
 
 viser = pytest.importorskip("viser", reason="viser is in the dependency group `test`")
 
@@ -23,9 +23,9 @@ def server() -> Iterator[Any]:
     served.stop()
 
 
-def view(**changes: Any) -> View:
+def view(**changes: Any) -> StageView:
     render = torch.full((3, 8, 20), 0.5)
-    known = View(
+    known = StageView(
         identity_camera(8, 20, 20.0), render, torch.ones(1, 8, 20), torch.ones(1, 8, 20), render,
         torch.ones(1, 8, 20), ("a.png",), Times(10.0, 20.0, 30.4),
     )  # fmt: skip

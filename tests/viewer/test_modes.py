@@ -7,12 +7,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import colour_map
 from gaussian_enhancer.types import identity_camera
 from gaussian_enhancer.viewer.modes import LARGEST, MODES, Mode, shaded
-from gaussian_enhancer.viewer.stage import Times, View
+from gaussian_enhancer.viewer.stage import StageView, Times
 
 DARK, LIGHT = colour_map()[0], colour_map()[-1]
 
 
-def view(scale: int = 1) -> View:
+def view(scale: int = 1) -> StageView:
     render, enhanced = torch.full((3, 8, 20), 0.25), torch.full((3, 8 * scale, 20 * scale), 0.25)
     enhanced[:, :, 10 * scale :] += LARGEST
     depth, coverage = torch.ones(1, 8, 20), torch.zeros(1, 8, 20)
@@ -20,7 +20,7 @@ def view(scale: int = 1) -> View:
     depth[:, 0] = 0.0
     coverage[:, :, :5] = 1.0
     camera = identity_camera(8, 20, 20.0)
-    return View(camera, render, depth, torch.ones(1, 8, 20), enhanced, coverage, ("a.png",), Times(1.0, 2.0, 3.0))
+    return StageView(camera, render, depth, torch.ones(1, 8, 20), enhanced, coverage, ("a.png",), Times(1.0, 2.0, 3.0))
 
 
 def test_render_and_enhanced_alone():

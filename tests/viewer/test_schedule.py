@@ -2,69 +2,69 @@ import threading
 
 import pytest
 
-from gaussian_enhancer.viewer.schedule import ARRIVAL, Schedule, Task, Worker
+from gaussian_enhancer.viewer.schedule import ARRIVAL, ViewSchedule, ViewTask, Worker
 
 
 def test_a_moving_camera_is_drawn_small_and_a_still_one_at_full_size():
-    schedule = Schedule(settled=0.5)
+    schedule = ViewSchedule(settled=0.5)
     assert schedule.take(0.0) is None
     assert schedule.wait(0.0) is None
     schedule.moved("a", 0.0)
     assert schedule.wait(0.0) == 0
-    assert schedule.take(0.1) == Task("a", False, 1)
+    assert schedule.take(0.1) == ViewTask("a", False, 1)
     assert schedule.take(0.4) is None
     assert schedule.wait(0.4) == pytest.approx(0.1)
     schedule.moved("a", 0.45)
-    assert schedule.take(0.5) == Task("a", False, 2)
+    assert schedule.take(0.5) == ViewTask("a", False, 2)
     assert schedule.take(0.9) is None
-    assert schedule.take(0.95) == Task("a", True, 2)
+    assert schedule.take(0.95) == ViewTask("a", True, 2)
     assert schedule.take(9.0) is None
 
 
 def test_a_viewer_that_came_is_waited_for_until_it_moves():
-    schedule = Schedule(settled=0.5)
+    schedule = ViewSchedule(settled=0.5)
     schedule.came("a", 0.0)
     assert schedule.take(ARRIVAL - 0.01) is None
-    assert schedule.take(ARRIVAL) == Task("a", True, 1)
+    assert schedule.take(ARRIVAL) == ViewTask("a", True, 1)
     schedule.came("b", 2.0)
     schedule.moved("b", 2.1)
-    assert schedule.take(2.1) == Task("b", False, 2)
+    assert schedule.take(2.1) == ViewTask("b", False, 2)
 
 
 def test_only_the_last_camera_is_drawn():
-    schedule = Schedule()
+    schedule = ViewSchedule()
     for now in range(10):
         schedule.moved("a", float(now))
-    assert schedule.take(9.0) == Task("a", False, 10)
+    assert schedule.take(9.0) == ViewTask("a", False, 10)
     assert schedule.take(9.0) is None
 
 
 def test_another_mode_is_drawn_at_full_size_unless_the_camera_moves():
-    schedule = Schedule(settled=0.5)
+    schedule = ViewSchedule(settled=0.5)
     schedule.changed("a", 0.0)
-    assert schedule.take(0.0) == Task("a", True, 1)
+    assert schedule.take(0.0) == ViewTask("a", True, 1)
     schedule.moved("a", 1.0)
     schedule.changed("a", 1.1)
-    assert schedule.take(1.1) == Task("a", False, 3)
+    assert schedule.take(1.1) == ViewTask("a", False, 3)
     assert schedule.take(1.5) is None
-    assert schedule.take(1.6) == Task("a", True, 3)
+    assert schedule.take(1.6) == ViewTask("a", True, 3)
 
 
 def test_viewers_take_turns_and_small_views_come_first():
-    schedule = Schedule(settled=0.0)
+    schedule = ViewSchedule(settled=0.0)
     schedule.changed("a", 0.0)
     schedule.moved("b", 0.0)
     schedule.moved("c", 0.0)
     assert [schedule.take(0.0).viewer for _ in range(2)] == ["b", "c"]
     schedule.moved("b", 0.0)
-    assert schedule.take(0.0) == Task("b", False, 2)
+    assert schedule.take(0.0) == ViewTask("b", False, 2)
     assert [(task.viewer, task.full) for task in iter(lambda: schedule.take(0.0), None)] == [
         ("a", True), ("c", True), ("b", True),
     ]  # fmt: skip
 
 
 def test_what_was_asked_for_since_takes_the_place():
-    schedule = Schedule(settled=0.0)
+    schedule = ViewSchedule(settled=0.0)
     schedule.changed("a", 0.0)
     task = schedule.take(0.0)
     assert task is not None
@@ -73,7 +73,7 @@ def test_what_was_asked_for_since_takes_the_place():
     assert schedule.superseded(task)
     schedule.forget("a")
     assert schedule.take(9.0) is None
-    assert schedule.superseded(Task("a", True, 2))
+    assert schedule.superseded(ViewTask("a", True, 2))
 
 
 def test_the_worker_draws_until_it_is_stopped_and_gives_up_full_views_alone():
@@ -87,7 +87,7 @@ def test_the_worker_draws_until_it_is_stopped_and_gives_up_full_views_alone():
             done.set()
 
     done = threading.Event()
-    worker = Worker(draw, Schedule(settled=0.0))
+    worker = Worker(draw, ViewSchedule(settled=0.0))
     worker.start()
     worker.changed("a")
     assert begun.wait(30)

@@ -11,7 +11,7 @@ from gaussian_enhancer.types import Camera, identity_camera
 from gaussian_enhancer.viewer.cameras import PageCamera
 from gaussian_enhancer.viewer.session import KEPT
 from gaussian_enhancer.viewer.source import DISTILLED, GIVEN, RAW, open_session
-from gaussian_enhancer.viewer.stage import View
+from gaussian_enhancer.viewer.stage import StageView
 
 CPU = torch.device("cpu")
 
@@ -26,7 +26,7 @@ def looking(z: float, turned: bool = False) -> Camera:
     return Camera(camera.K, pose, 48, 64)
 
 
-def drawn(session, camera, choice=None, **how) -> View:
+def drawn(session, camera, choice=None, **how) -> StageView:
     view = session.draw(session.first if choice is None else choice, camera, **how)
     assert view is not None
     return view

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ablations.study.description import Study, read_description
+from ablations.study.description import TableDescription, read_description
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_checked
 
@@ -24,7 +24,7 @@ class Listed:
         absent: why there are no records; empty where there are.
     """
 
-    table: Study
+    table: TableDescription
     records: tuple[Record, ...] = ()
     checksums: tuple[str, ...] = ()
     digest: str = ""

@@ -42,13 +42,15 @@ JOBS = {
     "ibgs": "train a peer's residual network on the training views of a finished fit",
     "tables": "any table or figure of the paper, or a study of ours, from nothing to its reports",
     "status": "what became of every run, or of those that tables need",
+    "pages": "every committed page made again from its records, and whether it is what they say",
+    "fresh": "which committed pages are older than what they were made with",
     "report": "make a page to look at from a measured run",
     "dashboard": "one page of all tables: numbers beside the paper's, curves, distributions, pictures, provenance",
     "export": "write weights as a program for other runtimes: ONNX or torch.export",
     "download": "fetch the paper's datasets: resumed, checked, only what is asked for",
 }
 
-LAB = ("quality", "tradeoff", "stability", "plan_study", "ibgs", "tables", "status", "dashboard")
+LAB = ("quality", "tradeoff", "stability", "plan_study", "ibgs", "tables", "status", "dashboard", "pages", "fresh")
 """Jobs of the experiment suite."""
 
 SCRIPTS = {
@@ -133,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except LostProcessError as error:
         _end(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
-        anew = bool(words) and words[0] in (*SCRIPTS, *BENCHMARKS)
+        anew = bool(words) and words[0] in BENCHMARKS
         after = "begins anew" if anew else "goes on where it stopped"
         _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {after}")
 

@@ -77,6 +77,7 @@ class Options(Shared):
 class OfFits(Shared):
     """Options of measurements of finished fits."""
 
+    row_table: Group
     runs: Places
     records: RecordsFile | None
 
@@ -84,6 +85,7 @@ class OfFits(Shared):
 class FromRecords(Shared):
     """Options of measurements of runs that make a page from their records."""
 
+    row_table: Group
     runs: Places
     records: RecordsFile
     page: Place | None
@@ -396,6 +398,21 @@ class Status(Options):
     backbones: Place | None
 
 
+class Pages(Options):
+    """Options of the job ``pages``."""
+
+    write: bool
+
+
+class Fresh(Options):
+    """Options of the job ``fresh``."""
+
+    strict: bool
+    inputs: dict[str, list[str]]
+    pages: dict[str, Group]
+    tables: list[str]
+
+
 class Tables(Options):
     """Options of the job ``tables``."""
 
@@ -468,7 +485,6 @@ class Convergence(FromRecords):
     last: bool
     ibgs: Places
     second: Places
-    about: Literal["convergence", "same_fits"]
     pictures: Place | None
 
 
@@ -496,7 +512,7 @@ class Flicker(OfFits):
     cameras: Annotated[int, Field(ge=2)]
     strength: Share | None
     temporal_smoothing: list[Share]
-    loyalty: list[Annotated[float, Field(gt=0, le=1)]]
+    hysteresis: list[Annotated[float, Field(gt=0, le=1)]]
 
 
 class AlreadyGood(OfFits):
@@ -509,6 +525,7 @@ class AlreadyGood(OfFits):
 class Realism(Options):
     """Options of the job ``realism``."""
 
+    row_table: Group
     train: Places
     test: Places
     rows: list[str]
@@ -581,6 +598,7 @@ class FlowFigure(Options):
 class Networks(Options):
     """Options of the job ``networks``."""
 
+    row_table: Group
     paper: bool
     references: Size
     times: bool
@@ -617,6 +635,7 @@ class Peers(Options):
 class Degradation(Options):
     """Options of the job ``degradation``."""
 
+    row_table: Group
     methods: list[str] | None
     overrides: list[str]
     rounds: Annotated[int, Field(ge=2)]
@@ -626,6 +645,7 @@ class Degradation(Options):
 class Similarity(Options):
     """Options of the job ``similarity``."""
 
+    row_table: Group
     height: Count
     width: Count
     rounds: Count
@@ -635,6 +655,7 @@ class Similarity(Options):
 class SplatKernels(Options):
     """Options of the job ``splat_kernels``."""
 
+    row_table: Group
     sizes: list[PixelSize]
     counts: list[Count]
     methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
@@ -683,6 +704,8 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "stability": Stability,
     "plan_study": PlanStudy,
     "tables": Tables,
+    "pages": Pages,
+    "fresh": Fresh,
     "status": Status,
     "report": Report,
     "dashboard": Dashboard,

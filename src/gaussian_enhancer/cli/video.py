@@ -11,7 +11,7 @@ from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.runs.video import Output, film, read_output, ready, run_configuration
+from gaussian_enhancer.runs.video import VideoOutput, film, read_output, ready, run_configuration
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
@@ -62,7 +62,7 @@ def run(cfg: DictConfig) -> None:
     console.print(f"{written}: {told}{kept}", highlight=False, soft_wrap=True)
 
 
-def _write(frames: Film, output: Output, folder: Path, console: Console, hidden: bool) -> Path:
+def _write(frames: Film, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
     """Write all frames as they are made, and return the video, or the folder of images."""
     layout, count = output.layout, len(frames.stored)
     if output.encoding is None:

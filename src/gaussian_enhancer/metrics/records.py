@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import unwritable, write_text
+from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
 from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 
@@ -118,34 +117,8 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
     Raises:
         InputError: if the file cannot be written.
     """
-    text = "".join(_line(record) for record in records)
+    text = "".join(record_line(record) for record in records)
     write_text(path, text)
-
-
-def append_records(path: str | Path, records: Iterable[Record]) -> None:
-    """Append records to a file, all of them or none; several processes may do so at once.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
-    import fcntl
-
-    data = "".join(_line(record) for record in records).encode()
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("ab", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            before = file.seek(0, os.SEEK_END)
-            try:
-                written = 0
-                while written < len(data):
-                    written += file.write(data[written:])
-            except OSError:
-                file.truncate(before)
-                raise
-    except OSError as error:
-        raise unwritable(path, error) from error
 
 
 def read_records(path: str | Path) -> tuple[Record, ...]:
@@ -169,17 +142,30 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
         remedy = "measure first" if error.received == "does not exist" else error.remedy
         raise InputError(path, error.received, remedy) from None
     lines = content.split("\n")  # splitlines would cut names at exotic separators
-    return tuple(_parsed(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
+    return tuple(_checked(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
 
 
-def _line(record: Record) -> str:
+def record_line(record: Record) -> str:
     """A record as one line of JSON with the checksum of the rest."""
     values = _jsonable(dataclasses.asdict(record))
     values = {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _parsed(place: str, line: str) -> tuple[str, Record]:
+def parse_record(place: str, line: str) -> Record:
+    """The record of a line.
+
+    Args:
+        place: what the line is called in errors.
+        line: of a file of records.
+
+    Raises:
+        InputError: it is no record, or was changed or cut.
+    """
+    return _checked(place, line)[1]
+
+
+def _checked(place: str, line: str) -> tuple[str, Record]:
     """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:

@@ -80,7 +80,7 @@ class Filmed:
 
 
 @dataclass(frozen=True)
-class Output:
+class VideoOutput:
     """How and where frames are written.
 
     Args:
@@ -94,7 +94,7 @@ class Output:
     place: Path | None
 
 
-def read_output(cfg: DictConfig, fps: float | None = None) -> Output:
+def read_output(cfg: DictConfig, fps: float | None = None) -> VideoOutput:
     """How frames are written; whatever would fail at the end fails here.
 
     Args:
@@ -113,7 +113,7 @@ def read_output(cfg: DictConfig, fps: float | None = None) -> Output:
     if chosen == "frames":
         if place is not None and place.is_file():
             raise InputError(place, "cannot be written: it is a file", "name a folder")
-        return Output(None, layout, place)
+        return VideoOutput(None, layout, place)
     if place is not None and place.is_dir():
         raise InputError(place, "cannot be written: it is a folder", f"name a file that ends in .{chosen}")
     if place is not None and ending != chosen:
@@ -122,7 +122,7 @@ def read_output(cfg: DictConfig, fps: float | None = None) -> Output:
     rate = cfg.fps if cfg.fps is not None else FPS if fps is None else fps
     encoding = Encoding(chosen, rate, cfg.quality)
     encoding.check()
-    return Output(encoding, layout, place)
+    return VideoOutput(encoding, layout, place)
 
 
 def film(cfg: DictConfig, device: torch.device) -> Filmed:

@@ -12,7 +12,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.configurations import configurations
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 
 LAYOUTS = ("colmap", "transforms")
 """How a scene's folder is read."""
@@ -143,9 +143,7 @@ class Dataset:
         Raises:
             InputError: there is no scene of that name.
         """
-        for name in names or ():
-            if name not in self.scenes:
-                raise InputError("scenes", f"names {name!r}", f"choose from {', '.join(self.scenes)}")
+        refuse_unknown("scenes", names, self.scenes)
         return {name: scene for name, scene in self.scenes.items() if names is None or name in names}
 
 

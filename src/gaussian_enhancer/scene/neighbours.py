@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.rendered import RenderedView
-from gaussian_enhancer.scene.scene import Photo, Scene
+from gaussian_enhancer.scene.scene import Photo
 from gaussian_enhancer.types import Camera
 
 View = Photo | RenderedView
@@ -85,7 +85,7 @@ def rank_references(
     distance: str = "relative",
     depth: Float[Tensor, "1 h w"] | None = None,
     kept: Collection[int] = (),
-    loyalty: float = 1.0,
+    hysteresis: float = 1.0,
 ) -> tuple[int, ...]:
     """Indices of the ``count`` best references among the candidates, best first.
 
@@ -98,12 +98,12 @@ def rank_references(
 
     Args:
         target: the view that is to be enhanced.
-        candidates: training views; test views do not belong here (see `scene_references`).
+        candidates: training views; test views do not belong here.
         count: how many to return at most.
         distance: "relative" to the candidates' median camera spacing, or as "published" in scene units.
         depth: rendered z depth of the target.
         kept: indices of candidates that the frame before referred to.
-        loyalty: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
+        hysteresis: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
             Without cameras it has no effect.
 
     Raises:
@@ -125,20 +125,8 @@ def rank_references(
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
         costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
-    costs = torch.where(torch.tensor([i in kept for i in others]), loyalty * costs, costs)
+    costs = torch.where(torch.tensor([i in kept for i in others]), hysteresis * costs, costs)
     return tuple(others[i] for i in torch.argsort(costs, stable=True)[:count].tolist())
-
-
-def scene_references(scene: Scene, index: int, count: int) -> tuple[int, ...]:
-    """Indices of the photos in ``scene.photos`` for photo ``index`` to refer to: training photos only, never itself.
-
-    Args:
-        scene: the capture.
-        index: the photo to find references for, of any side.
-        count: how many to return at most.
-    """
-    ranked = rank_references(scene.photos[index], scene.train_photos, count)
-    return tuple(scene.train[i] for i in ranked)
 
 
 def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Float[Tensor, "p 3"]:

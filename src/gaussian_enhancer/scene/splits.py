@@ -7,7 +7,6 @@ The convention of the field: sorted by name, every 8th photo is a test view (``i
 from dataclasses import dataclass
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.typed import check_fields
 
 Indices = tuple[int, ...]
@@ -77,8 +76,3 @@ def thinned(train: Indices, test: Indices, train_every: int, unused_as_test: boo
     if not unused_as_test:
         return kept, test
     return kept, tuple(sorted({*test, *train} - {*kept}))
-
-
-def resplit(scene: Scene, split: Split) -> Scene:
-    """The scene under another split; the split it has counts as its own."""
-    return scene.with_split(*split(len(scene.photos), (scene.train, scene.test)))

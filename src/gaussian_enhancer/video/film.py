@@ -27,7 +27,7 @@ from gaussian_enhancer.video.frames import FrameFolder
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RenderedFrame:
     """One frame of a path before it is enhanced.
 
     Args:
@@ -115,7 +115,7 @@ class Film:
         """
         return ahead(self.written(ahead(self.enhanced(ahead(self.drawn())))))
 
-    def drawn(self) -> Iterator[Drawn]:
+    def drawn(self) -> Iterator[RenderedFrame]:
         """The first stage: each frame is rendered, or read from disk, and the references of the next stage are read.
 
         Raises:
@@ -128,14 +128,14 @@ class Film:
             if self.stored[index]:
                 kept = self.folder.read(index), self.folder.candidates(index)
                 _go_on_from(config, kept[1])
-                yield Drawn(index, view, target, kept)
+                yield RenderedFrame(index, view, target, kept)
                 continue
             if target is not None:
                 for candidate in config.nearest(target, view, self.pool):
                     self.pool.read(candidate, config.fine)
-            yield Drawn(index, view, target, None)
+            yield RenderedFrame(index, view, target, None)
 
-    def enhanced(self, drawn: Iterable[Drawn]) -> Iterator[Frame]:
+    def enhanced(self, drawn: Iterable[RenderedFrame]) -> Iterator[Frame]:
         """The second stage: frames that were not on disk are enhanced and smoothed.
 
         Args:

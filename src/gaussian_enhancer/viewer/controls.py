@@ -9,8 +9,8 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.viewer.modes import MODES, Mode
-from gaussian_enhancer.viewer.session import Choice, Session
-from gaussian_enhancer.viewer.stage import View
+from gaussian_enhancer.viewer.session import Session, SessionChoice
+from gaussian_enhancer.viewer.stage import StageView
 
 TRAINED = "as in training"
 MOST_REFERENCES = 8
@@ -70,7 +70,7 @@ class Controls:
         return Mode(name, float(self._wipe.value))
 
     @property
-    def choice(self) -> Choice:
+    def choice(self) -> SessionChoice:
         """What is chosen.
 
         Raises:
@@ -81,9 +81,9 @@ class Controls:
                 raise InputError("the page", f"asks for {control.value!r}", "choose what it offers")
         count = None if self._references.value == TRAINED else int(self._references.value)
         strength = float(self.strength.value)
-        return Choice(self._splat.value, self._weights.value, self._plan.value, count, strength)
+        return SessionChoice(self._splat.value, self._weights.value, self._plan.value, count, strength)
 
-    def tell(self, frame: int, picture: Float[Tensor, "3 _ _"], view: View, mode: Mode) -> None:
+    def tell(self, frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> None:
         """Show what a picture took and what it was made of.
 
         Args:
@@ -108,7 +108,7 @@ class Controls:
         self._count.content = f"The path passes {count} cameras."
 
 
-def status(frame: int, picture: Float[Tensor, "3 _ _"], view: View, mode: Mode) -> str:
+def status(frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> str:
     """The line above the controls, in Markdown.
 
     Args:

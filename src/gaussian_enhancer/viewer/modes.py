@@ -14,7 +14,7 @@ from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.report.figures import colour_map, error
 from gaussian_enhancer.types import usable
 from gaussian_enhancer.video.layout import Layout
-from gaussian_enhancer.viewer.stage import View
+from gaussian_enhancer.viewer.stage import StageView
 
 MODES = {
     "enhanced": "",
@@ -68,7 +68,7 @@ class Mode:
         """Whether two views share the picture's width."""
         return self.name == "side_by_side"
 
-    def __call__(self, view: View) -> Float[Tensor, "3 _ _"]:
+    def __call__(self, view: StageView) -> Float[Tensor, "3 _ _"]:
         """The picture, in [0, 1].
 
         Args:

@@ -18,8 +18,8 @@ from gaussian_enhancer.viewer.controls import Controls
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.saved import SavedFiles, path_through
 from gaussian_enhancer.viewer.schedule import Worker
-from gaussian_enhancer.viewer.session import Choice, Session
-from gaussian_enhancer.viewer.stage import View
+from gaussian_enhancer.viewer.session import Session, SessionChoice
+from gaussian_enhancer.viewer.stage import StageView
 
 QUALITY = {True: 95, False: 85}
 """JPEG quality of full and of small pictures."""
@@ -57,7 +57,7 @@ class _Shown:
     """
 
     key: tuple[object, ...]
-    view: View
+    view: StageView
     picture: Float[Tensor, "3 _ _"]
     camera: PageCamera
     full: bool
@@ -141,7 +141,7 @@ class Page:
         key = (choice, camera, seen.width, mode.halves)
         before = self._shown.get(client.client_id)
         if before is not None and before.key == key and (before.view.enhanced is not None or not mode.enhances):
-            view: View | None = before.view
+            view: StageView | None = before.view
         else:
             view = self.session.draw(choice, seen, mode.enhances, superseded)
         if view is None:
@@ -157,7 +157,7 @@ class Page:
             self._show_photo(choice, seen)
         return True
 
-    def _choice(self) -> Choice:
+    def _choice(self) -> SessionChoice:
         """What is chosen; other weights come with the strength that their card states."""
         choice = self.controls.choice
         if choice.weights != self._weights:
@@ -167,7 +167,7 @@ class Page:
             choice = replace(choice, strength=own)
         return choice
 
-    def _show_photo(self, choice: Choice, camera: Camera) -> None:
+    def _show_photo(self, choice: SessionChoice, camera: Camera) -> None:
         photo = self.session.stage(choice).nearest(camera)
         if photo is None or photo.read_photo is None:
             return

@@ -22,7 +22,7 @@ class _Due:
 
 
 @dataclass(frozen=True)
-class Task:
+class ViewTask:
     """A view to draw.
 
     Args:
@@ -36,7 +36,7 @@ class Task:
     version: int
 
 
-class Schedule:
+class ViewSchedule:
     """What is due, by viewer. A new camera takes the place of those that were not begun.
 
     Args:
@@ -82,7 +82,7 @@ class Schedule:
         self._due.pop(viewer, None)
         self._versions.pop(viewer, None)
 
-    def take(self, now: float) -> Task | None:
+    def take(self, now: float) -> ViewTask | None:
         """The next view to draw, small ones first; None where none is due yet.
 
         Args:
@@ -92,11 +92,11 @@ class Schedule:
             if due.small:
                 self._due.pop(viewer)  # to the end: viewers take turns
                 self._due[viewer] = _Due(False, due.full_at, due.version)
-                return Task(viewer, False, due.version)
+                return ViewTask(viewer, False, due.version)
         for viewer, due in self._due.items():
             if due.full_at <= now:
                 self._due.pop(viewer)
-                return Task(viewer, True, due.version)
+                return ViewTask(viewer, True, due.version)
         return None
 
     def wait(self, now: float) -> float | None:
@@ -104,7 +104,7 @@ class Schedule:
         times = [now if due.small else due.full_at for due in self._due.values()]
         return max(0.0, min(times) - now) if times else None
 
-    def superseded(self, task: Task) -> bool:
+    def superseded(self, task: ViewTask) -> bool:
         """Whether the viewer has asked for another view since, or is gone."""
         return self._versions.get(task.viewer) != task.version
 
@@ -123,9 +123,9 @@ class Worker:
     """
 
     def __init__(
-        self, draw: Callable[[Hashable, bool, Callable[[], bool]], None], schedule: Schedule | None = None
+        self, draw: Callable[[Hashable, bool, Callable[[], bool]], None], schedule: ViewSchedule | None = None
     ) -> None:
-        self._draw, self._schedule = draw, Schedule() if schedule is None else schedule
+        self._draw, self._schedule = draw, ViewSchedule() if schedule is None else schedule
         self._news = threading.Condition()
         self._stopped = False
         self._ended = threading.Event()
@@ -181,13 +181,13 @@ class Worker:
         finally:
             self._ended.set()
 
-    def _superseded(self, task: Task) -> bool:
+    def _superseded(self, task: ViewTask) -> bool:
         if not task.full:
             return False
         with self._news:
             return self._stopped or self._schedule.superseded(task)
 
-    def _due(self) -> Task | None:
+    def _due(self) -> ViewTask | None:
         with self._news:
             while not self._stopped:
                 now = time.monotonic()

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.types import Camera
-from gaussian_enhancer.viewer.stage import Stage, View, never
+from gaussian_enhancer.viewer.stage import Stage, StageView, never
 
 KEPT = 4
 """Stages that stay in memory."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class SessionChoice:
     """What is shown, and by what it is enhanced.
 
     Args:
@@ -70,14 +70,14 @@ class Session:
         name: str,
         cameras: Sequence[Camera],
         choices: Choices,
-        first: Choice,
-        open_stage: Callable[[Choice], Stage],
+        first: SessionChoice,
+        open_stage: Callable[[SessionChoice], Stage],
     ) -> None:
         self.name, self.cameras, self.choices, self.first = name, tuple(cameras), choices, first
         self._open = open_stage
         self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
 
-    def stage(self, choice: Choice) -> Stage:
+    def stage(self, choice: SessionChoice) -> Stage:
         """The stage of a choice, with its strength.
 
         Args:
@@ -90,7 +90,7 @@ class Session:
         stage.enhancer.strength = own if choice.strength is None else choice.strength
         return stage
 
-    def strength(self, choice: Choice) -> float:
+    def strength(self, choice: SessionChoice) -> float:
         """The strength of a choice: its own, or what the weights' card states.
 
         Raises:
@@ -99,8 +99,8 @@ class Session:
         return self.stage(choice).enhancer.strength
 
     def draw(
-        self, choice: Choice, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never
-    ) -> View | None:
+        self, choice: SessionChoice, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never
+    ) -> StageView | None:
         """What a camera sees; see `Stage.draw`.
 
         Raises:
@@ -108,7 +108,7 @@ class Session:
         """
         return self.stage(choice).draw(camera, enhance, superseded)
 
-    def _kept(self, choice: Choice) -> tuple[Stage, float]:
+    def _kept(self, choice: SessionChoice) -> tuple[Stage, float]:
         key = choice.splat, choice.weights, choice.plan, choice.max_references
         if key not in self._stages:
             stage = self._open(choice)

@@ -21,7 +21,7 @@ from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.runs.splat_source import Capture, open_capture, splat_file
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.scene import Photo
-from gaussian_enhancer.viewer.session import Choice, Choices, Session
+from gaussian_enhancer.viewer.session import Choices, Session, SessionChoice
 from gaussian_enhancer.viewer.stage import Stage
 
 RAW, DISTILLED = "raw", "distilled"
@@ -44,7 +44,7 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
     shown = DISTILLED if cfg.distilled is not None else RAW
-    first = Choice(shown, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
+    first = SessionChoice(shown, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
     choices = Choices(tuple(files), _weights(first.weights), plans)
     stages = _Stages(cfg, device, capture, files, plans)
     session = Session(_name(capture), capture.cameras, choices, first, stages.open)
@@ -71,7 +71,7 @@ class _Stages:
         self._pool = cache(lambda splat, fine: Pool(self._task(splat, fine).rendered.references))
         self._task = cache(self._with_photos)
 
-    def open(self, choice: Choice) -> Stage:
+    def open(self, choice: SessionChoice) -> Stage:
         """The stage of a choice.
 
         Raises:

@@ -48,7 +48,7 @@ class Times:
 
 
 @dataclass(frozen=True)
-class View:
+class StageView:
     """What a camera sees.
 
     Args:
@@ -105,7 +105,7 @@ class Stage:
         self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
         self._names = map("view {}.png".format, itertools.count())
 
-    def draw(self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never) -> View | None:
+    def draw(self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never) -> StageView | None:
         """What a camera sees; None where another view took its place before it was enhanced.
 
         Args:
@@ -126,7 +126,7 @@ class Stage:
         rendering = 1e3 * (time.perf_counter() - started)
         parts = camera, pixels.image, pixels.depth, pixels.alpha
         if not enhance:
-            return View(*parts, None, None, (), Times(rendering))
+            return StageView(*parts, None, None, (), Times(rendering))
         if superseded():
             return None
         given = view if self.uses_depth else replace(view, read_depth=None)
@@ -137,7 +137,7 @@ class Stage:
         asked = max(1, self.enhancer.reference_config.references)
         coverage = None if one.coverage is None else (one.coverage / asked).clamp(0, 1)
         times = Times(rendering, one.preparing, one.enhancing)
-        return View(*parts, one.image, coverage, one.references, times)
+        return StageView(*parts, one.image, coverage, one.references, times)
 
     def nearest(self, camera: Camera) -> RenderedView | None:
         """The photo that was taken nearest to a camera, by place and direction; None without photos.

@@ -137,7 +137,7 @@ def test_the_job_trains_once_and_convergence_measures_its_network(plane_run, tmp
     with pytest.raises(InputError, match="names no training"):
         IBGS.found([])
 
-    words = ("about=same_fits", "methods=[average,ibgs,'ibgs:without_exposure']", f"runs=[{fit}]", "last=true")
+    words = ("row_table=same_fits", "methods=[average,ibgs,'ibgs:without_exposure']", f"runs=[{fit}]", "last=true")
     written = (f"records={tmp_path}/found.jsonl", f"page={tmp_path}/page.md")
     job("convergence", *words, f"ibgs=[{tmp_path}/runs/ibgs/*]", *written)
     rows = [json.loads(line) for line in (tmp_path / "found.jsonl").read_text().splitlines()]

@@ -6,12 +6,11 @@ import torch
 from ablations.realism.patches import RenderPair
 from ablations.realism.realism import (
     distances,
-    finished_runs,
     photographed,
     real_renders,
-    scene_of,
     simulated_pairs,
 )
+from ablations.study.fits import finished_runs, scene_of
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import NoGate
 from gaussian_enhancer.degrade.simulator import Simulator

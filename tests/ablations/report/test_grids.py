@@ -4,10 +4,10 @@ import pytest
 from PIL import Image, ImageChops, ImageDraw
 
 from ablations.report.grids import PHOTO, crop_box, write_grid
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from gaussian_enhancer.errors import InputError
 
-TABLE = Study(
+TABLE = TableDescription(
     "figure_7",
     "Artefacts",
     "images",

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from ablations.report.tables import summary_page, write_reports
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.latex import escaped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
@@ -26,7 +26,7 @@ ROWS = {
     "gepp": Method("GE++", train=("c=d",)),
 }
 PAPER = {"3dgs": {"raw": (28.17, 0.854), "ge": (28.61, 0.856), "gepp": (28.96, 0.871)}}
-TABLE = Study(
+TABLE = TableDescription(
     "table_2",
     "Same resolution",
     "quality",
@@ -53,7 +53,7 @@ def frame(scene: str, splat: str, method: str, view: int, seed: int | None, seed
     return Record("quality", "run", scene, splat, f"{view}.png", method, metrics, seed=seed, **STATED)
 
 
-def all_records(table: Study = TABLE) -> list[Record]:
+def all_records(table: TableDescription = TABLE) -> list[Record]:
     scenes = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
     return [
         frame(scene, splat, method, view, seed, len(table.seeds))
@@ -70,7 +70,7 @@ def without(records: list[Record], **values: object) -> list[Record]:
     return [r for r in records if any(getattr(r, name) != value for name, value in values.items())]
 
 
-def reports(folder: Path, table: Study, records: list[Record]) -> dict[str, str]:
+def reports(folder: Path, table: TableDescription, records: list[Record]) -> dict[str, str]:
     paths = write_reports(folder, table, records)
     assert [path.name for path in paths] == [f"{table.name}{suffix}" for suffix in (".md", ".tex", ".csv")]
     return {path.suffix: path.read_text(encoding="utf-8") for path in paths}
@@ -337,7 +337,7 @@ def test_a_figure_shows_its_grid_or_says_that_it_is_missing(tmp_path: Path) -> N
     assert "{figure_5.png}" in found[".tex"]
 
 
-def faithful(table: Study, records: list[Record]) -> tuple[Study, list[Record]]:
+def faithful(table: TableDescription, records: list[Record]) -> tuple[TableDescription, list[Record]]:
     """The same with every method but the baseline named and marked as the paper's own."""
     names = {name: name if name == table.baseline else f"paper_{name}" for name in table.methods}
     modes = {name: "" if name == table.baseline else "paper" for name in table.methods}
@@ -347,7 +347,7 @@ def faithful(table: Study, records: list[Record]) -> tuple[Study, list[Record]]:
     return dataclasses.replace(table, methods=methods, paper=paper), own
 
 
-def verdicts(*tables: tuple[Study, list[Record]]) -> dict[str, str]:
+def verdicts(*tables: tuple[TableDescription, list[Record]]) -> dict[str, str]:
     lines = [line.split(" | ") for line in summary_page(tables).split("## The paper's claims")[1].splitlines()]
     return {line[0].removeprefix("| "): line[1] for line in lines if len(line) == 3}
 

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from ablations.report.stability import faults
 from ablations.stability import order
 from ablations.stability.case import PRECISIONS
 from ablations.stability.catalogue import FAMILIES, catalogue
-from ablations.stability.faults import FAULTS
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN, judged
 from ablations.stability.watched import measured
 from gaussian_enhancer.errors import InputError
@@ -113,7 +113,7 @@ def test_unknown_families_and_cases_are_refused():
 def test_names_are_unique_and_faults_name_cases():
     names = [one.name for one in catalogue()]
     assert len(set(names)) == len(names)
-    assert {fault.case for fault in FAULTS} <= set(names)
+    assert {fault["case"] for fault in faults()} <= set(names)
     assert {one.family for one in catalogue()} == set(FAMILIES)
 
 
@@ -126,10 +126,9 @@ def test_the_committed_matrix_is_whole_and_no_cell_has_failed():
     assert failed == []
 
 
-def test_the_samplers_error_falls_with_its_steps(monkeypatch):
+def test_the_samplers_error_falls_with_its_steps():
     """Slower than by order 1: the denoiser hears the time in waves that 256 steps only begin to resolve."""
-    monkeypatch.setattr(order, "SCHEDULES", {"cosine": None})
-    records = list(order.measured_order((8, 16, 32), 512))
+    records = list(order.measured_order("cosine", (8, 16, 32), 512))
     errors = [record.metrics["error"] for record in records]
     assert errors == sorted(errors, reverse=True)
     assert 0 < order.slopes(records)["cosine"] < 1.4
@@ -137,8 +136,7 @@ def test_the_samplers_error_falls_with_its_steps(monkeypatch):
 
 def test_order_is_read_off_errors_and_a_walk_that_diverges_says_so(monkeypatch):
     known = {"cosine": {4: 0.4, 8: 0.2, 16: 0.1}, "steep": {4: math.inf, 8: 0.2, 16: 0.1}}
-    monkeypatch.setattr(order, "SCHEDULES", dict.fromkeys(known))
     monkeypatch.setattr(order, "order", lambda name, counts, finest: known[name])
-    records = list(order.measured_order((4, 8, 16), 32))
+    records = [record for name in known for record in order.measured_order(name, (4, 8, 16), 32)]
     assert order.slopes(records) == {"cosine": pytest.approx(1.0)}
     assert [one.reasons for one in records if one.scene == "steep"] == [{"error": "the walk diverges"}, {}, {}]

@@ -3,12 +3,14 @@
 import pytest
 
 from ablations.study.aims import Aims, losses, verdicts
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 METHODS = {"raw": Method("raw", role=""), "other": Method("other", role="other"), "ours": Method("ours", role="ours")}
-STUDY = Study("t", "", "quality", "", METHODS, "raw", ("psnr", "lpips_alex"), (), {"d": SceneGroup("D", ("fox",))}, ())
+STUDY = TableDescription(
+    "t", "", "quality", "", METHODS, "raw", ("psnr", "lpips_alex"), (), {"d": SceneGroup("D", ("fox",))}, ()
+)
 AIMS = Aims({"fox": {"psnr": 1.0, "lpips_alex": 0.0}}, ("psnr", "lpips_alex"), {"psnr": 0.02})
 
 

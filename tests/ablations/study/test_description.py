@@ -2,10 +2,10 @@ import dataclasses
 
 import pytest
 
-from ablations.study.description import Method, SceneGroup, Study, read_description, write_description
+from ablations.study.description import Method, SceneGroup, TableDescription, read_description, write_description
 from gaussian_enhancer.errors import InputError
 
-TABLE = Study(
+TABLE = TableDescription(
     "table_2",
     "Same resolution",
     "quality",

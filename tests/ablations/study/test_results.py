@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from ablations.study.description import Method, SceneGroup, Study
+from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import MISSING, Record
@@ -17,7 +17,9 @@ ROWS = {
     "two": Method("two", train=("b",)),
     "file": Method("file"),
 }
-TABLE = Study("t", "", "quality", "", ROWS, "raw", ("psnr",), ("3dgs",), {"d": SceneGroup("D", ("hill",))}, (0, 1))
+TABLE = TableDescription(
+    "t", "", "quality", "", ROWS, "raw", ("psnr",), ("3dgs",), {"d": SceneGroup("D", ("hill",))}, (0, 1)
+)
 
 
 def frame(method: str, seed: int | None, psnr: float | None, view: str = "a", scene: str = "hill") -> Record:

@@ -21,7 +21,6 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.scene.json_file import number, read_json
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 DETAIL = 1.5
@@ -80,19 +79,6 @@ class Fingerprint:
             InputError: if the system refuses to write.
         """
         write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
-
-    @classmethod
-    def from_json(cls, path: str | Path) -> "Fingerprint":
-        """Read what `to_json` wrote.
-
-        Raises:
-            InputError: the file is missing or malformed, lacks an energy, or holds one that is out of range.
-        """
-        record = read_json(Path(path))
-        views = number(record, "views", path)
-        if views != int(views):
-            raise InputError(path, f"has views = {views}", "give a whole number")
-        return cls(**{name: number(record, name, path) for name in ENERGIES}, views=int(views))
 
 
 def fingerprint(renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Float[Tensor, "3 _ _"]]) -> Fingerprint:

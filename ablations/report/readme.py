@@ -1,20 +1,15 @@
-"""README's figures, made from the records of the quality page.
-
-python -m ablations.readme            # fails where they are not what the records say
-python -m ablations.readme --write    # writes them in place
-"""
+"""README's figures, made from the records of the quality page."""
 
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.records import Record
 
 RECORDS = "docs/results/quality.jsonl"
-BEGIN, END = f"<!-- {RECORDS}: python -m ablations.readme --write -->", "<!-- end -->"
+BEGIN, END = f"<!-- {RECORDS}: gaussian-enhancer pages write=true -->", "<!-- end -->"
 RAW, ENHANCED = "lr/raw", "lr/lr_tiny"
 SCENES = {
     "fox": "fox (real)",
@@ -28,7 +23,7 @@ HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (
 
 
 @dataclass(frozen=True)
-class Frame:
+class FrameGain:
     """One view before and after.
 
     Args:
@@ -44,20 +39,20 @@ class Frame:
         return self.enhanced[metric] - self.raw[metric]
 
 
-def frames(records: Sequence[Record]) -> dict[str, dict[str, list[Frame]]]:
+def frames(records: Sequence[Record]) -> dict[str, dict[str, list[FrameGain]]]:
     """Views by scene and fitted run.
 
     Raises:
         InputError: a view was enhanced but not measured raw.
     """
     measured = {(one.run, one.view, one.variant): one for one in records}
-    found: dict[str, dict[str, list[Frame]]] = {}
+    found: dict[str, dict[str, list[FrameGain]]] = {}
     for (run, view, variant), after in measured.items():
         if variant == ENHANCED:
             before = measured.get((run, view, RAW))
             if before is None:
                 raise InputError(f"{run}, {view}", "has no raw render in the records", "measure it again")
-            pair = Frame(_known(before), _known(after))
+            pair = FrameGain(_known(before), _known(after))
             found.setdefault(after.scene, {}).setdefault(run, []).append(pair)
     return found
 
@@ -93,7 +88,7 @@ def _known(record: Record) -> dict[str, float]:
     return {name: value for name, value in record.metrics.items() if value is not None}
 
 
-def _line(title: str, runs: Sequence[Sequence[Frame]]) -> str:
+def _line(title: str, runs: Sequence[Sequence[FrameGain]]) -> str:
     def mean(values: Sequence[Sequence[float]]) -> float:
         return statistics.fmean(statistics.fmean(run) for run in values)
 
@@ -102,7 +97,7 @@ def _line(title: str, runs: Sequence[Sequence[Frame]]) -> str:
     return f"| {title} | {raw:.2f} → {enhanced:.2f} dB | {aligned:+.2f} dB | {lpips:+.4f} |\n"
 
 
-def _worst(every: Sequence[Frame]) -> str:
+def _worst(every: Sequence[FrameGain]) -> str:
     """How many frames gain, and what the worst one gains or loses."""
     told = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):
@@ -114,22 +109,3 @@ def _worst(every: Sequence[Frame]) -> str:
             told.append(f"in {name}, every one of the {len(every)} frames gains, at least {min(gains):.3f} dB")
     sentence = "; ".join(told)
     return f"{sentence[0].upper()}{sentence[1:]}."
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Check README's figures, or write them."""
-    root = Path(__file__).resolve().parents[1]
-    readme = root / "README.md"
-    page = readme.read_text(encoding="utf-8")
-    made = inserted(page, text(read_records(root / RECORDS)))
-    if made == page:
-        print("README's figures are what the records say")
-    elif "--write" in arguments:
-        readme.write_text(made, encoding="utf-8")
-        print("README's figures written")
-    else:
-        raise SystemExit("README's figures are not what the records say: python -m ablations.readme --write")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.readme import BEGIN, END, RECORDS, SCENES, frames, inserted, text
+from ablations.report.readme import BEGIN, END, RECORDS, SCENES, frames, inserted, text
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records
 from support.paths import ROOT

@@ -5,12 +5,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
-from ablations.freshness import INPUTS, PAGES, Page, age, pages
-from support.paths import ROOT
+from ablations.jobs.fresh import CommittedPage, age, pages
+from support.paths import CONF, ROOT
 
+CFG = OmegaConf.load(f"{CONF}/fresh.yaml")
 WEIGHTS, NETWORK = "src/gaussian_enhancer/weights/lr.safetensors", "src/gaussian_enhancer/network/sif.py"
-PAGE = Page("page.md", ("page.jsonl",), ("weights", "network"))
+PAGE = CommittedPage("page.md", ("page.jsonl",), {name: CFG.inputs[name] for name in ("weights", "network")})
 
 
 @pytest.fixture
@@ -78,12 +80,11 @@ def test_what_cannot_be_told_is_stale(repository: Path, line: dict[str, str], to
 
 
 def test_every_page_and_its_records_and_inputs_are_there() -> None:
-    for page in pages(ROOT):
+    for page in pages(ROOT, CFG):
         assert (ROOT / page.path).is_file()
         assert all((ROOT / file).is_file() for file in page.records)
-        assert set(page.inputs) <= INPUTS.keys()
-    assert len(pages(ROOT)) > len(PAGES)
-    for specs in INPUTS.values():
+    assert len(pages(ROOT, CFG)) > len(CFG.pages)
+    for specs in CFG.inputs.values():
         for spec in specs:
             assert list(ROOT.glob(spec)), spec
 
@@ -91,4 +92,4 @@ def test_every_page_and_its_records_and_inputs_are_there() -> None:
 def test_no_committed_page_claims_what_is_no_longer_so() -> None:
     if not (ROOT / ".git").exists():
         pytest.skip("no history")
-    assert [str(one) for one in (age(ROOT, page) for page in pages(ROOT)) if one.false] == []
+    assert [str(one) for one in (age(ROOT, page) for page in pages(ROOT, CFG)) if one.false] == []

@@ -1,7 +1,4 @@
-"""Which committed pages are older than what they were made with.
-
-    python -m ablations.freshness             # every page with what changed since; fails where one is false
-    python -m ablations.freshness --strict    # fails where any page is stale as well
+"""``gaussian-enhancer fresh``: which committed pages are older than what they were made with.
 
 A page's records state the commit that they were made at. The page is stale where a file that it hangs on (weights,
 networks, splats, training) changed since. It is false where it also says "as shipped" and a shipped file has changed.
@@ -9,38 +6,33 @@ networks, splats, training) changed since. It is false where it also says "as sh
 
 import json
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-INPUTS: Mapping[str, tuple[str, ...]] = {
-    "weights": ("src/gaussian_enhancer/weights/*.safetensors",),
-    "network": ("src/gaussian_enhancer/network", "src/gaussian_enhancer/align", "src/gaussian_enhancer/infer"),
-    "splat": ("src/gaussian_enhancer/splat",),
-    "distil": ("src/gaussian_enhancer/distil",),
-    "train": ("src/gaussian_enhancer/train", "src/gaussian_enhancer/loss", "conf/recipe"),
-    "simulator": ("src/gaussian_enhancer/degrade",),
-    "scenes": ("src/gaussian_enhancer/scene",),
-}
-"""Paths by what they are, as git's pathspecs."""
+from omegaconf import DictConfig
+
+from ablations.jobs.pages import ROOT
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.instantiate import plain
+
 CLAIM = "as shipped"
 """Words of a page that are false once a shipped file has changed."""
 
 
 @dataclass(frozen=True)
-class Page:
+class CommittedPage:
     """A committed page of results.
 
     Args:
         path: of the page, from the repository's root.
         records: its files of records, each line a JSON object with a ``commit``.
-        inputs: what its numbers hang on, of `INPUTS`.
+        inputs: what its numbers hang on, by name, as git's pathspecs.
     """
 
     path: str
     records: tuple[str, ...]
-    inputs: tuple[str, ...]
+    inputs: Mapping[str, Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +48,7 @@ class Age:
         claims: whether the page says `CLAIM`.
     """
 
-    page: Page
+    page: CommittedPage
     commits: tuple[str, ...]
     unknown: tuple[str, ...]
     changed: Mapping[str, tuple[str, ...]]
@@ -83,44 +75,25 @@ class Age:
         return told + (f"; {self.behind} commits behind" if self.behind else "")
 
 
-PAGES = (
-    Page("docs/results/quality.md", ("docs/results/quality.jsonl",), ("weights", "network", "splat", "train")),
-    Page(
-        "docs/results/plan.md",
-        ("docs/results/leaving_out_test.jsonl", "docs/results/leaving_out_training.jsonl"),
-        ("weights", "network", "splat"),
-    ),
-    Page("docs/results/convergence.md", ("docs/results/convergence.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/same_fits.md", ("docs/results/same_fits.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
-    Page("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/weights.md", ("docs/results/candidates.jsonl",), ("weights", "network", "train")),
-    Page(
-        "docs/results/networks.md",
-        ("docs/results/depth.jsonl", "docs/results/flicker.jsonl", "docs/results/evidence.jsonl"),
-        ("weights", "network"),
-    ),
-    Page(
-        "docs/results/simulator.md",
-        ("docs/results/realism_test.jsonl", "docs/results/renders_test.jsonl", "docs/results/renders_validation.jsonl"),
-        ("simulator", "network", "train"),
-    ),
-    Page("docs/video.md", ("docs/results/flicker_path.jsonl",), ("weights", "network")),
-    Page("docs/results/fitting.md", ("docs/results/initialisation.jsonl",), ("splat", "scenes")),
-)
-"""Pages by hand; the tables of the suite are found by their files."""
+def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
+    """All pages with records: those that are listed, and every table of the suite that was committed.
 
+    Args:
+        root: of a checkout.
+        cfg: conf/fresh.yaml, composed.
+    """
+    values = plain(cfg)
 
-def pages(root: Path) -> tuple[Page, ...]:
-    """All pages with records: those of `PAGES`, and every table of the suite that was committed."""
+    def page(path: str, records: Sequence[str], inputs: Sequence[str]) -> CommittedPage:
+        return CommittedPage(path, tuple(records), {name: values["inputs"][name] for name in inputs})
+
     tables = sorted((root / "docs/results/tables").glob("*/*.jsonl"))
     names = [path.relative_to(root).with_suffix("").as_posix() for path in tables]
-    hang = ("network", "splat", "train", "simulator", "scenes")
-    return (*PAGES, *(Page(f"{name}.md", (f"{name}.jsonl",), hang) for name in names))
+    listed = [page(path, one["records"], one["inputs"]) for path, one in values["pages"].items()]
+    return (*listed, *(page(f"{name}.md", (f"{name}.jsonl",), values["tables"]) for name in names))
 
 
-def age(root: Path, page: Page) -> Age:
+def age(root: Path, page: CommittedPage) -> Age:
     """What changed since a page's records were made.
 
     Args:
@@ -130,8 +103,8 @@ def age(root: Path, page: Page) -> Age:
     commits = sorted({commit.rstrip("+") for file in page.records for commit in stated_commits(root / file)})
     known = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
     changed: dict[str, tuple[str, ...]] = {}
-    for name in page.inputs:
-        files = {line for commit in known for line in _lines(root, "diff", "--name-only", commit, "--", *INPUTS[name])}
+    for name, specs in page.inputs.items():
+        files = {line for commit in known for line in _lines(root, "diff", "--name-only", commit, "--", *specs)}
         if files:
             changed[name] = tuple(sorted(files))
     behind = max((int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known), default=0)
@@ -155,16 +128,18 @@ def _lines(root: Path, *arguments: str) -> list[str]:
     return [line for line in (_git(root, *arguments) or "").split("\n") if line]
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print every page's age; the exit status tells whether one is false, or with ``--strict`` stale."""
-    root = Path(__file__).resolve().parents[1]
-    ages = [age(root, page) for page in pages(root)]
+def run(cfg: DictConfig) -> None:
+    """Print every page's age.
+
+    Args:
+        cfg: conf/fresh.yaml, composed.
+
+    Raises:
+        InputError: a page is false, or stale where that is asked for.
+    """
+    ages = [age(ROOT, page) for page in pages(ROOT, cfg)]
     print("\n".join(map(str, ages)))
     stale, false = sum(one.stale for one in ages), sum(one.false for one in ages)
     print(f"{len(ages)} pages: {len(ages) - stale} fresh, {stale} stale, {false} of them false")
-    if false or (stale and "--strict" in arguments):
-        raise SystemExit(1)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+    if false or (stale and cfg.strict):
+        raise InputError("pages", f"hold {false} false and {stale - false} other stale ones", "measure them again")

@@ -1,0 +1,96 @@
+"""``gaussian-enhancer pages``: every committed page, table and figure made again from its committed records.
+
+Everything is made in a copy of ``docs/``, so that the paths in ``conf/`` hold whatever they are.
+"""
+
+import importlib
+import os
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hydra import compose
+from omegaconf import DictConfig
+
+from ablations.report import readme, video
+from ablations.report.reliability import read_page
+from gaussian_enhancer.cli.main import package_of
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.records import read_records
+
+ROOT = Path(__file__).resolve().parents[2]
+README, DOCS, RESULTS = Path("README.md"), Path("docs"), Path("docs/results")
+SCALE = "desk"
+JOBS = (
+    ("quality", "records_only=true"),
+    ("plan_study", "records_only=true"),
+    ("tradeoff", "records_only=true"),
+    ("stability", "records_only=true"),
+    ("tables", "table=[all,mode]", f"scale={SCALE}", "records_only=true"),
+    ("peers", "records_only=true"),
+    ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
+    (
+        "convergence",
+        "row_table=same_fits",
+        "last=true",
+        "records=docs/results/same_fits.jsonl",
+        "page=docs/results/same_fits.md",
+    ),
+    ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
+)
+"""The jobs that write pages, with the overrides that make them from their records alone."""
+
+
+def remade(source: Path, folder: Path) -> list[Path]:
+    """Make all pages again in a folder; the files that differ from the committed ones.
+
+    Hydra must be initialised with the project's configurations, as it is within a job.
+
+    Args:
+        source: the repository.
+        folder: an empty folder.
+
+    Returns:
+        Paths relative to both.
+    """
+    shutil.copytree(source / DOCS, folder / DOCS)
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        for job, *overrides in JOBS:
+            importlib.import_module(f"{package_of(job)}.{job}").run(compose(job, overrides))
+        write_text("docs/reliability.md", read_page(RESULTS))
+        write_text(video.PAGE, video.filled(video.PAGE.read_text(encoding="utf-8"), RESULTS))
+        front = (source / README).read_text(encoding="utf-8")
+        write_text(README, readme.inserted(front, readme.text(read_records(readme.RECORDS))))
+    finally:
+        os.chdir(before)
+    made = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]
+    return [path for path in made if not _same(source / path, folder / path)]
+
+
+def _same(committed: Path, made: Path) -> bool:
+    return committed.is_file() and committed.read_bytes() == made.read_bytes()
+
+
+def run(cfg: DictConfig) -> None:
+    """Compare, or write.
+
+    Args:
+        cfg: conf/pages.yaml, composed.
+
+    Raises:
+        InputError: a page is not what its records say, and shall not be written.
+    """
+    with TemporaryDirectory() as folder:
+        different = remade(ROOT, Path(folder))
+        for path in different:
+            print(f"differs: {path}")
+            if cfg.write:
+                (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(Path(folder) / path, ROOT / path)
+    if different and not cfg.write:
+        received = f"hold {len(different)} files that are not what their records say"
+        raise InputError("pages", received, "write them: gaussian-enhancer pages write=true")
+    print(f"{len(different)} files written" if different else "every page is what its records say")

@@ -1,0 +1,72 @@
+"""The finished fits that a study measures, and what they are of."""
+
+import glob
+from collections.abc import Sequence
+from pathlib import Path
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.metrics.records import read_records
+from gaussian_enhancer.scene.renders import run_steps
+
+
+def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
+    """Folders that match patterns: those of finished runs, and those of runs that are not finished.
+
+    Args:
+        patterns: paths of runs, with ``*`` where many are meant.
+
+    Raises:
+        InputError: there is no pattern, or one names no finished run.
+    """
+    if not patterns:
+        raise InputError("runs", "name no fit", "give folders of finished fits, or patterns")
+    done: set[Path] = set()
+    others: set[Path] = set()
+    for pattern in patterns:
+        folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
+        here = {folder for folder in folders if (folder / "done").is_file()}
+        if not here:
+            raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")
+        done |= here
+        others |= set(folders) - here
+    return sorted(done), sorted(others)
+
+
+def finished_fits(patterns: Sequence[str]) -> list[Path]:
+    """Folders of finished fits that match patterns.
+
+    Args:
+        patterns: as `finished_runs` takes them.
+
+    Raises:
+        InputError: a pattern names no finished run, or a run holds no held-out views.
+    """
+    found = finished_runs(patterns)[0]
+    for run in found:
+        refuse_without_views(run)
+    return found
+
+
+def refuse_without_views(run: Path) -> None:
+    """Refuse a run without renders of held-out views.
+
+    Raises:
+        InputError: it holds none.
+    """
+    if not run_steps(run):
+        raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
+
+
+def scene_of(run: Path) -> str:
+    """The scene of a fitted run: as its records name it, else by its folder's name, SCENE-METHOD-DIGEST.
+
+    Raises:
+        InputError: the folder has no records and another name, or its records are damaged.
+    """
+    source = run / "records.jsonl"
+    if source.is_file() and (records := read_records(source)):
+        return records[0].scene
+    parts = run.name.rsplit("-", 2)
+    if len(parts) != 3 or not all(parts):
+        raise InputError(run, "is not named SCENE-METHOD-DIGEST", "name runs of `gaussian-enhancer fit`")
+    return parts[0]

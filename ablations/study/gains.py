@@ -1,0 +1,41 @@
+"""Studies of gains: what several enhancers add to the same held-out views of fits."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig
+
+from ablations.study.engine import Study
+from ablations.study.enhanced_views import enhanced_views
+from ablations.study.fits import finished_fits, scene_of
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.metrics.lpips import asked_distances
+from gaussian_enhancer.scene.renders import read_run
+
+METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
+
+
+def gain_study(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """The gain of every metric over the raw render, by view of each run's last step and enhancer.
+
+    Args:
+        made: enhancers by what a row of the table is called.
+        cfg: ``runs``, ``every``, ``lpips`` and ``backbones`` as in conf/candidates.yaml.
+        device: where LPIPS is measured.
+
+    Raises:
+        InputError: a pattern names no finished run.
+    """
+    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+
+    def measure(run: Path) -> list[dict[str, object]]:
+        found: list[dict[str, object]] = []
+        for one in enhanced_views(read_run(run), made, distances, cfg.every):
+            for row in made:
+                gains = {name: value for name, value in one.gains(row).items() if name in METRICS}
+                where = {"row": row, "scene": scene_of(run), "run": run.name, "view": one.view.name}
+                found.append({**where, **gains, "raw_psnr": one.raw.metrics["psnr"]})
+        return found
+
+    return Study(finished_fits(cfg.runs), measure, ("row", "run", "view"))
