@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ablations.ibgs.network import ResidualInput
 from ablations.ibgs.training import TrainedResidual, applied_exposure, corrected
-from ablations.realism.realism import finished_runs
+from ablations.study.fits import finished_runs
 from ablations.study.methods import Applied
 from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import Pool
