@@ -53,7 +53,7 @@ class SSIFLR(CachesReferences):
         blocks: Sequence[int] = (2, 2, 3),
         encoder_blocks: int = 1,
         refine: Choice = Unrefined(),  # noqa: B008  (frozen values)
-        fusion: Choice = Trust(),  # noqa: B008
+        fusion: Choice = Trust(pooled=True),  # noqa: B008
         modulation: Choice = DepthModulated(),  # noqa: B008
         combine: Combine = Combined(),  # noqa: B008
         output: Output = Gated(),  # noqa: B008
