@@ -153,7 +153,7 @@ def view_interval(
     if len(count) < 2 or bool((total / count == total[0] / count[0]).all()):
         return mean, mean
 
-    def accuracy(told: ndarray, places: ndarray, axis: int = -1) -> ndarray:
+    def accuracy(told: ndarray, places: ndarray, axis: int = -1) -> ndarray | np.floating:
         return told.sum(axis=axis) / places.sum(axis=axis)
 
     seed = int(torch.randint(2**31, (), generator=generator))

@@ -17,7 +17,7 @@ def test_crops_overlap_by_half_and_stay_within():
     found = list(places(96, 128, (32, 64)))
     assert found[:2] == [(0, 0), (0, 32)]
     assert max(found) == (64, 64)
-    image = torch.arange(96 * 128).view(1, 96, 128)
+    image = torch.arange(96.0 * 128).view(1, 96, 128)
     assert cut(image, (64, 64), (32, 64)).shape == (1, 32, 64)
     assert int(cut(image, (64, 64), (32, 64))[0, 0, 0]) == 64 * 128 + 64
 
