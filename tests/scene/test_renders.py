@@ -263,7 +263,7 @@ def test_a_run_of_3dgs_without_training_views_says_what_to_give(tmp_path, scene)
     write_3dgs(tmp_path / "run", scene, train=False)
     (tmp_path / "run/cfg_args").write_text("Namespace(sh_degree=3, source_path='/data/garden')")
     pair = tmp_path / "run/test/ours_7000"
-    with pytest.raises(InputError, match="scene=capture scene.path=/data/garden"):
+    with pytest.raises(InputError, match=r"scene=capture scene\.path=/data/garden"):
         read_folder(pair / "renders", pair / "gt")
 
 
