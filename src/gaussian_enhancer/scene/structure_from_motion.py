@@ -80,8 +80,8 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
             if model is not None:
                 model.write_binary(str(folder))
         except RuntimeError as error:  # COLMAP's files are refused by the system
-            told_by = str(error).splitlines()[0] if str(error) else type(error).__name__
-            received = f"cannot be written by structure from motion ({told_by})"
+            reason = f"structure from motion: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+            received = f"cannot be written ({reason})"
             raise InputError(folder, received, "free some space or choose another folder") from error
     return model is not None
 
