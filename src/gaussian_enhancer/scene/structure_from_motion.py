@@ -15,6 +15,7 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.undistort import load_pycolmap
@@ -62,6 +63,9 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
         images: renders and photos.
         folder: takes ``cameras.bin``, ``images.bin``, ``points3D.bin``; images that found no place are not listed.
         progress: told how far the work is.
+
+    Raises:
+        InputError: an image cannot be read, or the folder cannot be written.
     """
     told = progress or (lambda part, done, total: None)
     pycolmap = load_pycolmap()
@@ -69,13 +73,17 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
     with tempfile.TemporaryDirectory(dir=folder, prefix=".work-") as name, _quiet(pycolmap):
         work = Path(name)
         pycolmap.set_random_seed(SEED)
-        _extract(pycolmap, images, work, told)
-        _match(pycolmap, images, work, told)
-        model = _mapped(pycolmap, len(images), work, told)
-        if model is None:
-            return False
-        model.write_binary(str(folder))
-    return True
+        try:
+            _extract(pycolmap, images, work, told)
+            _match(pycolmap, images, work, told)
+            model = _mapped(pycolmap, len(images), work, told)
+            if model is not None:
+                model.write_binary(str(folder))
+        except RuntimeError as error:  # COLMAP's files are refused by the system
+            reason = f"structure from motion: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+            received = f"cannot be written ({reason})"
+            raise InputError(folder, received, "free some space or choose another folder") from error
+    return model is not None
 
 
 def _extract(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, told: Told) -> None:
