@@ -14,9 +14,8 @@ median depth, where the paper blends several; photos have the renders' resolutio
 photos as its sources: 1,500 steps of two crops of 96x96 pixels (`gaussian-enhancer ibgs fit=FIT`). Source views are the
 4 nearest under 30 degrees, of which the nearest 3 count at a pixel where relative depth agrees within 0.01. As in the
 paper, colours are brought to the exposure of the nearest photo by an affine map; `ibgs without exposure` leaves that
-out. The map is left out in training, since these splats were not fitted under it, and their training views lose by it;
-it changes aligned PSNR only where colours are cut off. A network of one scene knows that scene; ours has learnt from
-other scenes.
+out. The map is left out in training, since these splats were not fitted under it; it changes aligned PSNR only where
+colours are cut off. A network of one scene knows that scene; ours has learnt from other scenes.
 
 Controls: `average of render and references` is the mean of the render and of the photos that the network of `lr_tiny`
 is given, warped and weighed by their visibility. `average of two fits` is the mean of the renders of two fits of the
