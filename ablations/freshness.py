@@ -91,7 +91,6 @@ PAGES = (
         ("weights", "network", "splat"),
     ),
     Page("docs/results/convergence.md", ("docs/results/convergence.jsonl",), ("weights", "network", "splat")),
-    Page("docs/results/same_fits.md", ("docs/results/same_fits.jsonl",), ("weights", "network", "splat")),
     Page("docs/results/distil.md", ("docs/results/distil.jsonl",), ("weights", "network", "splat", "distil")),
     Page("docs/results/stability.md", ("docs/results/stability.jsonl",), ("weights", "network", "splat")),
     Page("docs/results/tradeoff.md", ("docs/results/tradeoff/quality.jsonl",), ("weights", "network", "splat")),
