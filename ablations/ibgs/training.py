@@ -36,8 +36,8 @@ class ResidualSettings:
         batch: crops of a step.
         lr: of Adam at the first step; it falls to 0 along half a cosine.
         dissimilarity: weight of 1 - SSIM in the loss; that of the absolute difference is the rest.
-        exposure: bring colours to the exposure of the nearest photo before they are compared, as the paper does, whose
-            splat learns to be so corrected. A finished fit has not, and its training views lose by it.
+        exposure: bring colours to the exposure of the nearest photo before they are compared, as where splat and
+            network are trained together. A finished fit was not fitted under it.
         save_every: steps between checkpoints.
         seed: of initial values and crops.
     """
