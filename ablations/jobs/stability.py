@@ -57,11 +57,14 @@ def _reported(source: Path, page: Path) -> float:
     """Write page and diagrams; how many cells have failed."""
     cases = catalogue()
     places = {case.name: place for place, case in enumerate(cases)}
-    records = sorted(read_records(source), key=lambda one: (one.kind != KIND, places.get(one.scene, 0)))
-    if not any(record.kind == KIND for record in records):
+    found = read_records(source)
+    cells = [record for record in found if record.kind == KIND]
+    cells.sort(key=lambda record: places.get(record.scene, len(places)))
+    records = [*cells, *(record for record in found if record.kind != KIND)]
+    if not cells:
         raise InputError("records", "hold no cell of the matrix", "run gaussian-enhancer stability")
     _write(page, source, records, cases)
-    failed = sum(record.kind == KIND and record.variant == FAILED for record in records)
+    failed = sum(record.variant == FAILED for record in cells)
     Console(stderr=True).print(f"{page}, {source}: {failed} cells have failed", highlight=False, soft_wrap=True)
     return float(failed)
 
