@@ -144,40 +144,60 @@ def weigh(logits, values, visibility, limit, news, trust):
     """
     batch, count, height, width, heads = logits.shape
     channels = values.shape[4]
-    each = channels // heads
+    head = np.empty(width * channels, np.uint32)
+    pixel = np.empty(width * heads, np.uint32)
+    for j in range(width):
+        for c in range(channels):
+            head[j * channels + c] = j * heads + c // (channels // heads)
+        pixel[j * heads : (j + 1) * heads] = j
+    top = _F(np.exp(limit))
     for row in prange(batch * height):
         n, i = row // height, row % height
-        weight = np.empty((count, width, heads), np.float32)
-        total = np.ones((width, heads), np.float32)
+        weight = np.empty((count, width * heads), np.float32)
+        total = np.ones(width * heads, np.float32)
         for r in range(count):
-            for j in range(width):
-                for k in range(heads):
-                    score = visibility[n, r, i, j] * _bounded_exp(wide(logits[n, r, i, j, k]), limit)
-                    weight[r, j, k] = score
-                    total[j, k] += score
-        summed = np.zeros((width, channels), np.float32)
+            _score(logits[n, r, i].reshape(width * heads), visibility[n, r, i], pixel, limit, top, weight[r], total)
+        for q in range(width * heads):
+            total[q] = _ONE / total[q]
+        summed = np.zeros(width * channels, np.float32)
         for r in range(count):
+            for q in range(width * heads):
+                weight[r, q] *= total[q]
+            _add_weighted(weight[r], head, values[n, r, i].reshape(width * channels), summed)
             for j in range(width):
                 mean = _ZERO
                 for k in range(heads):
-                    share = weight[r, j, k] / total[j, k]
-                    mean += share
-                    for c in range(k * each, (k + 1) * each):
-                        summed[j, c] += share * wide(values[n, r, i, j, c])
+                    mean += weight[r, j * heads + k]
                 trust[n, r, i, j] = mean / _F(heads)
-        for j in range(width):
-            for c in range(channels):
-                news[n, i, j, c] = half(summed[j, c])
+        _halve(summed, news[n, i].reshape(width * channels))
 
 
 @inner
 @no_type_check
-def _bounded_exp(logit, limit):
-    """exp(limit tanh(logit / limit))."""
-    e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
-    t = (_ONE - e) / (_ONE + e)
-    t = t if logit > _ZERO else -t
-    return exp2_nonpositive(limit * _LOG2E * (t - _ONE)) * _F(np.exp(limit))
+def _score(logits, visibility, pixel, limit, top, weight, total):
+    """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``top`` is exp(limit)."""
+    for q in range(len(logits)):
+        logit = wide(logits[q])
+        e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
+        t = (_ONE - e) / (_ONE + e)
+        t = t if logit > _ZERO else -t
+        score = visibility[pixel[q]] * (top * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
+        weight[q] = score
+        total[q] += score
+
+
+@inner
+@no_type_check
+def _add_weighted(weight, place, values, total):
+    for q in range(len(values)):
+        total[q] += weight[place[q]] * wide(values[q])
+
+
+@inner
+@no_type_check
+def _halve(values, result):
+    for q in range(len(values)):
+        result[q] = half(values[q])
 
 
 @kernel

@@ -17,7 +17,6 @@ from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.fused_convolution import convolution
 from gaussian_enhancer.types import precise
 
-
 LIMIT = 6.0
 """Of a logit's magnitude, so that no reference outweighs the render completely."""
 

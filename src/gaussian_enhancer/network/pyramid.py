@@ -100,13 +100,17 @@ def _shrunk_references(
 
 
 def _halved_references(
-    photos: Float[Tensor, "b r 3 h w"], renders: Float[Tensor, "b r 3 h w"] | None, visibility: Float[Tensor, "b r 1 h w"]
+    photos: Float[Tensor, "b r 3 h w"],
+    renders: Float[Tensor, "b r 3 h w"] | None,
+    visibility: Float[Tensor, "b r 1 h w"],
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
     """The same for a factor of 2 in one pass over memory, where inference is `fusable`."""
     from gaussian_enhancer.network.bfloat16_kernels import shrink
 
     given = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]
-    small = [torch.empty(*one.shape[:-2], one.shape[-2] // 2, one.shape[-1] // 2) for one in (photos, photos, visibility)]
+    small = [
+        torch.empty(*one.shape[:-2], one.shape[-2] // 2, one.shape[-1] // 2) for one in (photos, photos, visibility)
+    ]
     with kernel_lock:
         shrink(*given, np.float32(renders is not None), *(one.flatten(0, 1).numpy() for one in small))
     return small[0], None if renders is None else small[1], small[2]
