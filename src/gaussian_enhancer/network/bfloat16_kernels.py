@@ -53,7 +53,7 @@ def wide(value):
 @no_type_check
 def pack_planes(image, shift, mask, result):
     """Write planes plus a shift, then a mask, as 2x2 pixels side by side: words of two pixels, (n, i, j, 2 (c + 1))."""
-    count, channels, height, width = image.shape
+    count, channels, height, _ = image.shape
     for row in prange(count * (height // 2)):
         n, i = row // (height // 2), row % (height // 2)
         for c in range(channels):

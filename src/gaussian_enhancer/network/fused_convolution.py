@@ -23,7 +23,7 @@ def convolution(
 ) -> Float[Tensor, "b d _ _"]:
     """relu(plus + scale * layer(x)), each part where it is asked for.
 
-    Where `fusable`, oneDNN does all of it while it writes the convolution's result, and the scale goes into the weights.
+    Where `fusable`, oneDNN does all of it while it writes the result, and the scale goes into the weights.
 
     Args:
         x: features.
