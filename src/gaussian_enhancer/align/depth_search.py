@@ -17,7 +17,16 @@ from torch import Tensor
 from gaussian_enhancer.align.depth_smoothing import smooth_depth
 from gaussian_enhancer.align.exposure import fit_colour
 from gaussian_enhancer.align.photo_consistency import photometric_difference
-from gaussian_enhancer.align.projection import ReferenceProjection, array, arrays, compiled, land, look_up, read_at
+from gaussian_enhancer.align.projection import (
+    IN_FRONT,
+    ReferenceProjection,
+    array,
+    arrays,
+    compiled,
+    land,
+    look_up,
+    read_at,
+)
 from gaussian_enhancer.align.reproject import Warped, fill_depth
 from gaussian_enhancer.types import Camera, usable
 
@@ -168,22 +177,39 @@ def _search_compiled(
     z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
 ) -> Float[Tensor, "1 h w"]:
     """The same by compiled kernels."""
-    from gaussian_enhancer.align.depth_search_kernels import SUMS, add_view, find_valleys, mean_costs
+    from gaussian_enhancer.align.depth_search_kernels import find_costs, find_valleys
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     steps = np.linspace(-1, 1, how.hypotheses, dtype=np.float32)
     multipliers = np.exp(steps * np.float32(math.log1p(how.span)))
-    sums = np.zeros((*z.shape[-2:], how.hypotheses, SUMS), np.float32)
-    cost, weight = np.empty((2, *sums.shape[:3]), np.float32)
+    cost, weight = np.empty((2, *z.shape[-2:], how.hypotheses), np.float32)
     best = np.empty(z.shape[-2:], np.float32)
-    surface, wanted = array(z[0]), _pixels(image)
+    matrices, offsets = (np.stack(one) for one in zip(*(arrays(one.projection)[:2] for one in seen), strict=True))
+    sizes = np.array([(one.projection.width, one.projection.height) for one in seen])
+    images, starts = _side_by_side(seen)
+    places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
+    colours = images, array(torch.cat([one.counts for one in seen])), _pixels(image)
     with kernel_lock:
-        for one in seen:
-            both = _pixels(torch.cat([one.photo, one.render]))
-            add_view(surface, multipliers, *arrays(one.projection), both, array(one.counts[0]), wanted, sums)
-        mean_costs(sums, np.float32(how.inconsistency), np.float32(TINY), cost, weight)
+        costs = np.float32(how.inconsistency), np.float32(TINY), cost, weight
+        find_costs(array(z[0]), multipliers, *places, *colours, *costs)
         find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
     return torch.from_numpy(best)[None]
+
+
+def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
+    """All references' pixels one after the other, photo and render side by side, and where each begins.
+
+    A spare row and pixel follow each, since the kernel reads the pixels after the last without counting them.
+    """
+    rows = [(one.projection.height + 1) * one.projection.width + 1 for one in seen]
+    starts = np.cumsum([0, *rows[:-1]])
+    images = np.zeros((sum(rows), 6), np.float32)
+    for start, one in zip(starts, seen, strict=True):
+        count = one.projection.height * one.projection.width
+        place = torch.from_numpy(images[start : start + count].reshape(*one.photo.shape[-2:], 6))
+        place[..., :3].copy_(one.photo.permute(1, 2, 0))
+        place[..., 3:].copy_(one.render.permute(1, 2, 0))
+    return images, starts
 
 
 def _seen(

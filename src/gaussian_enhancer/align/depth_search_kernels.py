@@ -14,80 +14,105 @@ from gaussian_enhancer.splat.compiled import inner, kernel
 _F = np.float32
 
 
-SUMS = 6
-"""What a hypothesis adds up over views: their count, photos' differences by channel, their squares, and renders'."""
+_NEXT = np.uint64(1)
+_ZERO, _ONE, _THREE, _HALF = _F(0), _F(1), _F(3), _F(0.5)
 
 
 @kernel
 @no_type_check
-def add_view(depth, multipliers, matrix, offset, across, down, in_front, both, counts, image, sums):
-    """Add what one view shows of each hypothesis to its sums; ``both`` holds a photo's and a render's colours."""
-    height, width, hypotheses = sums.shape[0], sums.shape[1], sums.shape[2]
+def find_costs(
+    depth,
+    multipliers,
+    matrices,
+    offsets,
+    sizes,
+    starts,
+    in_front,
+    images,
+    counts,
+    image,
+    inconsistency,
+    tiny,
+    cost,
+    weight,
+):
+    """Write each hypothesis's cost, and 1 as its weight where a view sees it, 0 elsewhere.
+
+    ``images`` holds all views' pixels one after the other, photo and render side by side; view r begins at pixel
+    starts[r], has sizes[r] = (width, height) and a spare row. All views of a hypothesis are read at once, so that its
+    sums stay in registers.
+    """
+    height, width, hypotheses = cost.shape
+    views = len(starts)
     for y in prange(height):
-        b = _F(y) + _F(0.5)
+        pixel = np.empty((views, hypotheses), np.int64)
+        across, down = np.empty((2, views, hypotheses), np.float32)
+        inside = np.empty((views, hypotheses), np.float32)
         for x in range(width):
-            if counts[y, x] == 0:
-                continue
-            a = _F(x) + _F(0.5)
-            across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
-            down_slope = matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]
-            far_slope = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]
+            for r in range(views):
+                position = _F(x) + _HALF, _F(y) + _HALF
+                _place(
+                    depth[y, x], multipliers, matrices[r], offsets[r], position, sizes[r], starts[r], in_front,
+                    counts[r, y, x], pixel[r], across[r], down[r], inside[r],
+                )  # fmt: skip
+            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
             for k in range(hypotheses):
-                z = depth[y, x] * multipliers[k]
-                far = z * far_slope + offset[2]
-                if far <= in_front * z:
-                    continue
-                u = (z * across_slope + offset[0]) / far
-                v = (z * down_slope + offset[1]) / far
-                if u >= 0 and u <= across and v >= 0 and v <= down:
-                    _add_colours(both, u - _F(0.5), v - _F(0.5), image[y, x], sums[y, x, k])
+                n, squares, difference = _ZERO, _ZERO, _ZERO
+                total0, total1, total2 = _ZERO, _ZERO, _ZERO
+                for r in range(views):
+                    if inside[r, k] == _ZERO:
+                        continue
+                    p, fx, fy = np.uint64(pixel[r, k]), across[r, k], down[r, k]
+                    q = p + np.uint64(sizes[r, 0])
+                    away0 = _between(images, p, q, 0, fx, fy) - red
+                    away1 = _between(images, p, q, 1, fx, fy) - green
+                    away2 = _between(images, p, q, 2, fx, fy) - blue
+                    n += _ONE
+                    total0, total1, total2 = total0 + away0, total1 + away1, total2 + away2
+                    squares += away0 * away0 + away1 * away1 + away2 * away2
+                    difference += abs(_between(images, p, q, 3, fx, fy) - red)
+                    difference += abs(_between(images, p, q, 4, fx, fy) - green)
+                    difference += abs(_between(images, p, q, 5, fx, fy) - blue)
+                cost[y, x, k] = weight[y, x, k] = _ZERO
+                if n > _ZERO:
+                    total = total0 * total0 + total1 * total1 + total2 * total2
+                    mean = difference / (_THREE * n)
+                    variance = max(squares - total / n, _ZERO) / (_THREE * max(n - _ONE, _ONE))
+                    spread = np.sqrt(variance + tiny) if n > _ONE else mean
+                    cost[y, x, k] = mean + inconsistency * spread
+                    weight[y, x, k] = _ONE
 
 
 @inner
 @no_type_check
-def _add_colours(both, u, v, colour, sums):
-    """Add the differences of two images, read bilinearly, to a colour; beyond the border, the border's colours."""
-    rows, columns = both.shape[0], both.shape[1]
-    u, v = min(max(u, _F(0)), _F(columns - 1)), min(max(v, _F(0)), _F(rows - 1))
-    x0, y0 = int(u), int(v)
-    x1, y1 = min(x0 + 1, columns - 1), min(y0 + 1, rows - 1)
-    fx, fy = u - _F(x0), v - _F(y0)
-    sums[0] += _F(1)
-    for c in range(3):
-        away = _between(both[y0, x0, c], both[y0, x1, c], both[y1, x0, c], both[y1, x1, c], fx, fy) - colour[c]
-        sums[1 + c] += away
-        sums[4] += away * away / _F(3)
-    for c in range(3, 6):
-        read = _between(both[y0, x0, c], both[y0, x1, c], both[y1, x0, c], both[y1, x1, c], fx, fy)
-        sums[5] += abs(read - colour[c - 3]) / _F(3)
+def _place(depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside):
+    """Write the pixel above and to the left of where each hypothesis lands, the rest of the way, and whether inside."""
+    a, b = position
+    width, height = _F(size[0]), _F(size[1])
+    across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
+    down_slope = matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2]
+    far_slope = matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]
+    for k in range(len(multipliers)):
+        z = depth * multipliers[k]
+        far = z * far_slope + offset[2]
+        ahead = far > in_front * z
+        share = _ONE / (far if ahead else _ONE)
+        u, v = (z * across_slope + offset[0]) * share, (z * down_slope + offset[1]) * share
+        seen = ahead and u >= _ZERO and u <= width and v >= _ZERO and v <= height and counts > _ZERO
+        u, v = min(max(u - _HALF, _ZERO), width - _ONE), min(max(v - _HALF, _ZERO), height - _ONE)
+        column, row = np.int32(u), np.int32(v)
+        across[k], down[k], inside[k] = u - _F(column), v - _F(row), _ONE if seen else _ZERO
+        pixel[k] = start + row * size[0] + column
 
 
 @inner
 @no_type_check
-def _between(a, b, c, d, fx, fy):
-    top, bottom = a + fx * (b - a), c + fx * (d - c)
+def _between(images, p, q, channel, fx, fy):
+    """One channel between the four pixels at and after p and q; beyond the border the share of the rest is zero."""
+    above, below = images[p, channel], images[q, channel]
+    top = above + fx * (images[p + _NEXT, channel] - above)
+    bottom = below + fx * (images[q + _NEXT, channel] - below)
     return top + fy * (bottom - top)
-
-
-@kernel
-@no_type_check
-def mean_costs(sums, inconsistency, tiny, cost, weight):
-    """Write each hypothesis's cost, and 1 as its weight where a view sees it, 0 elsewhere."""
-    for y in prange(cost.shape[0]):
-        for x in range(cost.shape[1]):
-            for k in range(cost.shape[2]):
-                seen = sums[y, x, k]
-                n = seen[0]
-                if n == 0:
-                    cost[y, x, k] = weight[y, x, k] = _F(0)
-                    continue
-                mean = seen[5] / n
-                spread = mean
-                if n > 1:
-                    total = (seen[1] * seen[1] + seen[2] * seen[2] + seen[3] * seen[3]) / (_F(3) * n)
-                    spread = np.sqrt(max(seen[4] - total, _F(0)) / (n - _F(1)) + tiny)
-                cost[y, x, k] = mean + inconsistency * spread
-                weight[y, x, k] = _F(1)
 
 
 @kernel

@@ -4,9 +4,10 @@ Axes: b batch, c channels, h height, w width (of the features).
 """
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from gaussian_enhancer.network.fused_convolution import convolution
 
 
 class Block(nn.Module):
@@ -28,4 +29,4 @@ class Block(nn.Module):
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
         """Refine features."""
-        return x + self.scale.to(x.dtype) * self.second(F.relu(self.first(x)))
+        return convolution(convolution(x, self.first, relu=True), self.second, scale=self.scale, plus=x)

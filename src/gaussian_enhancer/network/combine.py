@@ -12,7 +12,9 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
 from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.fused_convolution import convolution
 
 
 @runtime_checkable
@@ -65,10 +67,30 @@ class Combination(nn.Module):
         """
         height, width = fine.shape[-2:]
         half = [_resized(values, height // 2, width // 2) for values in coarser]
+        if len(fine) == 1 and fine.dtype == torch.float32 and fusable(fine, render, *half):
+            return self._fused(fine, render, half)
         x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half], dim=1)))
         x = self.head(self.block(x)).to(fine.dtype)
         change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half))
         return fine + F.interpolate(change, scale_factor=2, mode="bilinear") + F.pixel_shuffle(x[:, :12], 2)
+
+    def _fused(
+        self,
+        fine: Float[Tensor, "1 3 h w"],
+        render: Float[Tensor, "1 3 h w"],
+        half: Sequence[Float[Tensor, "1 d _ _"]],
+    ) -> Float[Tensor, "1 3 h w"]:
+        """The same for one image where inference is `fusable`."""
+        from gaussian_enhancer.network.bfloat16_kernels import combine, pack_combination
+
+        coarser, images = plane(torch.cat(list(half), dim=1)[0]), (plane(fine[0]), plane(render[0]))
+        joined, result = empty_features(1, 12 + len(coarser), *coarser.shape[1:]), torch.empty(fine.shape)
+        with kernel_lock:
+            pack_combination(*images, coarser, bits(joined)[0])
+        decoded = convolution(self.block(convolution(joined, self.join, relu=True)), self.head)
+        with kernel_lock:
+            combine(images[0], bits(decoded)[0], coarser, half[0].shape[1], result[0].numpy())
+        return result
 
 
 class Separation(nn.Module):

@@ -5,10 +5,13 @@ Axes: b batch, c channels, h height, w width, i = h / 2, j = w / 2.
 
 from collections.abc import Sequence
 
+import numpy as np
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock
 from gaussian_enhancer.network.block import Block
 
 
@@ -48,13 +51,38 @@ class Decoder(nn.Module):
             x = shrink(skips[-1])
         x = self.middle(x)
         for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
-            x = blocks(skip + F.pixel_shuffle(grow(x), 2))
+            x = blocks(_grown(grow(x), skip))
         return x
 
     def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
         """What `features` gave, at full resolution."""
-        return F.pixel_shuffle(self.head(features), 2)
+        return _shuffled(self.head(features))
 
 
 def _stack(channels: int, count: int) -> nn.Sequential:
     return nn.Sequential(*(Block(channels) for _ in range(count)))
+
+
+def _grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
+    """Features shuffled to twice their resolution, plus those that the way down had there."""
+    if not (x.dtype == skip.dtype == torch.bfloat16 and fusable(x, skip)):
+        return skip + F.pixel_shuffle(x, 2)
+    from gaussian_enhancer.network.bfloat16_kernels import shuffle_and_add
+
+    result = empty_features(*skip.shape)
+    with kernel_lock:
+        shuffle_and_add(bits(x), bits(skip), bits(result))
+    return result
+
+
+def _shuffled(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
+    """Pixel-shuffle by 2 to planes."""
+    if not (x.dtype == torch.bfloat16 and fusable(x)):
+        return F.pixel_shuffle(x, 2)
+    from gaussian_enhancer.network.bfloat16_kernels import shuffle
+
+    batch, channels, height, width = x.shape
+    result = torch.empty(batch, channels // 4, 2 * height, 2 * width, dtype=x.dtype)
+    with kernel_lock:
+        shuffle(bits(x), result.view(torch.int16).numpy().view(np.uint16))
+    return result

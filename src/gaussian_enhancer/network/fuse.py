@@ -5,14 +5,20 @@ Axes: b batch, r references, c channels, h height, w width (of the features).
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
 from gaussian_enhancer.network.block import Block
+from gaussian_enhancer.network.fused_convolution import convolution
 from gaussian_enhancer.types import precise
+
+LIMIT = 6.0
+"""Of a logit's magnitude, so that no reference outweighs the render completely."""
 
 
 class TrustFusion(nn.Module):
@@ -54,8 +60,11 @@ class TrustFusion(nn.Module):
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        seen = self.block(F.relu(self._compared(target, references, visibility)))
-        logits = 6 * torch.tanh(precise(self.trust(seen)) / 6)
+        seen = self.block(self._compared(target, references, visibility))
+        if seen.dtype == torch.bfloat16 and fusable(seen, visibility):
+            news, trust = self._weighed(self.trust(seen), self.value(seen), visibility)
+            return convolution(news, self.project, plus=target), trust
+        logits = LIMIT * torch.tanh(precise(self.trust(seen)) / LIMIT)
         scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
         values = self.value(seen).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
@@ -70,7 +79,7 @@ class TrustFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> Float[Tensor, "n c h w"]:
-        """`compare` of each reference with the target, and the pooled references, beside it.
+        """relu(`compare`) of each reference with the target, and the pooled references, beside it.
 
         The parts of the target and of the pooled references are computed once for all references.
         """
@@ -80,7 +89,32 @@ class TrustFusion(nn.Module):
         own = F.conv2d(target, weight[:, channels:], bias, padding=1)
         if self.pool is not None:
             own = own + self.pool(_pooled(references, visibility.to(references.dtype)))
-        return (theirs + own[:, None]).flatten(0, 1)
+        if theirs.dtype == torch.bfloat16 and fusable(theirs, own):
+            _add_and_rectify(theirs, own)
+            return theirs.flatten(0, 1)
+        return F.relu(theirs + own[:, None]).flatten(0, 1)
+
+    def _weighed(
+        self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
+    ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
+        """Weighted sum of the references' values, and the mean weight of each, where inference is `fusable`."""
+        from gaussian_enhancer.network.bfloat16_kernels import weigh
+
+        pairs, trust = visibility.shape[:2], torch.empty_like(visibility, memory_format=torch.contiguous_format)
+        news = empty_features(pairs[0], *values.shape[1:])
+        given = (bits(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
+        with kernel_lock:
+            weigh(*given, plane(visibility[:, :, 0]), np.float32(LIMIT), bits(news), trust[:, :, 0].numpy())
+        return news, trust
+
+
+def _add_and_rectify(theirs: Float[Tensor, "b r c h w"], own: Float[Tensor, "b c h w"]) -> None:
+    """relu(theirs + own) in place of theirs, in one pass over memory; both are channels-last."""
+    from gaussian_enhancer.network.bfloat16_kernels import add_and_rectify
+
+    words = theirs.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
+    with kernel_lock:
+        add_and_rectify(words, bits(own))
 
 
 def _pooled(references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]) -> Float[Tensor, "b _ h w"]:

@@ -3,12 +3,14 @@
 Axes: b batch, h height, w width.
 """
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
+from gaussian_enhancer.network.bfloat16 import fusable, kernel_lock, plane
 from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.types import NetworkInput, usable
 
@@ -44,12 +46,7 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
     if factor == 1:
         return views
     size = tuple(side // factor for side in views.render.shape[-2:])
-    share = _averaged(views.visibility, factor, size)
-
-    def seen(image: Tensor | None) -> Tensor | None:
-        if image is None:
-            return None
-        return _averaged(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
+    photos, renders, share = _shrunk_references(views, factor, size)
 
     depth, unit = views.depth, views.depth_unit
     if depth is not None:
@@ -60,12 +57,12 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
     return NetworkInput(
         _averaged(views.render, factor, size),
-        seen(views.references),  # type: ignore[arg-type]
+        photos,
         share,
         depth,
         None if views.alpha is None else _averaged(views.alpha, factor, size),
         unit,
-        seen(views.reference_renders),
+        renders,
     )
 
 
@@ -84,3 +81,36 @@ def _averaged(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
         return image.new_zeros(*image.shape[:-2], *size)
     flat = F.avg_pool2d(flat, factor)
     return flat.reshape(*image.shape[:-2], *flat.shape[-2:])
+
+
+def _shrunk_references(
+    views: NetworkInput, factor: int, size: tuple[int, ...]
+) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
+    """References and their renders, averaged by visibility, and the mean visibility."""
+    images = views.references, views.reference_renders, views.visibility
+    if factor == 2 and fusable(*images):
+        return _halved_references(*images)
+    share = _averaged(views.visibility, factor, size)
+
+    def seen(image: Tensor) -> Tensor:
+        return _averaged(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
+
+    drawn = views.reference_renders
+    return seen(views.references), None if drawn is None else seen(drawn), share
+
+
+def _halved_references(
+    photos: Float[Tensor, "b r 3 h w"],
+    renders: Float[Tensor, "b r 3 h w"] | None,
+    visibility: Float[Tensor, "b r 1 h w"],
+) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
+    """The same for a factor of 2 in one pass over memory, where inference is `fusable`."""
+    from gaussian_enhancer.network.bfloat16_kernels import shrink
+
+    given = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]
+    small = [
+        torch.empty(*one.shape[:-2], one.shape[-2] // 2, one.shape[-1] // 2) for one in (photos, photos, visibility)
+    ]
+    with kernel_lock:
+        shrink(*given, np.float32(renders is not None), *(one.flatten(0, 1).numpy() for one in small))
+    return small[0], None if renders is None else small[1], small[2]

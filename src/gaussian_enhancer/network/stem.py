@@ -5,10 +5,12 @@ Axes: b batch, r references, c channels, h height, w width (multiples of the str
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
 from gaussian_enhancer.network.encode import Encoder
 from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.types import NetworkInput
@@ -61,6 +63,8 @@ class Gather(nn.Module):
         if references.shape[1] == 0:
             height, width = references.shape[-2:]
             return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
+        if self.reference_renders and fusable(references, visibility, views.reference_renders):
+            return self.encode_reference.features(_packed(views)).unflatten(0, references.shape[:2])
         further = None
         if self.reference_renders:
             drawn = views.reference_renders
@@ -87,3 +91,17 @@ class Gather(nn.Module):
         seen = halved(views.visibility)
         fused, trust = self.fuse(target, features, seen)
         return self.modulate(fused, views.depth, views.depth_unit), trust
+
+
+def _packed(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
+    """What the encoder of references reads, pixel-unshuffled, in one pass over memory."""
+    from gaussian_enhancer.network.bfloat16_kernels import pack_references
+
+    photos, visibility = views.references.flatten(0, 1), views.visibility.flatten(0, 1)
+    drawn = views.reference_renders is not None
+    renders = photos if views.reference_renders is None else views.reference_renders.flatten(0, 1)
+    result = empty_features(len(photos), 32, photos.shape[-2] // 2, photos.shape[-1] // 2)
+    images = plane(photos), plane(renders), plane(visibility)
+    with kernel_lock:
+        pack_references(*images, np.float32(drawn), bits(result, np.uint32))
+    return result

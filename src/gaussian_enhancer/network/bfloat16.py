@@ -1,0 +1,55 @@
+"""When inference in bfloat16 may take fused ways, and how kernels see features.
+
+Axes: b batch, c channels, h height, w width.
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gaussian_enhancer.splat.compiled import kernel_lock
+
+__all__ = ["bits", "empty_features", "fusable", "kernel_lock", "plane"]
+
+PLAIN = (torch.float32, torch.bfloat16)
+
+
+def fusable(*images: Tensor | None) -> bool:
+    """Whether the fused ways of inference on a processor may be taken.
+
+    They want autocast to bfloat16, no gradient, and nobody who watches operations: compilers, tracers, counters.
+
+    Args:
+        images: what is computed on; None is left out.
+    """
+    device = "cpu"
+    return (
+        not torch.is_grad_enabled()
+        and torch.is_autocast_enabled(device)
+        and torch.get_autocast_dtype(device) == torch.bfloat16
+        and all(type(x) is Tensor and x.device.type == device and x.dtype in PLAIN for x in images if x is not None)
+        and not torch.compiler.is_compiling()
+        and not torch.jit.is_tracing()
+        and torch._C._len_torch_dispatch_stack() == 0
+    )
+
+
+def empty_features(batch: int, channels: int, height: int, width: int) -> Float[Tensor, "b c h w"]:
+    """Features in bfloat16 and channels-last memory, whose values are not set."""
+    return torch.empty(batch, height, width, channels, dtype=torch.bfloat16).permute(0, 3, 1, 2)
+
+
+def bits(features: Float[Tensor, "b c h w"], word: type[np.unsignedinteger] = np.uint16) -> np.ndarray:
+    """Features in bfloat16 as kernels read and write them: (b, h, w, c), without a copy where memory is channels-last.
+
+    Args:
+        features: in bfloat16.
+        word: what the bits are seen as; 32 bits hold two channels.
+    """
+    return features.permute(0, 2, 3, 1).contiguous().view(torch.int16).numpy().view(word)
+
+
+def plane(image: Tensor) -> np.ndarray:
+    """An image as kernels read and write it, in single precision, without a copy where it is that and contiguous."""
+    return image.float().contiguous().numpy()

@@ -1,0 +1,366 @@
+"""Compiled passes over images and features of a network in bfloat16, which Numba knows as 16-bit words.
+
+What is convolved lies in channels-last memory, a pixel's channels side by side; images are planes of float32. Each
+kernel reads and writes everything once. Sums are in float32.
+
+Axes: n images, r references, c channels, h height, w width, i = h / 2, j = w / 2.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import exp2_nonpositive, inner, kernel
+
+_F = np.float32
+_ZERO, _ONE, _HALF, _QUARTER = _F(0), _F(1), _F(0.5), _F(0.25)
+_U = np.uint32
+_SIXTEEN, _LAST, _ROUND, _HIGH = _U(16), _U(1), _U(0x7FFF), _U(0xFFFF0000)
+_LOG2E = _F(1.4426950408889634)
+
+
+@inner
+@no_type_check
+def rounded(value):
+    """The bits of the nearest bfloat16 in the upper half of a word, ties to even."""
+    bits = _F(value).view(_U)
+    return _U(_U(bits + _ROUND + _U(_U(bits >> _SIXTEEN) & _LAST)) & _HIGH)
+
+
+@inner
+@no_type_check
+def pair(first, second):
+    """Two values as one word of two bfloat16, the first at the lower address."""
+    return _U(_U(rounded(first) >> _SIXTEEN) | rounded(second))
+
+
+@inner
+@no_type_check
+def half(value):
+    """A value as bfloat16."""
+    return np.uint16(rounded(value) >> _SIXTEEN)
+
+
+@inner
+@no_type_check
+def wide(value):
+    """A bfloat16 as float32."""
+    return _U(_U(value) << _SIXTEEN).view(_F)
+
+
+@kernel
+@no_type_check
+def pack_planes(image, shift, mask, result):
+    """Write planes plus a shift, then a mask, as 2x2 pixels side by side: words of two pixels, (n, i, j, 2 (c + 1))."""
+    count, channels, height, _ = image.shape
+    for row in prange(count * (height // 2)):
+        n, i = row // (height // 2), row % (height // 2)
+        for c in range(channels):
+            _pack_row(image[n, c, 2 * i], shift, result[n, i], 2 * c)
+            _pack_row(image[n, c, 2 * i + 1], shift, result[n, i], 2 * c + 1)
+        _pack_row(mask[n, 0, 2 * i], _ZERO, result[n, i], 2 * channels)
+        _pack_row(mask[n, 0, 2 * i + 1], _ZERO, result[n, i], 2 * channels + 1)
+
+
+@inner
+@no_type_check
+def _pack_row(row, shift, result, place):
+    for j in range(len(result)):
+        result[j, place] = pair(row[2 * j] + shift, row[2 * j + 1] + shift)
+
+
+@kernel
+@no_type_check
+def pack_references(photos, renders, visibility, drawn, result):
+    """Write photo - 1/2, visibility, photo - render and a flag as 2x2 pixels side by side, (r, i, j, 16) words."""
+    count, _, height, width = photos.shape
+    flag = pair(drawn, drawn)
+    for row in prange(count * (height // 2)):
+        n, i = row // (height // 2), row % (height // 2)
+        for j in range(width // 2):
+            x = 2 * j
+            for a in range(2):
+                y = 2 * i + a
+                for c in range(3):
+                    first, second = photos[n, c, y, x], photos[n, c, y, x + 1]
+                    result[n, i, j, 2 * c + a] = pair(first - _HALF, second - _HALF)
+                    wrong = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
+                    result[n, i, j, 8 + 2 * c + a] = pair(drawn * wrong[0], drawn * wrong[1])
+                result[n, i, j, 6 + a] = pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
+                result[n, i, j, 14 + a] = flag
+
+
+@kernel
+@no_type_check
+def pack_depth(depth, unit, farthest, result, share):
+    """Write unit / depth within [0, 4] and where depth is usable as 2x2 pixels side by side, and the usable share."""
+    height, width = depth.shape
+    for i in prange(height // 2):
+        for j in range(width // 2):
+            known = _ZERO
+            for a in range(2):
+                first, second = depth[2 * i + a, 2 * j], depth[2 * i + a, 2 * j + 1]
+                one, two = _usable(first, farthest), _usable(second, farthest)
+                result[i, j, a] = pair(_inverse(first, one, unit), _inverse(second, two, unit))
+                result[i, j, 2 + a] = pair(one, two)
+                known += one + two
+            share[i, j] = _QUARTER * known
+
+
+@inner
+@no_type_check
+def _usable(depth, farthest):
+    return _ONE if depth > _ZERO and depth <= farthest else _ZERO
+
+
+@inner
+@no_type_check
+def _inverse(depth, known, unit):
+    return min(unit / depth, _F(4)) if known > _ZERO else _ZERO
+
+
+@kernel
+@no_type_check
+def modulate(features, modulation, share, result):
+    """Write features + share (features scale + shift); scale and shift are the halves of the modulation's channels."""
+    count, height, width, channels = features.shape
+    for row in prange(count * height):
+        n, i = row // height, row % height
+        for j in range(width):
+            known = share[n, i, j]
+            for c in range(channels):
+                value = wide(features[n, i, j, c])
+                scale, shift = wide(modulation[n, i, j, c]), wide(modulation[n, i, j, channels + c])
+                result[n, i, j, c] = half(value + known * (value * scale + shift))
+
+
+@kernel
+@no_type_check
+def weigh(logits, values, visibility, limit, news, trust):
+    """Write sum_i w_i value_i and the heads' mean of w_i = v_i exp(l_i) / (1 + sum_j v_j exp(l_j)), l within a limit.
+
+    logits (n, r, i, j, heads) and values (n, r, i, j, c) are bfloat16, visibility and trust (n, r, i, j) float32.
+    """
+    batch, count, height, width, heads = logits.shape
+    channels = values.shape[4]
+    head = np.empty(width * channels, np.uint32)
+    pixel = np.empty(width * heads, np.uint32)
+    for j in range(width):
+        for c in range(channels):
+            head[j * channels + c] = j * heads + c // (channels // heads)
+        pixel[j * heads : (j + 1) * heads] = j
+    top = _F(np.exp(limit))
+    for row in prange(batch * height):
+        n, i = row // height, row % height
+        weight = np.empty((count, width * heads), np.float32)
+        total = np.ones(width * heads, np.float32)
+        for r in range(count):
+            _score(logits[n, r, i].reshape(width * heads), visibility[n, r, i], pixel, limit, top, weight[r], total)
+        for q in range(width * heads):
+            total[q] = _ONE / total[q]
+        summed = np.zeros(width * channels, np.float32)
+        for r in range(count):
+            for q in range(width * heads):
+                weight[r, q] *= total[q]
+            _add_weighted(weight[r], head, values[n, r, i].reshape(width * channels), summed)
+            for j in range(width):
+                mean = _ZERO
+                for k in range(heads):
+                    mean += weight[r, j * heads + k]
+                trust[n, r, i, j] = mean / _F(heads)
+        _halve(summed, news[n, i].reshape(width * channels))
+
+
+@inner
+@no_type_check
+def _score(logits, visibility, pixel, limit, top, weight, total):
+    """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``top`` is exp(limit)."""
+    for q in range(len(logits)):
+        logit = wide(logits[q])
+        e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
+        t = (_ONE - e) / (_ONE + e)
+        t = t if logit > _ZERO else -t
+        score = visibility[pixel[q]] * (top * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
+        weight[q] = score
+        total[q] += score
+
+
+@inner
+@no_type_check
+def _add_weighted(weight, place, values, total):
+    for q in range(len(values)):
+        total[q] += weight[place[q]] * wide(values[q])
+
+
+@inner
+@no_type_check
+def _halve(values, result):
+    for q in range(len(values)):
+        result[q] = half(values[q])
+
+
+@kernel
+@no_type_check
+def shuffle(features, result):
+    """Pixel-shuffle by 2: channels (n, i, j, 4 c) become squares of pixels of planes, (n, c, 2 i, 2 j)."""
+    count, height, width, channels = features.shape
+    for row in prange(count * height):
+        n, i = row // height, row % height
+        for c in range(channels // 4):
+            for j in range(width):
+                for a in range(2):
+                    result[n, c, 2 * i + a, 2 * j] = features[n, i, j, 4 * c + 2 * a]
+                    result[n, c, 2 * i + a, 2 * j + 1] = features[n, i, j, 4 * c + 2 * a + 1]
+
+
+@kernel
+@no_type_check
+def shuffle_and_add(features, skip, result):
+    """The same into channels-last memory, (n, 2 i, 2 j, c), plus ``skip``."""
+    count, height, width, channels = skip.shape
+    for row in prange(count * height):
+        n, y = row // height, row % height
+        for x in range(width):
+            place = 2 * (y % 2) + x % 2
+            for c in range(channels):
+                value = wide(features[n, y // 2, x // 2, 4 * c + place])
+                result[n, y, x, c] = half(value + wide(skip[n, y, x, c]))
+
+
+@kernel
+@no_type_check
+def add_and_rectify(theirs, own):
+    """Write relu(theirs + own) over theirs, (n, r, i, j, c); own (n, i, j, c) is added to each."""
+    batch, count, height, width, channels = theirs.shape
+    for row in prange(batch * count * height):
+        n, r, i = row // (count * height), row // height % count, row % height
+        for j in range(width):
+            for c in range(channels):
+                theirs[n, r, i, j, c] = half(max(wide(theirs[n, r, i, j, c]) + wide(own[n, i, j, c]), _ZERO))
+
+
+@kernel
+@no_type_check
+def shrink(photos, renders, visibility, drawn, small_photos, small_renders, share):
+    """Write means of photos and renders over 2x2 pixels, weighted by visibility, and that of visibility."""
+    count, _, height, width = photos.shape
+    for row in prange(count * (height // 2)):
+        n, i = row // (height // 2), row % (height // 2)
+        y = 2 * i
+        above, below, mean = visibility[n, 0, y], visibility[n, 0, y + 1], share[n, 0, i]
+        for j in range(width // 2):
+            mean[j] = _QUARTER * (above[2 * j] + below[2 * j] + (above[2 * j + 1] + below[2 * j + 1]))
+        for c in range(3):
+            _shrink_row(photos[n, c, y], photos[n, c, y + 1], above, below, mean, small_photos[n, c, i])
+            if drawn > _ZERO:
+                _shrink_row(renders[n, c, y], renders[n, c, y + 1], above, below, mean, small_renders[n, c, i])
+
+
+@inner
+@no_type_check
+def _shrink_row(one, two, above, below, share, result):
+    for j in range(len(result)):
+        x = 2 * j
+        total = one[x] * above[x] + two[x] * below[x] + (one[x + 1] * above[x + 1] + two[x + 1] * below[x + 1])
+        result[j] = _QUARTER * total / max(share[j], _F(1e-6)) if share[j] > _ZERO else _ZERO
+
+
+@kernel
+@no_type_check
+def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
+    """Write render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
+
+    decoded is bfloat16 (6, h, w), trust (r, i, j); the rest are float32, renders unread unless ``drawn`` is positive.
+    """
+    count, _, height, width = photos.shape
+    for y in prange(height):
+        weight = np.empty((count, width), np.float32)
+        for r in range(count):
+            _double_row(trust[r], y, weight[r])
+            for x in range(width):
+                weight[r, x] = weight[r, x] if visibility[r, 0, y, x] > _ZERO else _ZERO
+        for c in range(3):
+            news, wrong = np.zeros(width, np.float32), np.zeros(width, np.float32)
+            for r in range(count):
+                _add_difference(news, weight[r], photos[r, c, y], render[c, y])
+                if drawn > _ZERO:
+                    _add_difference(wrong, weight[r], photos[r, c, y], renders[r, c, y])
+            for x in range(width):
+                change = _sigmoid(wide(decoded[3, y, x])) * wide(decoded[c, y, x])
+                change += wide(decoded[4, y, x]) * news[x] + wide(decoded[5, y, x]) * wrong[x]
+                result[c, y, x] = render[c, y, x] + change
+
+
+@inner
+@no_type_check
+def _add_difference(total, weight, one, other):
+    for x in range(len(total)):
+        total[x] += weight[x] * (one[x] - other[x])
+
+
+@inner
+@no_type_check
+def _sigmoid(value):
+    e = exp2_nonpositive(-_LOG2E * abs(value))
+    return (_ONE if value > _ZERO else e) / (_ONE + e)
+
+
+@inner
+@no_type_check
+def _double_row(image, y, result):
+    """Row y of an image at twice its resolution, linear between pixels' centres."""
+    height, width = image.shape
+    i = y // 2
+    other = min(max(i - 1 if y % 2 == 0 else i + 1, 0), height - 1)
+    column = np.empty(width, np.float32)
+    for j in range(width):
+        column[j] = _F(0.75) * image[i, j] + _QUARTER * image[other, j]
+    result[0], result[2 * width - 1] = column[0], column[width - 1]
+    for j in range(1, width):
+        result[2 * j] = _F(0.75) * column[j] + _QUARTER * column[j - 1]
+    for j in range(width - 1):
+        result[2 * j + 1] = _F(0.75) * column[j] + _QUARTER * column[j + 1]
+
+
+@kernel
+@no_type_check
+def pack_combination(fine, render, coarser, result):
+    """Write fine - render as 2x2 pixels side by side, then what coarser scales hand on, (i, j, 12 + d) bfloat16."""
+    count, height, width = coarser.shape
+    for i in prange(height):
+        for j in range(width):
+            for c in range(3):
+                for a in range(2):
+                    for b in range(2):
+                        y, x = 2 * i + a, 2 * j + b
+                        result[i, j, 4 * c + 2 * a + b] = half(fine[c, y, x] - render[c, y, x])
+            for d in range(count):
+                result[i, j, 12 + d] = half(coarser[d, i, j])
+
+
+@kernel
+@no_type_check
+def combine(fine, decoded, coarser, step, result):
+    """Write fine + up(sum_k g_k change_k) + residual.
+
+    decoded (i, j, 12 + k) holds the residual of 2x2 pixels and gains; change k is ``coarser`` from channel k x step on.
+    """
+    height, width, channels = decoded.shape
+    change = np.empty((3, height, width), np.float32)
+    for i in prange(height):
+        for c in range(3):
+            for j in range(width):
+                total = _ZERO
+                for k in range(channels - 12):
+                    total += wide(decoded[i, j, 12 + k]) * coarser[k * step + c, i, j]
+                change[c, i, j] = total
+    for y in prange(2 * height):
+        row = np.empty(2 * width, np.float32)
+        for c in range(3):
+            _double_row(change[c], y, row)
+            place = 4 * c + 2 * (y % 2)
+            for j in range(width):
+                x = 2 * j
+                result[c, y, x] = fine[c, y, x] + row[x] + wide(decoded[y // 2, j, place])
+                result[c, y, x + 1] = fine[c, y, x + 1] + row[x + 1] + wide(decoded[y // 2, j, place + 1])

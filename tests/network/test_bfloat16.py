@@ -1,0 +1,128 @@
+"""Fused inference in bfloat16: as near to single precision as its readable twin, for every part of the networks."""
+
+import dataclasses
+
+import pytest
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+
+from gaussian_enhancer.network import bfloat16
+from gaussian_enhancer.network.combine import Combination
+from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.deform import Unrefined
+from gaussian_enhancer.network.depth_modulation import DepthModulated, DepthModulation
+from gaussian_enhancer.network.fuse import Trust, TrustFusion
+from gaussian_enhancer.network.output_head import compose
+from gaussian_enhancer.network.pyramid import shrunk
+from gaussian_enhancer.network.stem import Gather
+from gaussian_enhancer.types import NetworkInput
+
+HEIGHT, WIDTH, CHANNELS = 24, 40, 16
+
+
+def noise(*shape):
+    return torch.rand(shape, generator=torch.Generator().manual_seed(len(shape) + sum(shape)))
+
+
+def example(references=3, renders=True, depth=True):
+    seen = noise(1, references, 1, HEIGHT, WIDTH)
+    far = 1 + noise(1, 1, HEIGHT, WIDTH)
+    far[..., :4, :6] = 0
+    return NetworkInput(
+        noise(1, 3, HEIGHT, WIDTH), noise(1, references, 3, HEIGHT, WIDTH), torch.where(seen < 0.3, 0.0, seen),
+        far if depth else None, noise(1, 1, HEIGHT, WIDTH), torch.full((1,), 1.5),
+        noise(1, references, 3, WIDTH, HEIGHT).transpose(-1, -2) if renders else None,
+    )  # fmt: skip
+
+
+def shaken(module):
+    """The module with parameters of which none is zero."""
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for parameter in module.parameters():
+            parameter.add_(0.1 * torch.randn(parameter.shape, generator=generator))
+    return module.eval().to(memory_format=torch.channels_last)
+
+
+def features(*shape):
+    return (noise(*shape) - 0.5).to(memory_format=torch.channels_last)
+
+
+def part(name):
+    """A call of a part: of the tensors that it takes, as it does within a network."""
+    fusion, modulation = shaken(TrustFusion(CHANNELS)), shaken(DepthModulation(CHANNELS))
+    decoder, combination = shaken(Decoder((16, 24), (1, 1), 6)), shaken(Combination(2, 8, CHANNELS))
+    gather = shaken(Gather(CHANNELS, 1, Unrefined(), Trust(), DepthModulated(), True))
+    views, half = example(), (HEIGHT // 2, WIDTH // 2)
+    x, y = features(1, CHANNELS, *half), features(3, CHANNELS, *half)
+    coarser = [noise(1, 11, *half) - 0.5, noise(1, 11, HEIGHT // 4, WIDTH // 4) - 0.5]
+    decoded, trust = noise(1, 6, HEIGHT, WIDTH) - 0.5, noise(1, 3, 1, *half)
+    seen = noise(1, 3, 1, *half)
+    calls = {
+        "fuse": lambda t: fusion(t(x), t(y).unflatten(0, (1, 3)), seen),
+        "modulate": lambda t: modulation(t(x), views.depth, views.depth_unit),
+        "decode": lambda t: decoder(t(x)),
+        "combine": lambda t: combination(views.render, views.references[:, 0], coarser),
+        "gather": lambda t: gather(views),
+        "gather without renders": lambda t: gather(example(renders=False)),
+        "gather without depth": lambda t: gather(example(depth=False)),
+        "compose": lambda t: compose(t(decoded), views, trust),
+        "compose without renders": lambda t: compose(t(decoded), example(renders=False), trust),
+        "shrink": lambda t: shrunk(views, 2).references,
+    }
+    return calls[name]
+
+
+NAMES = [
+    "fuse", "modulate", "decode", "combine", "gather", "gather without renders", "gather without depth", "compose",
+    "compose without renders", "shrink",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fused_part_is_as_near_to_single_precision_as_its_twin(name) -> None:
+    call = part(name)
+    with torch.inference_mode():
+        exact = flat(call(torch.Tensor.float))
+        with torch.autocast("cpu", torch.bfloat16):
+            fused = flat(call(torch.Tensor.bfloat16))
+            with FlopCounterMode(display=False):  # watches operations, which asks for the twin
+                plain = flat(call(torch.Tensor.bfloat16))
+    scale = exact.square().mean().sqrt()
+    assert (fused - exact).abs().max() < 0.05 * exact.abs().max()
+    assert (fused - exact).square().mean().sqrt() < 1.2 * (plain - exact).square().mean().sqrt() + 1e-6 * scale
+
+
+def flat(found):
+    return torch.cat([one.float().flatten() for one in (found if isinstance(found, tuple) else (found,))])
+
+
+def test_the_fused_ways_are_for_inference_in_bfloat16_alone() -> None:
+    image = torch.rand(1, 3, 4, 4)
+    assert not bfloat16.fusable(image)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert not bfloat16.fusable(image)  # a gradient may be asked for
+        with torch.inference_mode():
+            assert bfloat16.fusable(image)
+            assert not bfloat16.fusable(image.double())
+            assert not bfloat16.fusable(image, image.to("meta"))
+            with FlopCounterMode(display=False):
+                assert not bfloat16.fusable(image)
+
+
+def test_words_keep_bits() -> None:
+    image = torch.randn(2, 8, 3, 5).bfloat16()
+    words = bfloat16.bits(image)
+    assert words.shape == (2, 3, 5, 8)
+    back = torch.from_numpy(words.view("int16")).view(torch.bfloat16).permute(0, 3, 1, 2)
+    assert torch.equal(back, image)
+
+
+def test_missing_references_fuse_nothing() -> None:
+    views = example()
+    none = dataclasses.replace(
+        views, references=views.references[:, :0], visibility=views.visibility[:, :0], reference_renders=None
+    )
+    gather = shaken(Gather(CHANNELS, 1, Unrefined(), Trust(), DepthModulated(), True))
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+        assert gather(none)[1].shape[1] == 0
