@@ -77,14 +77,15 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
 
 
 def _variants(aligned: Aligned) -> list[Aligned]:
-    """All references, fewer of them, and all of a splat that fits them better.
+    """All references, fewer of them, all of a splat that fits them better, and all without the splat's renders of them.
 
-    More steps and Gaussians better a splat's renders of its references, and hardly those of new views.
+    More steps and Gaussians better a splat's renders of its references, and hardly those of new views. Folders of
+    finished renders come without any.
     """
     variants = _with_fewer(aligned)
     if aligned.renders is not None:
         better = torch.lerp(aligned.renders, aligned.references, OVERFIT)
-        variants.append(replace(aligned, renders=better))
+        variants += [replace(aligned, renders=better), replace(aligned, renders=None)]
     return variants
 
 
