@@ -39,7 +39,9 @@ def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
         torch.testing.assert_close(told, left / raw, rtol=1e-4, atol=1e-5)
 
 
-def test_a_view_comes_overfitted_without_renders_and_where_it_has_more_than_two_references_with_fewer_as_well(plane_run):
+def test_a_view_comes_overfitted_without_renders_and_where_it_has_more_than_two_references_with_fewer_as_well(
+    plane_run,
+):
     rendered = read_run(plane_run)
     expected = 5 * len(rendered.targets) * len(run_steps(plane_run))
     assert len(list(judged_views(plane_run, changing()))) == expected
