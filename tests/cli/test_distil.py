@@ -132,7 +132,7 @@ def test_original_3dgs_output_whose_sides_are_both_numbered_from_0(fitted, words
     write_ply(source / "point_cloud/iteration_100/point_cloud.ply", kinds()["3dgs"])
     assert run(configured(*words, f"run={source}", f"output={tmp_path / 'better'}")) > 0
     rendered = read_run(tmp_path / "better")
-    assert [view.name for view in rendered.targets] == ["test_00000.png", "test_00001.png"]
+    assert [view.name for view in rendered.targets] == ["00000.png", "00001.png"]
     assert len(rendered.references) == 6
 
 

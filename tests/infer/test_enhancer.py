@@ -134,7 +134,7 @@ def count_references(network) -> list[int]:
     seen: list[int] = []
     for gather in (module for module in network.modules() if hasattr(module, "encode_reference")):
         assert isinstance(gather.encode_reference, Encoder)
-        gather.encode_reference.register_forward_pre_hook(lambda _, inputs: seen.append(len(inputs[0])))
+        gather.encode_reference.stem.register_forward_pre_hook(lambda _, inputs: seen.append(len(inputs[0])))
     return seen
 
 

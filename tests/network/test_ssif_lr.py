@@ -9,6 +9,7 @@ from test_sif import views
 from gaussian_enhancer.infer.weights import build_design, count_parameters, design_of
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable
+from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.output_head import Residual
 from gaussian_enhancer.network.pyramid import padded, shrunk
 from gaussian_enhancer.network.sif import SIF
@@ -51,7 +52,7 @@ def test_known_features_give_the_same(share):
 
 def test_finest_scale_alone_is_sif():
     """With scales that know nothing of each other, the last one is SIF with the same weights."""
-    network, seen = trained(combine=Uncombined()), views(height=32, width=48)
+    network, seen = trained(combine=Uncombined(), fusion=Trust()), views(height=32, width=48)
     sif = SIF(widths=(16, 16, 24), blocks=(1, 1, 1))
     sif.gather.load_state_dict(network.gather[0].state_dict())
     sif.decode.load_state_dict(network.decode[2].state_dict())

@@ -554,9 +554,11 @@ class Fingerprints(OfFits):
     gates: Place | None
 
 
-class ArtefactSheet(OfFits):
+class ArtefactSheet(Shared):
     """Options of the job ``artefact_sheet``."""
 
+    runs: Places
+    records: RecordsFile | None
     renders: Count
     side: Annotated[int, Field(ge=32)]
     draws: Count

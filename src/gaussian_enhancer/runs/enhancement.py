@@ -54,7 +54,7 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, Val
     """
     pretrained, options = load_weights(cfg.weights), options_of(cfg)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
-    if cfg.recover_geometry:
+    if cfg.get("recover_geometry"):  # an option of the job enhance alone
         folder = Path(cfg.output or cfg.runs) / "geometry"
         task = with_geometry(task, pretrained, options, folder, cfg.runtime.progress)
     return prepared(pretrained, task, options, device)

@@ -35,12 +35,10 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.scene.structure_from_motion import Told, UnposedImage, reconstruct
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
-from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
 from gaussian_enhancer.types import Camera, rigid
 
 SWEPT_PIXELS = 60_000
 """Pixels of an image that depth is searched at; larger images are made smaller first."""
-SWEEP = SweepSettings(neighbours=4, reduction=1)
 ENOUGH = 2
 """Photos that must have a camera: fewer tell no depth."""
 STRAIGHT = 0.5
@@ -258,6 +256,9 @@ def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
 
 def _sweep(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
     """Sweep every view that has a camera, and write its depth; photos come last, which all are compared with."""
+    from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
+
+    settings = SweepSettings(neighbours=4, reduction=1)
     views = [(f"{RENDER}_{i:05d}.npy", v, _render_of(v)) for i, v in enumerate(rendered.targets)]
     views += [(f"{PHOTO}_{i:05d}.npy", v, _photo_of(v)) for i, v in enumerate(rendered.references)]
     names, images, cameras = [], [], []
@@ -272,7 +273,7 @@ def _sweep(rendered: RenderedSet, points: Points | None, folder: Path, progress:
     photos = sum(view.camera is not None for view in rendered.references)
     told = None if progress is None else lambda done, total: progress(DEPTH, done, total)
     known = Points(torch.empty(0, 3), torch.empty(0, 3)) if points is None else points
-    for name, depth in zip(names, sweep_depths(images, cameras, photos, known, SWEEP, progress=told), strict=True):
+    for name, depth in zip(names, sweep_depths(images, cameras, photos, known, settings, progress=told), strict=True):
         save_array(folder / name, depth[0].numpy().astype(np.float32))
 
 

@@ -239,7 +239,7 @@ def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) 
         for k in range(count):
             u = (k + 0.08) * width / count - width / 2
             pane = shapes.quad((far + 0.01, u, high), (0, 0.84 * width / count, 0), (0, 0, low - high))
-            _put(p, at, yaw, pane.placed(yaw=turn).placed((x, 0, 0)), "pane")
+            _put(p, at, yaw, pane.placed(yaw=float(turn)).placed((x, 0, 0)), "pane")
     roof = deck + tall + 0.1
     lamp = [shapes.ellipsoid((0.09, 0.09, 0.07)).placed((x + s, 0.3 * s, roof + 0.1)) for s in (-0.5, 0.5)]
     _put(p, at, yaw, joined(lamp), "glow")
