@@ -15,6 +15,7 @@ from gaussian_enhancer.runs.recovered_geometry import lacks_geometry, recover_ge
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.scene.renders import read_folder
+from gaussian_enhancer.splat.fit import plane_sweep
 from support.textured_corner import corner_camera, corner_view, write_corner
 
 RENDERS, STRANGE = (1, 2, 6), 6
@@ -38,7 +39,7 @@ def unrepeated(monkeypatch) -> None:
         raise AssertionError("done once more")
 
     monkeypatch.setattr(recovered_geometry, "reconstruct", called)
-    monkeypatch.setattr(recovered_geometry, "sweep_depths", called)
+    monkeypatch.setattr(plane_sweep, "sweep_depths", called)
 
 
 def test_depth_is_the_true_one_in_the_cameras_unit(corner, monkeypatch):
