@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
-from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
 from gaussian_enhancer.align.photo_consistency import photo_consistent, rank
 from gaussian_enhancer.align.projection import Interpolation
 from gaussian_enhancer.align.reproject import Warped, fill_depth, reproject
@@ -50,8 +50,7 @@ class Pixels:
         """Gain and offset per channel from the photo to the splat's render of its view; None without a render."""
         if self.render is None:
             return None
-        small = resize(self.image, *self.render.shape[-2:])
-        return fit_colour(small, self.render, torch.ones_like(small[:1]))
+        return fit_exposure(resize(self.image, *self.render.shape[-2:]), self.render)
 
     def on(self, device: torch.device) -> "Pixels":
         """The view with its images on a device; its camera, of which a few numbers are read, stays."""

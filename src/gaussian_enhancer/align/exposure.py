@@ -55,6 +55,19 @@ def fit_colour(
     return torch.cat([gain, offset], dim=1)
 
 
+def fit_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 2"]:
+    """Gain and offset per channel from a photo to the splat's render of the same view, over the whole frame.
+
+    Args:
+        photo: colours in [0, 1].
+        render: of the photo's camera.
+
+    Returns:
+        See `fit_colour`.
+    """
+    return fit_colour(photo, render, torch.ones_like(photo[:1]))
+
+
 def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"]) -> Float[Tensor, "3 h w"]:
     """Apply gain and offset per channel and keep the result in [0, 1].
 

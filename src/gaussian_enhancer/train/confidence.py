@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels
-from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import BANDS, BLOCK, ChangeConfidence, block_features, split_change
@@ -71,7 +71,7 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
                 raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
             target, photo = read_target(view), view.read_photo()
             aligned = enhancer.reference_config.align(target, view, pool)
-            truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
+            truth = apply_colour(photo, fit_exposure(photo, target.image))
             for some in _variants(aligned):
                 yield _judged(enhancer, target, some, truth - target.image)
 

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
-from gaussian_enhancer.align.exposure import apply_colour, fit_colour
+from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import load_array, save_array, unwritable, whole_file
@@ -99,7 +99,7 @@ def prepare_samples(
         workers: threads.
         progress: called after each view.
         held_out: whether the targets are held-out views; False for the set that `training_targets` gives.
-        match_exposure: bring each photo to the exposure of its render (`fit_colour`).
+        match_exposure: bring each photo to the exposure of its render (`fit_exposure`).
 
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
@@ -173,7 +173,7 @@ def _prepare(
         # Rounded to bytes, NaN would be a colour like any other.
         height, width = target.image.shape[-2:]
         return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
-    exposure = fit_colour(photo, target.image, torch.ones_like(photo[:1])) if match_exposure else None
+    exposure = fit_exposure(photo, target.image) if match_exposure else None
     if exposure is not None:
         photo = apply_colour(photo, exposure)
     aligned = reference_config.align(target, view, pool)
