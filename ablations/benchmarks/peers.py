@@ -6,6 +6,7 @@ compared by. Then the whole pipeline, from files to a file, part by part at seve
 line. Records come first, and the page from these alone.
 """
 
+import os
 import statistics
 import subprocess
 import sys
@@ -279,7 +280,9 @@ def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]
 
 
 def _process(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    """Run a command with compiled Python modules kept, as installations do, whatever this process was told."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(command, env=kept, capture_output=True, text=True, check=False)
     if done.returncode:
         said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
         raise InputError(" ".join(command[1:]), f"fails ({said})", "try it by itself")
