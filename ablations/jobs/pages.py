@@ -30,6 +30,13 @@ JOBS = (
     ("tables", "table=[all,mode]", f"scale={SCALE}", "records_only=true"),
     ("peers", "records_only=true"),
     ("convergence", "records=docs/results/convergence.jsonl", "page=docs/results/convergence.md"),
+    (
+        "convergence",
+        "row_table=same_fits",
+        "last=true",
+        "records=docs/results/same_fits.jsonl",
+        "page=docs/results/same_fits.md",
+    ),
     ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
 )
 """The jobs that write pages, with the overrides that make them from their records alone."""
