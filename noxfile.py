@@ -105,7 +105,7 @@ def pairs(session: nox.Session) -> None:
     captures = ("captures_half", "captures_quarter", "captures_validation")
     methods = ("procedural_3dgs", "procedural_2dgs", "procedural_mip_splatting")
     pairs = (*captures, *methods, "procedural_dense", "procedural_more", "procedural_validation")
-    converged = ("training", "procedural", "procedural_sparse", "validation", "long", "test")
+    converged = ("training", "procedural", "procedural_sparse", "validation")
     for name in (*(f"pairs_{one}" for one in pairs), *(f"converged_{one}" for one in converged)):
         session.run("gaussian-enhancer", "fit", f"+sweep=[{name},two_jobs]", *session.posargs)
 
