@@ -293,6 +293,7 @@ class TrainConfidence(Options):
     hidden: Annotated[int, Field(ge=1, le=1024)]
     steps: Annotated[int, Field(ge=2)]
     harm: NonNegative
+    block_harm: NonNegative
     card: dict[str, Any]
     seed: Seed
 

@@ -49,20 +49,21 @@ def run(cfg: DictConfig) -> None:
     judged = [(cfg.weights, Path(fit)) for fit in cfg.fits]
     judged += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
     shown = track(judged, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
-    views = [view for name, folder in shown for view in judged_views(folder, enhancers[name])]
-    if not views:
+    fits = [list(judged_views(folder, enhancers[name])) for name, folder in shown]
+    fits, count = [views for views in fits if views], sum(map(len, fits))
+    if not count:
         raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
-    confidence = train_confidence(views, cfg.hidden, cfg.steps, cfg.harm, cfg.seed)
+    confidence = train_confidence(fits, cfg.hidden, cfg.steps, cfg.harm, cfg.block_harm, cfg.seed)
     learnt = {
         **plain(cfg.card),
         "fits": [folder.name for _, folder in judged],
         "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
-        "views": len(views),
+        "views": count,
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
-        **{name: cfg[name] for name in ("steps", "harm", "seed")},
+        **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
     card = {**before.card, "confidence": learnt}
     save_weights(weights, before.network, before.reference_config, card, confidence)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
-    console.print(f"{weights}: learnt from {len(views)} views", highlight=False, soft_wrap=True)
+    console.print(f"{weights}: learnt from {count} views", highlight=False, soft_wrap=True)

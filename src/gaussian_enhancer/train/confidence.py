@@ -4,12 +4,12 @@ Axes: f features, n blocks, k bands, h height, w width.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels
@@ -22,6 +22,10 @@ from gaussian_enhancer.scene.renders import read_run, run_steps
 
 LEAST = 1e-5
 """Mean squared error below which a render does not count as better."""
+LEAST_OF_BLOCK = 1e-6
+"""The same of a block, in which eight bits of colour leave little to lose."""
+WORST = 3.0
+"""Decibels beyond which the loss of a block does not count more."""
 START = 0.75
 """The share that an untrained confidence gives."""
 OVERFIT = 0.5
@@ -40,15 +44,25 @@ class JudgedView:
         features: what describes each block (`block_features`).
         squared: mean products of the bands of the change in each block, as shares of the view's mean squared error.
         helpful: mean products of each band and of what the whole change should be, likewise.
+        error: mean squared error of the render in each block, likewise.
     """
 
     features: Float[Tensor, "n f"]
     squared: Float[Tensor, "n k k"]
     helpful: Float[Tensor, "n k"]
+    error: Float[Tensor, " n"]
 
     def added(self, shares: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
         """Squared error that shares add to each block, as a share of the view's mean squared error."""
         return torch.einsum("nk,nkl,nl->n", shares, self.squared, shares) - 2 * (shares * self.helpful).sum(1)
+
+    def lost(self, added: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Decibels that blocks lose by squared error that is added to them, from 0 to `WORST`."""
+        return (10 * torch.log10((1 + added / self.error).clamp_min(1))).clamp_max(WORST)
+
+    def drawn(self, chosen: Int[Tensor, " m"]) -> "JudgedView":
+        """Some of the blocks."""
+        return JudgedView(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
@@ -109,11 +123,12 @@ def _judged(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Flo
     enhanced = enhancer.enhance(views, aligned.names)
     change = enhanced[0] - target.image
     error = float(wanted.square().mean().clamp_min(LEAST))
+    of_blocks = _mean_product(wanted, wanted).clamp_min(LEAST_OF_BLOCK)
     features = block_features(enhanced, views)[0].flatten(1).T.contiguous()
     bands = [band[0] for band in split_change(change[None])]
     squared = torch.stack([_mean_product(one, other) for one in bands for other in bands], dim=1)
     helpful = torch.stack([_mean_product(band, wanted) for band in bands], dim=1)
-    return JudgedView(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error)
+    return JudgedView(features, squared.unflatten(1, (BANDS, BANDS)) / error, helpful / error, of_blocks / error)
 
 
 def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, " n"]:
@@ -121,24 +136,32 @@ def _mean_product(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"])
 
 
 def train_confidence(
-    views: Sequence[JudgedView], hidden: int = 96, steps: int = 2000, harm: float = 0.5, seed: int = 0
+    fits: Sequence[Sequence[JudgedView]],
+    hidden: int = 96,
+    steps: int = 2000,
+    harm: float = 0.5,
+    block_harm: float = 0.1,
+    seed: int = 0,
 ) -> ChangeConfidence:
-    """Minimise the squared error that blocks are left with, relative to their view's.
+    """Minimise the squared error that blocks are left with, relative to their view's, and the decibels that they lose.
+
+    Squared error is that of the blocks in which a view is worst. Where the render is nearly right, blocks can lose much
+    of their quality and hardly add to it: decibels tell that.
 
     Args:
-        views: what `judged_views` gives, of all fits.
+        fits: what `judged_views` gives, fit by fit; each fit, and each view of a fit, counts as much as another.
         hidden: width of the layers.
         steps: of the optimiser.
         harm: what error that is added to a block counts beside error that is removed, more than 1 time.
+        block_harm: what a decibel that a block loses (`JudgedView.lost`) counts, as a share of its view's error.
         seed: of initial values and batches.
     """
-    weights = torch.cat([torch.full((len(view.helpful),), 1 / len(view.helpful)) for view in views])
+    parts, views = [], [view for fit in fits for view in fit]
+    for fit in fits:
+        parts += [torch.full((len(view.error),), 1 / (len(view.error) * len(fit))) for view in fit]
+    weights = torch.cat(parts)
     weights = weights / weights.mean()
-    whole = JudgedView(
-        torch.cat([view.features for view in views]),
-        torch.cat([view.squared for view in views]) * weights[:, None, None],
-        torch.cat([view.helpful for view in views]) * weights[:, None],
-    )
+    whole = JudgedView(*(torch.cat([getattr(view, field.name) for view in views]) for field in fields(JudgedView)))
     draw = torch.Generator().manual_seed(seed)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -153,11 +176,12 @@ def train_confidence(
         confidence.train()
         for _ in range(steps):
             chosen = torch.randint(len(weights), (BATCH,), generator=draw)
-            drawn = JudgedView(whole.features[chosen], whole.squared[chosen], whole.helpful[chosen])
+            drawn = whole.drawn(chosen)
             noisy = drawn.features + NOISE * confidence.scale * torch.randn_like(drawn.features)
             shares = confidence.judge(noisy.T[None, :, None])[0, :, 0].T
             added = drawn.added(shares.clamp(-0.2, 1.4))
-            loss = (added + harm * added.clamp_min(0)).mean()
+            cost = added + harm * added.clamp_min(0) + block_harm * drawn.lost(added)
+            loss = (weights[chosen] * cost).mean()
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
