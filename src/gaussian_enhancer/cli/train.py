@@ -3,7 +3,6 @@
 import copy
 import json
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from gaussian_enhancer.infer.weights import (
     reference_config_of,
     require_saveable,
     save_weights,
+    take_values,
 )
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
 from gaussian_enhancer.runs.instantiate import build, plain, require
@@ -121,26 +121,11 @@ def _network(cfg: DictConfig) -> "Network":
         part = getattr(network, name, None) if name else network
         if part is None:
             raise InputError("initial", f"names {name!r}, no part of the network", "name parts of fusion, or weights")
-        begun = load_weights(weights).network
-        asked, found = design_of(part), design_of(begun)
-        if _without_pooling(asked) != _without_pooling(found) or _pools(found) > _pools(asked):
-            odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
-            received = f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained"
-            raise InputError(f"weights {weights}", received, "choose fusion and size as they have")
-        added = set(part.state_dict()) - set(begun.state_dict())  # pooling, which is zero at birth
-        part.load_state_dict({**begun.state_dict(), **{name: part.state_dict()[name] for name in added}})
+        try:
+            take_values(part, load_weights(weights).network)
+        except ValueError as error:
+            raise InputError(f"weights {weights}", str(error), "choose fusion and size as they have") from None
     return network
-
-
-def _pools(design: Mapping[str, Any]) -> bool:
-    """Whether a network of this design pools its references (`TrustFusion`)."""
-    return bool(design.get("fusion", {}).get("pooled", False))
-
-
-def _without_pooling(design: Mapping[str, Any]) -> dict[str, Any]:
-    """The design of a network that does not pool its references."""
-    fusion = {name: value for name, value in design.get("fusion", {}).items() if name != "pooled"}
-    return {**design, "fusion": fusion}
 
 
 def _begun_with(cfg: DictConfig) -> dict[str, str]:

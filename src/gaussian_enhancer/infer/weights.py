@@ -8,7 +8,7 @@ import dataclasses
 import inspect
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -32,7 +32,7 @@ from gaussian_enhancer.network.catalogue import NetworkCatalogue
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
-from gaussian_enhancer.network.fuse import Mean, Pair, Trust
+from gaussian_enhancer.network.fuse import ZERO_AT_BIRTH, Mean, Pair, Trust
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.output_head import Gated, Residual
 
@@ -165,6 +165,36 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
         return _plain(value) if name in STAGES else value
 
     return {name: plain(name, value) for name, value in design.items()}
+
+
+def take_values(network: Network, begun: Network) -> None:
+    """Give a network the values of another one of its design, to train it further.
+
+    Parts that the other one lacks and that change nothing before they are trained (`ZERO_AT_BIRTH`) stay as they are.
+
+    Args:
+        network: is changed.
+        begun: has the values.
+
+    Raises:
+        ValueError: the designs differ otherwise.
+    """
+    asked, found, values = design_of(network), design_of(begun), begun.state_dict()
+    alike = _without(asked, ZERO_AT_BIRTH) == _without(found, ZERO_AT_BIRTH)
+    if not alike or values.keys() - network.state_dict().keys():
+        odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
+        raise ValueError(f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained")
+    network.load_state_dict({**network.state_dict(), **values})
+
+
+def _without(design: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """A design without some options of its stages."""
+    return {
+        stage: {name: value for name, value in choice.items() if name not in names}
+        if isinstance(choice, Mapping)
+        else choice
+        for stage, choice in design.items()
+    }
 
 
 def build_design(design: Mapping[str, Any]) -> Network:

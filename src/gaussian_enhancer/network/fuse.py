@@ -21,6 +21,10 @@ LIMIT = 6.0
 """Of a logit's magnitude, so that no reference outweighs the render completely."""
 
 
+ZERO_AT_BIRTH = ("pooled",)
+"""Options of fusions that add a part which changes nothing before it is trained."""
+
+
 class TrustFusion(nn.Module):
     """Per-pixel softmax weights over render and references; the weighted values are added to the target.
 
