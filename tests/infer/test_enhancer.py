@@ -19,6 +19,7 @@ from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.encode import Encoder
+from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
@@ -212,6 +213,40 @@ def test_a_view_in_which_no_photo_is_visible_passes_through(plane_run, reference
     assert not torch.equal(guess.enhance(blind), blind.render)
     if references:
         assert torch.equal(kept.enhance(seen), guess.enhance(seen))
+
+
+class Constant(Network):
+    """Returns an image whatever it sees."""
+
+    def __init__(self, image: torch.Tensor) -> None:
+        super().__init__()
+        self.image = image
+
+    def stages(self, views):
+        return (self.image[None],)
+
+
+@pytest.mark.parametrize("planned", [False, True])
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_a_view_that_the_splat_was_fitted_to_stays_as_rendered_where_that_is_nearer_to_its_photo(
+    plane_run, planned, noise
+):
+    rendered = read_run(plane_run)
+    own, held_out = rendered.references[0], rendered.targets[0]
+    drawn = (own.read_photo() + noise * torch.randn(own.read_photo().shape)).clamp(0, 1)
+    own = dataclasses.replace(own, read=lambda: drawn)
+    fitted = dataclasses.replace(held_out, name=own.name, camera=own.camera, read=own.read)
+    views = dataclasses.replace(
+        rendered, targets=(fitted, held_out), references=(own, *rendered.references[1:]), own_depth=False
+    )
+    made = (own.read_photo() + 0.1 * torch.randn(drawn.shape)).clamp(0, 1)
+    enhancer = SetEnhancer(Constant(made), ReferenceConfig(), precision="float32", colour_clamping=0, strength=0.9)
+    planner = Planner(Rules(references="auto", small=0), ReferenceConfig(), views) if planned else None
+    first, second = enhancer(views, planner)
+    assert first.unchanged is (noise < 0.1)
+    assert torch.equal(first.image, drawn) is first.unchanged
+    assert own.name not in first.references
+    assert not second.unchanged
 
 
 def test_a_users_wish_for_no_reference_is_not_taken_for_a_lack_of_them():

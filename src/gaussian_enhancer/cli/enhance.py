@@ -94,6 +94,11 @@ def _summarised(written: Sequence[Enhanced], folder: Path, console: Console) -> 
     """Print where the images are and what they cost; return the network's median time in milliseconds."""
     network = statistics.median(one.enhancing for one in written)
     preparing = statistics.median(one.preparing for one in written)
+    kept = sum(one.unchanged for one in written)
+    if kept:
+        why = "no photo shows anything of them, or the splat was fitted to them and is nearer to their photos"
+        told = f"{kept} of {len(written)} views are as they were rendered: {why}"
+        console.print(told, highlight=False, soft_wrap=True)
     times = f"{network:.0f} ms each (median) and {preparing:.0f} ms for its references"
     console.print(f"{folder}: {len(written)} images, {times}", highlight=False, soft_wrap=True)
     return network

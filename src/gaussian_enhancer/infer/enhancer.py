@@ -14,6 +14,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
 from gaussian_enhancer.align.depth_normalisation import depth_unit
+from gaussian_enhancer.align.exposure import apply_colour
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import ChangeConfidence
@@ -28,6 +29,7 @@ from gaussian_enhancer.infer.tiles import enhance_tiled
 from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
 from gaussian_enhancer.network.network import CachesReferences, Network
 from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.typed import check_value
 from gaussian_enhancer.types import NetworkInput, usable
@@ -45,7 +47,8 @@ class Enhanced:
         references: names of the references that were used, best first. Where several regions were enhanced, those of
             the first.
         plan: which parts were enhanced; None where everything was.
-        unchanged: the image is the render as it was given, since no reference shows anything of it.
+        unchanged: the image is the render as it was given: no reference shows anything of it, or the splat was fitted
+            to this view, and the render is nearer to its photo than the enhanced image.
         coverage: how many references show each pixel of the render: their visibilities, summed; 0 where the plan passes
             the render through. None unless `SetEnhancer` keeps it.
     """
@@ -143,6 +146,9 @@ class SetEnhancer:
     ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
+        A target that is one of the references, too, is a view that the splat was fitted to. Photos of other views make
+        it worse where the fit has converged: its own photo tells whether the render stays as it is.
+
         Args:
             rendered: targets and references.
             planner: decides what a view does not need; None enhances every pixel with every reference.
@@ -153,7 +159,14 @@ class SetEnhancer:
             InputError: a view cannot be read, or has no camera or depth where alignment or smoothing needs it.
         """
         before: PreviousChange | None = None
+        pool = planner.pool if planner is not None else Pool(rendered.references) if pool is None else pool
+        fitted: dict[str, int] = {}
+        if self.reference_config.references and self.network.scale == 1:
+            fitted = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
         for one, target in self._each(rendered, planner, pool, features):
+            number = fitted.get(one.name)
+            if number is not None and _nearer(target.image, one.image, pool.read(number)):
+                one = dataclasses.replace(one, image=target.image.clamp(0, 1), unchanged=True)
             if not self.temporal_smoothing or self._unreached(one, target):
                 yield one
                 before = None
@@ -165,16 +178,12 @@ class SetEnhancer:
         self,
         rendered: RenderedSet,
         planner: Planner | None,
-        pool: Pool | None,
+        pool: Pool,
         features: ReferenceFeatures | None,
     ) -> Iterator[tuple[Enhanced, Pixels]]:
         """Enhance each target by itself; yield it with the target's pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-        if planner is not None:
-            pool = planner.pool
-        elif pool is None:
-            pool = Pool(rendered.references)
         kept = None
         if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
             kept = ReferenceFeatures(self.network) if features is None else features
@@ -265,6 +274,15 @@ class SetEnhancer:
             start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
         return enhanced.clamp(0, 1).cpu()
+
+
+def _nearer(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], own: Pixels) -> bool:
+    """Whether a render is nearer than the enhanced image to the photo of its view, in the exposure of the render."""
+    photo = resize(own.image, *render.shape[-2:]).to(render)
+    exposure = own.exposure
+    photo = photo if exposure is None else apply_colour(photo, exposure.to(photo))
+    before, after = (float((image.to(photo) - photo).square().mean()) for image in (render, enhanced))
+    return before < after
 
 
 def choose_precision(precision: str, device: torch.device) -> torch.dtype:
