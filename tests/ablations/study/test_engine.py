@@ -82,6 +82,35 @@ def test_a_study_may_write_reports_of_its_own(tmp_path, capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_whole_records_are_those_of_one_command_and_stay_without_a_part(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    one = dataclasses.replace(toy(("a", "b")), whole=True)
+    assert measured(one, str(path))["row"].tolist() == ["a", "b"]
+    assert measured(dataclasses.replace(one, parts=("c",)), str(path))["row"].tolist() == ["c"]
+    before = path.read_bytes()
+    assert measured(dataclasses.replace(one, parts=()), str(path))["row"].tolist() == ["c"]
+    assert path.read_bytes() == before
+
+    def killed(part):
+        if part == "b":
+            raise KeyboardInterrupt
+        return [{"row": part, "psnr": 9.0}]
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(dataclasses.replace(one, measure=killed), str(path))
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["rows.jsonl"]
+
+
+def test_several_studies_are_measured_before_the_last_one_reports(tmp_path):
+    def report():
+        return float(sum(len((tmp_path / f"{name}.jsonl").read_text().splitlines()) for name in ("one", "two")))
+
+    one, two = (dataclasses.replace(toy(("a", "b")), records=tmp_path / f"{name}.jsonl") for name in ("one", "two"))
+    last = dataclasses.replace(toy(()), report=report)
+    assert job(lambda cfg, device: [one, two, last])(configured(tmp_path)) == 4.0
+
+
 def test_a_file_of_something_else_is_refused_before_anything_is_measured(tmp_path):
     (tmp_path / "other.jsonl").write_text('{"psnr": 1}\n')
 
