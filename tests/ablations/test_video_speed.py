@@ -47,7 +47,9 @@ def test_every_stage_makes_every_frame_and_is_recorded(plane_run, tmp_path, job,
     words = (f"run={run}", f"frames={FRAMES}", "rounds=1", "overrides=['layout=side_by_side']", "runtime.device=cpu")
     job("video_speed", *words, f"records={tmp_path}/found.json")
     found = json.loads((tmp_path / "found.json").read_text())
-    assert json.loads(capsys.readouterr().out) == found
+    head, _, row = capsys.readouterr().out.splitlines()
+    assert [word.strip() for word in head.split("|")[2:6]] == list(STAGES)
+    assert row.startswith(f"| {found['threads']} | {found['milliseconds_a_frame']['render']:.0f} ms |")
     # alone and together, in a warm-up and in a round; enhanced once more to have frames to write and encode
     assert counts == {"enhance": 5 * FRAMES, "write": 4 * FRAMES, "encode": 4 * FRAMES}
     assert (found["run"], found["frames"], found["size"]) == ("plane", FRAMES, "128x48")

@@ -669,6 +669,7 @@ class SplatKernels(Options):
 class ViewerSpeed(Options):
     """Options of the job ``viewer_speed``."""
 
+    row_table: Group
     run: Place
     show: str
     width: Side
@@ -681,6 +682,7 @@ class ViewerSpeed(Options):
 class VideoSpeed(Options):
     """Options of the job ``video_speed``."""
 
+    row_table: Group
     run: Place
     frames: Annotated[int, Field(ge=2)]
     overrides: list[str]
