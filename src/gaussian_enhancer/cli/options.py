@@ -554,11 +554,9 @@ class Fingerprints(OfFits):
     gates: Place | None
 
 
-class ArtefactSheet(Shared):
+class ArtefactSheet(OfFits):
     """Options of the job ``artefact_sheet``."""
 
-    runs: Places
-    records: RecordsFile | None
     renders: Count
     side: Annotated[int, Field(ge=32)]
     draws: Count
