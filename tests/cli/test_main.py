@@ -183,6 +183,7 @@ def test_every_job_has_options_that_its_own_configuration_meets():
                 if name in cfg and not OmegaConf.is_missing(cfg, name) and variable in str(cfg._get_node(name)):
                     cfg[name] = "folder"
             options.check_options(job, cfg)
+            assert options.options_of(job) is not options.Options
             assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
 
 
@@ -210,7 +211,7 @@ def test_the_list_of_jobs_names_each_once(capsys):
 def known(job):
     """Names of a job's options, and those that are checked elsewhere."""
     own = {"defaults", "this_run", "hydra", "title", "about", "scenes", "images", "training", "tradeoff", "numerics"}
-    return own | {"order"} | set(get_type_hints(options.OPTIONS[job]))
+    return own | {"order"} | set(get_type_hints(options.options_of(job)))
 
 
 def test_unknown_job_is_refused(capsys):
