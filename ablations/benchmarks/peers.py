@@ -53,12 +53,12 @@ from ablations.report.performance import (
     performance_plot,
 )
 from ablations.study.engine import Study, job
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.metrics.cost import Timing, timed
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
 """By scale, the weights whose whole enhancement others are held against."""

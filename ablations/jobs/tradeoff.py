@@ -21,13 +21,13 @@ from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import TradeoffStudy, read_studies
+from ablations.tradeoff.summary import summarised
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
-from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.lpips import asked_distances
 from gaussian_enhancer.metrics.records import Record, read_records
-from gaussian_enhancer.metrics.tradeoff import front, summarised
+from gaussian_enhancer.metrics.tradeoff import front
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
@@ -46,7 +46,6 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     Raises:
         InputError: a name is unknown, or a limit is no number.
     """
-    cfg = with_backbones(cfg)
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
     asked = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))

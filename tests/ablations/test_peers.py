@@ -41,6 +41,7 @@ from ablations.report.performance import (
     times_ours,
 )
 from ablations.suite.costs import plane
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -48,7 +49,6 @@ from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import Timing, timed
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 from support import paths
 
 CPU = torch.device("cpu")

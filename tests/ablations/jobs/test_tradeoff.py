@@ -11,6 +11,7 @@ from hydra import compose, initialize_config_dir
 from ablations.jobs import tradeoff
 from ablations.report import tradeoff_quality
 from ablations.tradeoff.settings import Setting, read_studies
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -18,7 +19,6 @@ from gaussian_enhancer.infer.presets import read_presets
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records, write_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.renders import read_run
 from support import paths
