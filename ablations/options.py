@@ -33,6 +33,20 @@ RecordsFile = Annotated[Place, AfterValidator(_records)]
 PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
 
 
+class Measurement(Options):
+    """Options of measurements that print a table of rows."""
+
+    row_table: Group
+    records: RecordsFile | None
+
+
+class Distances(Shared):
+    """Options of what measures LPIPS as well."""
+
+    lpips: list[str]
+    backbones: Place | None
+
+
 class OfFits(Shared):
     """Options of measurements of finished fits."""
 
@@ -41,15 +55,19 @@ class OfFits(Shared):
     records: RecordsFile | None
 
 
-class FromRecords(Shared):
+class OfViews(OfFits, Distances):
+    """Options of measurements of every n-th held-out view of finished fits."""
+
+    every: Count
+
+
+class FromRecords(Distances):
     """Options of measurements of runs that make a page from their records."""
 
     row_table: Group
     runs: Places
     records: RecordsFile
     page: Place | None
-    lpips: list[str]
-    backbones: Place | None
 
 
 class Dashboard(Options):
@@ -61,7 +79,7 @@ class Dashboard(Options):
     images_per_scene: Size
 
 
-class PlanStudy(Options):
+class PlanStudy(Options, Distances):
     """Options of the job ``plan_study``."""
 
     worlds: Group
@@ -69,8 +87,6 @@ class PlanStudy(Options):
     repeats: Count
     fit_missing: bool
     records_only: bool
-    lpips: list[str]
-    backbones: Place | None
     baseline: str
     shown: str
     faster: Positive
@@ -80,7 +96,7 @@ class PlanStudy(Options):
     markdown: Place
 
 
-class Quality(Options):
+class Quality(Options, Distances):
     """Options of the job ``quality``."""
 
     scenes: list[str] | None
@@ -88,8 +104,6 @@ class Quality(Options):
     fit: list[str]
     fit_missing: bool
     records_only: bool
-    lpips: list[str]
-    backbones: Place | None
     groups: Group
     tables: Group
     markdown: Place
@@ -145,15 +159,13 @@ class Tables(Options):
     backbones: Place | None
 
 
-class Tradeoff(Options):
+class Tradeoff(Options, Distances):
     """Options of the job ``tradeoff``."""
 
     kind: Literal["quality", "training", "numerics", "all"]
     records_only: bool
     fit_missing: bool
     train_missing: bool
-    lpips: list[str]
-    backbones: Place | None
     minutes: Positive
     studies: list[str] | None
     settings: Place | None
@@ -161,13 +173,10 @@ class Tradeoff(Options):
     results: Place
 
 
-class Candidates(OfFits):
+class Candidates(OfViews):
     """Options of the job ``candidates``."""
 
     weights: Places
-    every: Count
-    lpips: list[str]
-    backbones: Place | None
 
 
 class Guards(Candidates):
@@ -176,14 +185,11 @@ class Guards(Candidates):
     guard: Literal["photo_consistency", "colour_clamping", "strength"]
 
 
-class Renders(OfFits):
+class Renders(OfViews):
     """Options of the job ``renders``."""
 
     rows: list[str]
     folder: Place
-    every: Count
-    lpips: list[str]
-    backbones: Place | None
 
 
 class IBGS(Options):
@@ -211,14 +217,11 @@ class DistilStudy(FromRecords):
     weights: Place
 
 
-class DepthStudy(OfFits):
+class DepthStudy(OfViews):
     """Options of the job ``depth``."""
 
     weights: Place
-    every: Count
     strength: Share
-    lpips: list[str]
-    backbones: Place | None
 
 
 class Flicker(OfFits):
@@ -239,10 +242,9 @@ class AlreadyGood(OfFits):
     views: Count
 
 
-class Realism(Options):
+class Realism(Measurement):
     """Options of the job ``realism``."""
 
-    row_table: Group
     train: Places
     test: Places
     rows: list[str]
@@ -253,7 +255,6 @@ class Realism(Options):
     renders: Count
     patches: Count
     patch_size: Count
-    records: RecordsFile | None
 
 
 class Diversity(OfFits):
@@ -312,17 +313,15 @@ class FlowFigure(Options):
     """Options of the job ``flow_figure``."""
 
 
-class Networks(Options):
+class Networks(Measurement):
     """Options of the job ``networks``."""
 
-    row_table: Group
     paper: bool
     references: Size
     times: bool
     height: Count
     width: Count
     rounds: Count
-    records: RecordsFile | None
 
 
 class Peers(Options):
@@ -349,60 +348,50 @@ class Peers(Options):
     page: Place
 
 
-class Degradation(Options):
+class Degradation(Measurement):
     """Options of the job ``degradation``."""
 
-    row_table: Group
     methods: list[str] | None
     overrides: list[str]
     rounds: Annotated[int, Field(ge=2)]
-    records: RecordsFile | None
 
 
-class Similarity(Options):
+class Similarity(Measurement):
     """Options of the job ``similarity``."""
 
-    row_table: Group
     height: Count
     width: Count
     rounds: Count
-    records: RecordsFile | None
 
 
-class SplatKernels(Options):
+class SplatKernels(Measurement):
     """Options of the job ``splat_kernels``."""
 
-    row_table: Group
     sizes: list[PixelSize]
     counts: list[Count]
     methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
     rounds: Count
     cold: bool
-    records: RecordsFile | None
 
 
-class ViewerSpeed(Options):
+class ViewerSpeed(Measurement):
     """Options of the job ``viewer_speed``."""
 
-    row_table: Group
     run: Place
     show: str
     width: Side
     seconds: Positive
     overrides: list[str]
     picture: Place | None
-    records: RecordsFile | None
 
 
-class VideoSpeed(Options):
+class VideoSpeed(Measurement):
     """Options of the job ``video_speed``."""
 
-    row_table: Group
     run: Place
     frames: Annotated[int, Field(ge=2)]
     overrides: list[str]
     rounds: Count
-    records: RecordsFile | None
 
 
 OPTIONS: Mapping[str, type[Shared]] = {
