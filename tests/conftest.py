@@ -7,7 +7,8 @@ import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
-from support.synthetic_runs import write_plane_run
+from gaussian_enhancer.splat.io.ply import write_ply
+from support.synthetic_runs import coloured_sheet, write_plane_run
 
 CHROMIUM, DRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
 FLAGS = (
@@ -48,6 +49,15 @@ def plane_run(tmp_path_factory) -> Path:
 def other_plane_run(tmp_path_factory) -> Path:
     """Another one, to validate on."""
     return write_plane_run(tmp_path_factory.mktemp("runs") / "plane-1", seed=1)
+
+
+@pytest.fixture(scope="session")
+def sheet_run(plane_run, tmp_path_factory) -> Path:
+    """The plane's run with a splat, a sheet of 24x24 Gaussians; not to be written into."""
+    folder = tmp_path_factory.mktemp("fitted") / "plane"
+    shutil.copytree(plane_run, folder)
+    write_ply(folder / "splat.ply", coloured_sheet(24))
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,7 @@ from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians
-from support import paths
+from support.job_config import QUIET, job_config
 
 NAMES = (
     "Camera",
@@ -40,10 +40,7 @@ NAMES = (
 
 
 def configured(*overrides: str):
-    from hydra import compose, initialize_config_dir
-
-    with initialize_config_dir(paths.CONF, version_base="1.3"):
-        return compose("enhance", [*overrides, "runtime.progress=false", "runtime.threads=1", "runtime.device=cpu"])
+    return job_config("enhance", *overrides, *QUIET)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import load_array, save_array, whole_file, write_json_lines
+from gaussian_enhancer.files import load_array, save_array, whole_file
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -111,8 +111,3 @@ def test_several_arrays_are_refused_where_one_is_expected(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="holds several arrays"):
         load_array(tmp_path / "a.npz")
     assert load_array(tmp_path / "a.npz", lambda names: names[1]).tolist() == [1, 1]
-
-
-def test_rows_are_lines_of_json(tmp_path):
-    write_json_lines(tmp_path / "deep" / "rows.jsonl", [{"a": 1}, ["b", None]])
-    assert (tmp_path / "deep" / "rows.jsonl").read_text() == '{"a": 1}\n["b", null]\n'

@@ -7,6 +7,7 @@ compiled or kept by libraries on first use does not count.
 import gc
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ def network_peak(cfg: DictConfig, name: str, dtype: str) -> float:
         name: of the network.
         dtype: in which it computes.
     """
-    return _alone(_network_peak, plain(cfg), name, dtype)
+    return _alone(cfg, partial(_forward, name, dtype), (SMALL, SMALL), (cfg.height, cfg.width))
 
 
 def enhancement_peak(cfg: DictConfig, name: str, dtype: str, folder: Path, small: Path) -> float:
@@ -49,36 +50,29 @@ def enhancement_peak(cfg: DictConfig, name: str, dtype: str, folder: Path, small
         folder: of the views (`write_views`).
         small: of views for the first, uncounted call.
     """
-    return _alone(_enhancement_peak, plain(cfg), name, dtype, folder, small)
+    return _alone(cfg, partial(_enhance, name, dtype), small, folder)
 
 
-def _alone(measure: Callable[..., float], *arguments: Any) -> float:
+def _forward(name: str, dtype: str, cfg: DictConfig, device: torch.device, size: tuple[int, int]) -> None:
+    forward(built(cfg, name, device), dtype, *size, cfg.references)()
+
+
+def _enhance(name: str, dtype: str, cfg: DictConfig, device: torch.device, views: Path) -> None:
+    enhancement(built(cfg, name, device), dtype, read_views(views), device)()
+
+
+def _alone(cfg: DictConfig, call: Callable[..., None], small: Any, whole: Any) -> float:
+    """Megabytes of a call on the whole input, in a process of its own, after a call on the small one."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(measure, *arguments).result()
+        return pool.submit(_measured, plain(cfg), call, small, whole).result()
 
 
-def _network_peak(values: dict[str, Any], name: str, dtype: str) -> float:
+def _measured(values: dict[str, Any], call: Callable[..., None], small: Any, whole: Any) -> float:
     cfg = OmegaConf.create(values)
     device = start(cfg.runtime)
-
-    def call(height: int, width: int) -> None:
-        forward(built(cfg, name, device), dtype, height, width, cfg.references)()
-
     with initialize_config_dir(str(configurations()), version_base="1.3"):
-        call(SMALL, SMALL)
-        return _above(lambda: call(cfg.height, cfg.width), device)
-
-
-def _enhancement_peak(values: dict[str, Any], name: str, dtype: str, folder: Path, small: Path) -> float:
-    cfg = OmegaConf.create(values)
-    device = start(cfg.runtime)
-
-    def call(views: Path) -> None:
-        enhancement(built(cfg, name, device), dtype, read_views(views), device)()
-
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
-        call(small)
-        return _above(lambda: call(folder), device)
+        call(cfg, device, small)
+        return _above(lambda: call(cfg, device, whole), device)
 
 
 def _above(call: Callable[[], None], device: torch.device) -> float:

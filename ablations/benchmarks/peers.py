@@ -52,14 +52,13 @@ from ablations.report.performance import (
     performance_page,
     performance_plot,
 )
+from ablations.study.engine import Study, job
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.metrics.cost import Timing, timed
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
 """By scale, the weights whose whole enhancement others are held against."""
@@ -92,21 +91,27 @@ class Way:
         return f"{self.peer.name}/{self.dtype}/{ENHANCEMENT if self.whole else NETWORK}"
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, and write records, the page and its diagram; or write the page again.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """Networks, pipeline and command line, in one process; the page and its diagram."""
+    console = Console(stderr=True)
 
-    Args:
-        cfg: conf/peers.yaml, composed.
+    def measure(_: str) -> Iterator[Record]:
+        with TemporaryDirectory() as folder:
+            yield from measured(cfg, device, Path(folder), console)
+
+    parts = () if cfg.records_only else ("all",)
+    return Study(parts, measure, ("kind", "scene", "variant"), whole=True, report=lambda: reported(cfg, console))
+
+
+run = job(study)
+
+
+def reported(cfg: DictConfig, console: Console) -> None:
+    """Write the page and its diagram.
 
     Raises:
-        InputError: a network is unknown or cannot be built, or a file cannot be read or written.
+        InputError: a file cannot be read or written.
     """
-    require(cfg)
-    console, records = Console(stderr=True), Path(cfg.records)
-    if not cfg.records_only:
-        device = start(cfg.runtime)
-        with TemporaryDirectory() as folder:
-            write_records(records, list(measured(cfg, device, Path(folder), console)))
     page, drawing = Path(cfg.page), Path(cfg.records).with_suffix(".svg")
     found = {name: read_records(file) if (file := Path(cfg[name])).is_file() else () for name in Sources.FILES}
     sources = Sources(**found)

@@ -6,10 +6,9 @@ Stages use the same cores: "share" says what is left of that speed. Every round 
 weights and the splat are read before, and are not counted.
 """
 
-import json
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,14 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
+from ablations.study.engine import Study, job
 from gaussian_enhancer.align.references import Pool
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.metrics.cost import Timing, timed
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
 from gaussian_enhancer.runs.compose import compose_job
-from gaussian_enhancer.runs.instantiate import build, require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.video import Filmed, VideoOutput, film, read_output
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
@@ -117,37 +114,28 @@ def summary(times: dict[str, Timing], frames: int) -> dict[str, Any]:
     }
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print and record.
-
-    Args:
-        cfg: conf/video_speed.yaml, composed.
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """The film of a run's path.
 
     Raises:
-        InputError: the run or an option of the job ``video`` cannot be used, or the record cannot be written.
+        InputError: the run or an option of the job ``video`` cannot be used.
     """
-    require(cfg)
     load = os.getloadavg()[0]
-    device = start(cfg.runtime)
-    job = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
-    filmed = film(job, device)
-    output = read_output(job, filmed.path.fps)
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(filmed, build(job.plan), output, Path(folder))
-        times = measured(bench, cfg.rounds)
-        height, width = output.layout.size(*bench.fresh().size)
-    about = {
-        "run": Path(cfg.run).name,
-        "options": list(cfg.overrides),
-        "frames": len(filmed.path.cameras),
-        "size": f"{width}x{height}",
-        "rounds": cfg.rounds,
-        "threads": torch.get_num_threads(),
-        "load_before": round(load, 2),
-        "machine": this_machine(),
-        "commit": this_commit(),
-    }
-    record = {**summary(times, len(filmed.path.cameras)), **about}
-    print(json.dumps(record, indent=2))
-    if cfg.records:
-        write_text(cfg.records, json.dumps(record) + "\n")
+    composed = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
+    filmed = film(composed, device)
+    output = read_output(composed, filmed.path.fps)
+    frames = len(filmed.path.cameras)
+
+    def measure(run: str) -> Iterator[dict[str, object]]:
+        with tempfile.TemporaryDirectory() as folder:
+            bench = Bench(filmed, build(composed.plan), output, Path(folder))
+            times = measured(bench, cfg.rounds)
+            height, width = output.layout.size(*bench.fresh().size)
+        about = {"run": run, "options": " ".join(cfg.overrides), "frames": frames, "size": f"{width}x{height}"}
+        how = {"rounds": cfg.rounds, "threads": torch.get_num_threads(), "load_before": round(load, 2)}
+        yield {**about, **summary(times, frames), **how}
+
+    return Study((Path(cfg.run).name,), measure, ("run", "options", "frames", "size", "threads"), option="run")
+
+
+run = job(study)

@@ -7,7 +7,6 @@ which says what the rate hides when others use the machine. ``picture=FILE`` mak
 """
 
 import io
-import json
 import os
 import re
 import statistics
@@ -21,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+import torch
 from omegaconf import DictConfig
 from PIL import Image
 
+from ablations.study.engine import Study, job
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.files import whole_file, write_text
-from gaussian_enhancer.metrics.provenance import this_commit, this_machine
-from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.files import whole_file
 
 CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader")
@@ -193,39 +192,35 @@ def pictured(driver: Any, path: str) -> None:
         picture.save(temporary, format="JPEG", quality=85, optimize=True)
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, print and record; or make a picture of the page.
-
-    Args:
-        cfg: conf/viewer_speed.yaml, composed.
-
-    Raises:
-        InputError: there is no browser, the job ``view`` does not start, or a file cannot be written.
-    """
-    require(cfg)
-    refuse_without_browser()
-    words, load = words_of(cfg), os.getloadavg()[0]
-    own = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
-    with viewing([*own, *words]) as (address, job), browsing(address) as driver:
-        if cfg.picture:
-            pictured(driver, cfg.picture)
-            return
-        found = dragged(driver, job, float(cfg.seconds))
-    about = {
-        "run": Path(cfg.run).name,
-        "show": cfg.show,
-        "options": words,
-        "cores": len(os.sched_getaffinity(0)),
-        "load_before": round(load, 2),
-        "machine": this_machine(),
-        "commit": this_commit(),
-    }
-    text = json.dumps({**found, **about}, indent=2)
-    print(text)
-    if cfg.records:
-        write_text(cfg.records, text + "\n")
-
-
 def quoted(text: str) -> str:
     """A value of an override, which may hold characters that Hydra gives a meaning."""
     return "'" + text.replace("'", "\\'") + "'"
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """The page of a run while its camera is dragged; or a picture of it, and nothing is measured.
+
+    Raises:
+        InputError: there is no browser.
+    """
+    refuse_without_browser()
+    words, load = words_of(cfg), os.getloadavg()[0]
+    own = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
+
+    def draw() -> None:
+        with viewing([*own, *words]) as (address, _), browsing(address) as driver:
+            pictured(driver, cfg.picture)
+
+    def measure(run: str) -> Iterator[dict[str, object]]:
+        about = {"run": run, "show": cfg.show, "width": cfg.width, "options": " ".join(words)}
+        with viewing([*own, *words]) as (address, job), browsing(address) as driver:
+            found = dragged(driver, job, float(cfg.seconds))
+        yield {**about, **found, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
+
+    keys = ("run", "show", "width", "options")
+    if cfg.picture:
+        return Study((), measure, keys, option="run", report=draw)
+    return Study((Path(cfg.run).name,), measure, keys, option="run")
+
+
+run = job(study)

@@ -24,7 +24,6 @@ from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
@@ -64,7 +63,6 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     Raises:
         InputError: the configuration names an unknown plan, or there is no fit.
     """
-    cfg = with_backbones(cfg)
     for name in (cfg.baseline, cfg.shown):
         if name not in cfg.worlds.plans:
             raise InputError("worlds.plans", f"names no {name!r}", "give the plans that are compared")

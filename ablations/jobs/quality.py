@@ -8,46 +8,62 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.quality import QualityTable, quality_page
 from ablations.study.aims import Aims
 from ablations.study.description import Method, SceneGroup, TableDescription
+from ablations.study.engine import Study, job
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
-from gaussian_enhancer.runs.instantiate import require
+from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 
+CONSOLE = Console(stderr=True)
 ROLES = ("other", "ours")
 
 
-def run(cfg: DictConfig) -> float | None:
-    """Run the study, or write its page again.
+def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyCell]]:
+    """Every method in every cell of every table.
 
-    Args:
-        cfg: see ``conf/quality.yaml``.
+    Raises:
+        InputError: the configuration names no cell, or an unknown scene or role.
+    """
+    cells = {str(name): tuple(study_cells(cfg, table)) for name, table in cfg.tables.items()}
+    _refuse_unknown(cfg)
+    parts = [
+        (name, f"{name} {number} of {len(own)}: {cell.scene}, {cell.splat}", cell)
+        for name, own in cells.items()
+        for number, cell in enumerate(own, 1)
+    ]
+    return Study(
+        () if cfg.records_only else parts,
+        lambda part: _measured(cfg, *part),
+        ("variant", "scene", "splat"),
+        whole=True,
+        report=lambda: _reported(cfg),
+    )
+
+
+run = job(study)
+
+
+def _reported(cfg: DictConfig) -> float | None:
+    """Write the page.
 
     Returns:
         Mean gain in colour-aligned PSNR of the last method of ours in the first table over all cells, dB; None where
         it is missing.
-
-    Raises:
-        InputError: the configuration names no cell, or an unknown scene or role, or a file cannot be read or written.
     """
-    require(cfg)
-    console = Console(stderr=True)
-    cells = {name: tuple(study_cells(cfg, table)) for name, table in cfg.tables.items()}
-    _refuse_unknown(cfg)
     source, page = Path(cfg.records), Path(cfg.markdown)
-    if not cfg.records_only:
-        write_records(source, [record for name in cells for record in _measured(cfg, str(name), cells[name], console)])
-    tables = [_table(cfg, str(name), read_records(source)) for name in cells]
+    records = read_records(source)
+    tables = [_table(cfg, str(name), records) for name in cfg.tables]
     link = Path(os.path.relpath(source, page.parent)).as_posix()
     write_text(page, quality_page(cfg.title, cfg.about, tables, link))
-    console.print(f"{page}, {source}", highlight=False, soft_wrap=True)
+    CONSOLE.print(f"{page}, {source}", highlight=False, soft_wrap=True)
     first = tables[0].results
     gains = first.sample(first.pairs, tuple(first.study.methods)[-1], "psnr_aligned", first.study.baseline)
     return gains.mean() if gains.values else None
@@ -71,22 +87,20 @@ def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
                         yield StudyCell(str(scene), f"{splat}/{density}", fit, every, bool(table.get("finer")))
 
 
-def _measured(cfg: DictConfig, name: str, cells: Sequence[StudyCell], console: Console) -> Iterator[Record]:
-    """Records of a table, every method of every cell; a method that cannot be made leaves a record with the reason."""
-    methods = cfg.tables[name].methods
-    for number, cell in enumerate(cells, 1):
-        console.rule(f"{name} {number} of {len(cells)}: {cell.scene}, {cell.splat}", align="left")
-        views: dict[str, tuple[str, ...]] = {}
-        for method, choice in methods.items():
-            try:
-                found = measured_row(cfg, cell, str(method), choice)
-            except InputError as error:
-                console.print(f"{method} is missing: {error}", highlight=False, soft_wrap=True)
-                found = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
-            else:
-                views[str(method)] = tuple(sorted(record.view for record in found))
-            yield from (replace(record, variant=f"{name}/{method}") for record in found)
-        check_same_views(f"{cell.scene}, {cell.splat}", views)
+def _measured(cfg: DictConfig, name: str, title: str, cell: StudyCell) -> Iterator[Record]:
+    """Records of every method in a cell of a table; a method that cannot be made leaves one with the reason."""
+    CONSOLE.rule(title, align="left")
+    views: dict[str, tuple[str, ...]] = {}
+    for method, choice in cfg.tables[name].methods.items():
+        try:
+            found = measured_row(cfg, cell, str(method), choice)
+        except InputError as error:
+            CONSOLE.print(f"{method} is missing: {error}", highlight=False, soft_wrap=True)
+            found = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
+        else:
+            views[str(method)] = tuple(sorted(record.view for record in found))
+        yield from (replace(record, variant=f"{name}/{method}") for record in found)
+    check_same_views(f"{cell.scene}, {cell.splat}", views)
 
 
 def _table(cfg: DictConfig, name: str, records: Sequence[Record]) -> QualityTable:

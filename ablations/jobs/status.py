@@ -6,9 +6,9 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from ablations.suite.descriptions import asked_names, experiment
+from ablations.suite.method_runs import with_backbones
 from ablations.suite.plan import planned
 from gaussian_enhancer.errors import refuse_unknown
-from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.status import NAMES, State, state_of
 

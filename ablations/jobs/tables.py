@@ -19,11 +19,10 @@ from ablations.suite.cluster import made_ahead
 from ablations.suite.costs import cost_records
 from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
 from ablations.suite.evaluation import StudyCell, check_same_views
-from ablations.suite.method_runs import Runs
+from ablations.suite.method_runs import Runs, with_backbones
 from ablations.suite.plan import planned, told
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.scene.photos import read_photo

@@ -6,28 +6,30 @@ Records come first, and diagrams and the page from these alone. What was found o
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
 from ablations.report.tradeoff import write_pages
 from ablations.report.tradeoff_quality import TradeoffLimits
+from ablations.study.engine import Study, job
 from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import TradeoffStudy, read_studies
+from ablations.tradeoff.summary import summarised
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
-from gaussian_enhancer.metrics.backbones import with_backbones
 from gaussian_enhancer.metrics.lpips import asked_distances
-from gaussian_enhancer.metrics.records import Record, read_records, write_records
-from gaussian_enhancer.metrics.tradeoff import front, summarised
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.metrics.records import Record, read_records
+from gaussian_enhancer.metrics.tradeoff import front
 
+CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
 OFFERING, CHOOSING = "lr", "validation/"
 """The study that `enhance budget_ms=` chooses from, and the scenes that choices may be made on."""
@@ -38,55 +40,68 @@ def written(cfg: DictConfig) -> Path:
     return Path(cfg.results)
 
 
-def run(cfg: DictConfig) -> None:
-    """Measure, and write records, diagrams and the page.
-
-    Args:
-        cfg: conf/tradeoff.yaml, composed.
+def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
+    """One study a kind, whose settings or kernels take turns in one process, and the report on all that is measured.
 
     Raises:
-        InputError: a name is unknown, a limit is no number, or a file cannot be read or written.
+        InputError: a name is unknown, or a limit is no number.
     """
-    cfg = with_backbones(cfg)
-    require(cfg)
     if cfg.kind not in (*KINDS, "all"):
         raise InputError("kind", f"is {cfg.kind!r}", f"choose {', '.join(KINDS)} or all")
     asked = TradeoffLimits(decibels(cfg.tradeoff.within), milliseconds(cfg.tradeoff.budget_ms))
-    studies, console, folder = read_studies(cfg), Console(stderr=True), Path(cfg.results)
-    for kind in KINDS if cfg.kind == "all" else (cfg.kind,):
-        if not cfg.records_only:
-            console.rule(kind, align="left")
-            write_records(folder / f"{kind}.jsonl", list(measured(cfg, kind, studies, console)))
-    records = {kind: read_records(file) for kind in KINDS if (file := folder / f"{kind}.jsonl").is_file()}
-    titles = {study.name: study.title for study in studies}
-    for path in write_pages(Path(cfg.markdown), folder, records, titles, asked):
-        console.print(str(path), highlight=False, soft_wrap=True)
-    if cfg.settings:
-        write_presets(Path(cfg.settings), offered(studies, records.get("quality", ())))
-        console.print(str(cfg.settings), highlight=False, soft_wrap=True)
+    compared = read_studies(cfg)
+    measure = partial(measured, cfg, compared, device)
+    kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
+    made = [Study((kind,), measure, records=written(cfg) / f"{kind}.jsonl", whole=True) for kind in kinds]
+    return [*made, Study((), measure, report=lambda: reported(cfg, compared, asked))]
 
 
-def measured(cfg: DictConfig, kind: str, studies: tuple[TradeoffStudy, ...], console: Console) -> Iterator[Record]:
+run = job(studies)
+
+
+def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.device, kind: str) -> Iterator[Record]:
     """The records of a kind, measured now.
 
     Args:
         cfg: conf/tradeoff.yaml, composed.
+        compared: studies of the kind quality.
+        device: where networks and kernels run.
         kind: one of `KINDS`.
-        studies: of the kind quality.
-        console: is told what is measured.
     """
-    device = start(cfg.runtime)
+    CONSOLE.rule(kind, align="left")
     if kind == "training":
         yield from training_records(Path(cfg.runs), cfg.training.pattern, cfg.training.least_steps)
     elif kind == "numerics":
         limits = int(cfg.numerics.repeats), cfg.numerics.cases
-        yield from numeric_records(*limits, device, console, float(cfg.numerics.seconds))
+        yield from numeric_records(*limits, device, CONSOLE, float(cfg.numerics.seconds))
     else:
         distances = asked_distances(cfg.lpips, cfg.backbones, device)
         with TemporaryDirectory() as folder:
             ready = SettingLoader(cfg, device, Path(folder))
-            for study in studies:
-                yield from study_records(cfg, study, ready, distances, console)
+            for study in compared:
+                yield from study_records(cfg, study, ready, distances, CONSOLE)
+
+
+def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: TradeoffLimits) -> None:
+    """Write diagrams, the page, and the presets where they are asked for.
+
+    Args:
+        cfg: conf/tradeoff.yaml, composed.
+        compared: studies of the kind quality.
+        asked: what the page chooses for.
+
+    Raises:
+        InputError: a file cannot be read or written.
+    """
+    folder = written(cfg)
+    records = {kind: read_records(file) for kind in KINDS if (file := folder / f"{kind}.jsonl").is_file()}
+    titles = {study.name: study.title for study in compared}
+    paths = list(write_pages(Path(cfg.markdown), folder, records, titles, asked))
+    if cfg.settings:
+        paths.append(Path(cfg.settings))
+        write_presets(paths[-1], offered(compared, records.get("quality", ())))
+    for path in paths:
+        CONSOLE.print(str(path), highlight=False, soft_wrap=True)
 
 
 def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:

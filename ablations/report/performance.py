@@ -9,9 +9,9 @@ from typing import ClassVar
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.study.sections import source_list
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.metrics.comparison import compare, paired
 from gaussian_enhancer.metrics.records import MISSING, Record
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 
 YARDSTICK, NETWORK, ENHANCEMENT, PIPELINE, COLD, TRIED = (
     "yardstick", "network", "enhancement", "pipeline", "cold", "tried",

@@ -1,10 +1,11 @@
 """README's figures, made from the records of the quality page."""
 
-import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
+
+from ablations.study.rows import frame_of, with_gains
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 
@@ -20,49 +21,30 @@ SCENES = {
     "object": "object (in-distribution)",
 }
 HEAD = "| scene | PSNR, raw → enhanced | gain in colour-aligned PSNR | LPIPS (alex) |\n|---|---|---|---|\n"
+LINE = "{:.2f} → {:.2f} dB | {:+.2f} dB | {:+.4f}"
 
 
-@dataclass(frozen=True)
-class FrameGain:
-    """One view before and after.
-
-    Args:
-        raw: metrics of the render.
-        enhanced: metrics of the enhanced view.
-    """
-
-    raw: Mapping[str, float]
-    enhanced: Mapping[str, float]
-
-    def gain(self, metric: str) -> float:
-        """Enhanced minus raw."""
-        return self.enhanced[metric] - self.raw[metric]
-
-
-def frames(records: Sequence[Record]) -> dict[str, dict[str, list[FrameGain]]]:
-    """Views by scene and fitted run.
+def views(records: Sequence[Record]) -> pd.DataFrame:
+    """Enhanced views with their gains over the raw render.
 
     Raises:
         InputError: a view was enhanced but not measured raw.
     """
-    measured = {(one.run, one.view, one.variant): one for one in records}
-    found: dict[str, dict[str, list[FrameGain]]] = {}
-    for (run, view, variant), after in measured.items():
-        if variant == ENHANCED:
-            before = measured.get((run, view, RAW))
-            if before is None:
-                raise InputError(f"{run}, {view}", "has no raw render in the records", "measure it again")
-            pair = FrameGain(_known(before), _known(after))
-            found.setdefault(after.scene, {}).setdefault(run, []).append(pair)
-    return found
+    frame = frame_of(one for one in records if one.variant in (RAW, ENHANCED))
+    found = with_gains(frame, {"variant": RAW}, ("run", "view"))
+    found = found[found["variant"] == ENHANCED]
+    for _, one in found[found["gain psnr"].isna()].iterrows():
+        raise InputError(f"{one['run']}, {one['view']}", "has no raw render in the records", "measure it again")
+    return found.assign(raw=found["psnr"] - found["gain psnr"])
 
 
 def text(records: Sequence[Record]) -> str:
     """README's table, means over fits of the means over their views, and its sentence on single frames."""
-    scenes = frames(records)
-    lines = "".join(_line(title, list(scenes[scene].values())) for scene, title in SCENES.items())
-    every = [frame for runs in scenes.values() for run in runs.values() for frame in run]
-    return f"{HEAD}{lines}\n{_worst(every)}\n"
+    found = views(records)
+    fits = found.groupby(["scene", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
+    means = fits.groupby("scene").mean()
+    lines = [f"| {title} | {LINE.format(*means.loc[scene])} |\n" for scene, title in SCENES.items()]
+    return f"{HEAD}{''.join(lines)}\n{_worst(found)}\n"
 
 
 def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
@@ -84,28 +66,15 @@ def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "READM
     return f"{before}{begin}\n{made}{END}{after}"
 
 
-def _known(record: Record) -> dict[str, float]:
-    return {name: value for name, value in record.metrics.items() if value is not None}
-
-
-def _line(title: str, runs: Sequence[Sequence[FrameGain]]) -> str:
-    def mean(values: Sequence[Sequence[float]]) -> float:
-        return statistics.fmean(statistics.fmean(run) for run in values)
-
-    raw, enhanced = (mean([[getattr(f, side)["psnr"] for f in run] for run in runs]) for side in ("raw", "enhanced"))
-    aligned, lpips = (mean([[f.gain(name) for f in run] for run in runs]) for name in ("psnr_aligned", "lpips_alex"))
-    return f"| {title} | {raw:.2f} → {enhanced:.2f} dB | {aligned:+.2f} dB | {lpips:+.4f} |\n"
-
-
-def _worst(every: Sequence[FrameGain]) -> str:
+def _worst(found: pd.DataFrame) -> str:
     """How many frames gain, and what the worst one gains or loses."""
     told = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):
-        gains = [frame.gain(metric) for frame in every]
-        worse = sum(gain < 0 for gain in gains)
+        gains = found[f"gain {metric}"]
+        worse = (gains < 0).sum()
         if worse:
-            told.append(f"in {name}, {worse} of {len(every)} frames lose, at most {-min(gains):.2f} dB")
+            told.append(f"in {name}, {worse} of {len(gains)} frames lose, at most {-gains.min():.2f} dB")
         else:
-            told.append(f"in {name}, every one of the {len(every)} frames gains, at least {min(gains):.3f} dB")
+            told.append(f"in {name}, every one of the {len(gains)} frames gains, at least {gains.min():.3f} dB")
     sentence = "; ".join(told)
     return f"{sentence[0].upper()}{sentence[1:]}."

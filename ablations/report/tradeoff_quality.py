@@ -7,17 +7,10 @@ import pandas as pd
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
+from ablations.tradeoff.summary import SettingSummary, summarised
 from gaussian_enhancer.metrics.comparison import written
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.metrics.tradeoff import (
-    Point,
-    SettingSummary,
-    best_within,
-    beyond_best,
-    cheapest_within,
-    front,
-    summarised,
-)
+from gaussian_enhancer.metrics.tradeoff import Point, best_within, beyond_best, cheapest_within, front
 
 ALL = "all"
 BASELINES = ("raw", "bicubic")

@@ -1,10 +1,12 @@
 """Trainings' part of the page of error over run time: validation error over wall-clock and over samples."""
 
-import statistics
 from collections.abc import Iterator, Sequence
+
+import pandas as pd
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
+from ablations.study.rows import frame_of
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 ERROR = "MSE over the raw render's"
@@ -23,9 +25,13 @@ def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
         records: of the kind training.
     """
     yield ABOUT, "", ""
-    found = [record for record in records if record.kind != MISSING]
-    panels = [Panel(f"over {title.split(',')[0]}", title, ERROR, _curves(found, key)) for key, title in AXES.items()]
-    if found:
+    found = frame_of(record for record in records if record.kind != MISSING)
+    if len(found):
+        found["step"] = found["view"].astype(int)
+        means = found.groupby(["variant", "step"], sort=False)[["gain_psnr", *AXES]].mean()
+        panels = [
+            Panel(f"over {title.split(',')[0]}", title, ERROR, _curves(means, key)) for key, title in AXES.items()
+        ]
         yield _table(found), "training", work_precision("Validation error of trainings", panels, len(panels))
     lines = "".join(
         f"- `{r.variant}`, seed {r.seed} ({r.run}): {r.reasons['row']}\n" for r in records if r.kind == MISSING
@@ -33,35 +39,25 @@ def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
     yield f"Missing:\n\n{lines}" if lines else "Missing: nothing.\n", "", ""
 
 
-def _curves(records: Sequence[Record], key: str) -> dict[str, tuple[Mark, ...]]:
+def _curves(means: pd.DataFrame, key: str) -> dict[str, tuple[Mark, ...]]:
     """Marks by variant: the geometric mean of the ratios over the mean time, at each step that was validated."""
-    places: dict[str, dict[str, list[Record]]] = {}
-    for record in records:
-        places.setdefault(record.variant, {}).setdefault(record.view, []).append(record)
     return {
-        variant: tuple(
-            Mark(f"{step} steps", _mean(own, key), 10 ** (-_mean(own, "gain_psnr") / 10))
-            for step, own in sorted(steps.items(), key=lambda item: int(item[0]))
+        str(variant): tuple(
+            Mark(f"{step} steps", one[key], 10 ** (-one["gain_psnr"] / 10))
+            for (_, step), one in own.sort_index().iterrows()
         )
-        for variant, steps in places.items()
+        for variant, own in means.groupby("variant", sort=False)
     }
 
 
-def _table(records: Sequence[Record]) -> str:
+def _table(found: pd.DataFrame) -> str:
     rows = []
-    for variant in dict.fromkeys(record.variant for record in records):
-        own = [record for record in records if record.variant == variant]
-        last = max(own, key=lambda record: int(record.view)).view
-        end = [record for record in own if record.view == last]
-        gains = [record.metrics["gain_psnr"] or 0.0 for record in end]
-        spread = f" ± {statistics.stdev(gains):.3f}" if len(gains) > 1 else ""
-        seconds, samples = (_mean(end, key) for key in AXES)
-        validations = len({record.view for record in own})
-        numbers = (f"{len(end)}", last, f"{samples:.0f}", f"{seconds:.0f}", f"{statistics.fmean(gains):+.3f}{spread}")
-        rows.append((variant, *numbers, f"{validations}"))
+    for variant, own in found.groupby("variant", sort=False):
+        last = own["step"].max()
+        end = own[own["step"] == last]
+        gains, (seconds, samples) = end["gain_psnr"], (end[key].mean() for key in AXES)
+        spread = f" ± {gains.std():.3f}" if len(gains) > 1 else ""
+        numbers = (f"{len(end)}", f"{last}", f"{samples:.0f}", f"{seconds:.0f}", f"{gains.mean():+.3f}{spread}")
+        rows.append((str(variant), *numbers, f"{own['step'].nunique()}"))
     heads = ("training", "seeds", "steps", "samples", "wall-clock, s", "validation gain, dB", "validations")
     return markdown(frame(heads, rows))
-
-
-def _mean(records: Sequence[Record], key: str) -> float:
-    return statistics.fmean(record.metrics[key] or 0.0 for record in records)

@@ -1,16 +1,15 @@
 """The tables of docs/video.md, made from committed records and put between marks of the page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from ablations.benchmarks.video_speed import STAGES, TOGETHER
+import pandas as pd
+
 from ablations.report.readme import inserted
 from ablations.scripts.flicker import compared
-from ablations.study.markdown import frame, markdown
+from ablations.study.markdown import markdown
 from ablations.study.row_table import read_layout, row_table
-from ablations.study.rows import frame_of
-from gaussian_enhancer.input_files import parse_json, read_text
+from ablations.study.rows import RowFile, frame_of
 from gaussian_enhancer.metrics.records import Record, read_records
 
 PAGE = Path("docs/video.md")
@@ -31,27 +30,20 @@ def mark(name: str) -> str:
     return f"<!-- docs/results/{name}: gaussian-enhancer pages write=true -->"
 
 
-def speed_table(measured: Sequence[Mapping[str, Any]]) -> str:
+def speed_table(measured: pd.DataFrame) -> str:
     """Milliseconds a frame of each stage by itself and of all together, and how they were measured.
 
     Args:
-        measured: what the job ``video_speed`` recorded, one for each number of threads; where there is none, the table
-            says so.
+        measured: rows of the job ``video_speed``, one for each number of threads; where there is none, the table says
+            so.
     """
-    if not measured:
+    if measured.empty:
         return UNMEASURED
-    heads = ("threads a stage", *STAGES, "one after the other", TOGETHER, "slowest stage", "share of its own speed")
-    lines = []
-    for one in measured:
-        each = one["milliseconds_a_frame"]
-        times = [f"{each[name]:.0f} ms" for name in STAGES]
-        row = [str(one["threads"]), *times, f"{one['one_after_the_other']:.0f} ms", f"{each[TOGETHER]:.0f} ms"]
-        lines.append((*row, one["slowest"], f"{one['share']:.0%}"))
-    first = measured[0]
-    loads = " and ".join(f"{one['load_before']:g}" for one in measured)
+    first = measured.iloc[0]
+    loads = " and ".join(f"{load:g}" for load in measured["load_before"])
     told = f"{first['run']}, {first['frames']} frames of {first['size']}, medians of {first['rounds']} rounds; "
     told += f"{first['machine']}, commit {first['commit']}; load of the machine before: {loads}."
-    return f"{markdown(frame(heads, lines))}\n{told}\n"
+    return f"{markdown(row_table(measured, read_layout('video_speed')))}\n{told}\n"
 
 
 def flicker_table(records: Sequence[Record]) -> str:
@@ -74,6 +66,7 @@ def filled(page: str, results: Path) -> str:
     Raises:
         InputError: the page has no marks, or a record is damaged, or that of flicker missing.
     """
-    speed = [parse_json(read_text(results / name), results / name) for name in SPEED if (results / name).is_file()]
-    page = inserted(page, speed_table(speed), mark(SPEED[0]), PAGE)
+    files = [results / name for name in SPEED if (results / name).is_file()]
+    rows = [RowFile(path, ("run", "threads"), option="run").read() for path in files]
+    page = inserted(page, speed_table(pd.concat(rows) if rows else pd.DataFrame()), mark(SPEED[0]), PAGE)
     return inserted(page, flicker_table(read_records(results / FLICKER)), mark(FLICKER), PAGE)

@@ -7,7 +7,7 @@ table compares sizes: quantiles over all crops of the error that a type stands f
 (docs/data.md), of captures whose licence lets them be shown.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import torch
@@ -17,16 +17,13 @@ from torch import Tensor
 
 from ablations.realism.real_crops import KINDS, Crop, crops, cut, energies_of, worst
 from ablations.realism.realism import RealRender, photographed, real_renders
+from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
-from ablations.study.markdown import frame, markdown
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS, TYPES
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES
-from gaussian_enhancer.files import whole_file, write_json_lines
-from gaussian_enhancer.metrics.provenance import provenance
+from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.figures import contact_sheet
-from gaussian_enhancer.runs.instantiate import require
-from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_untrained
 
 STRENGTHS = (0.25, 0.5, 1.0)
@@ -102,42 +99,47 @@ def sizes(name: str, real: Tensor, simulated: Tensor) -> dict[str, object]:
     return {"type": name, "energy": KINDS[name], **dict(zip(keys, values, strict=True))}
 
 
-def table(rows: Sequence[dict]) -> str:
-    """Quantiles as Markdown."""
-    heads = ("type", "error", *(f"{side}, {100 * q:g} %" for side in ("real", "simulated") for q in QUANTILES))
-    keys = [f"{side}_{q:g}" for side in ("real", "simulated") for q in QUANTILES]
-    lines = [(str(row["type"]), str(row["energy"]), *(f"{float(row[key]):.1f}" for key in keys)) for row in rows]
-    return markdown(frame(heads, lines))
-
-
-def run(cfg: DictConfig) -> None:
-    """Measure, print; write the sheet and the records that were asked for.
+def write_sheet(reals: Sequence[RealRender], found: Sequence[Crop], path: Path, side: int, draws: int) -> None:
+    """Write the sheet.
 
     Args:
-        cfg: conf/artefact_sheet.yaml, composed.
+        reals: real renders.
+        found: their crops.
+        path: PNG or JPEG.
+        side: of a crop, pixels.
+        draws: of each type, of which the one that changes the crop most is shown.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    order = (*KINDS, *sorted({*TYPES} - {*KINDS}))
+    images, names = zip(*(sheet_row(reals, found, name, side, draws) for name in order), strict=True)
+    titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
+    with whole_file(path) as temporary:
+        kind = "PNG" if path.suffix == ".png" else "JPEG"
+        contact_sheet(images, titles, names, height=side).save(temporary, kind, quality=93, subsampling=0)
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[str]:
+    """The sizes of every type that stands for an error of splats; and the sheet, where it is asked for.
 
     Raises:
         InputError: runs cannot be used or are of scenes that nothing may be trained on, or a file cannot be written.
     """
-    require(cfg)
-    start(cfg.runtime)
     fits = finished_fits(cfg.runs)
     refuse_untrained(fits)
     reals = real_renders(fits, cfg.renders, 0)
     pairs = [(real.target.read(), photographed(real).image[0]) for real in reals if real.target.read is not None]
     found = crops(pairs, (cfg.side, cfg.side))
     if cfg.picture:
-        order = (*KINDS, *sorted({*TYPES} - {*KINDS}))
-        drawn_rows = [sheet_row(reals, found, name, cfg.side, cfg.draws) for name in order]
-        titles = ("photo", "real render", *(f"strength {strength:g}" for strength in STRENGTHS))
-        images, names = zip(*drawn_rows, strict=True)
-        with whole_file(Path(cfg.picture)) as temporary:
-            kind = "PNG" if str(cfg.picture).endswith(".png") else "JPEG"
-            contact_sheet(images, titles, names, height=cfg.side).save(temporary, kind, quality=93, subsampling=0)
-    source = {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(found), **provenance(timed=True)}
-    rows = [
-        sizes(name, energies_of(found), simulated_energies(reals, name, cfg.side, cfg.seeds)) | source for name in KINDS
-    ]
-    if cfg.records:
-        write_json_lines(cfg.records, rows)
-    print(table(rows), end="")
+        write_sheet(reals, found, Path(cfg.picture), cfg.side, cfg.draws)
+    energies, source = energies_of(found), {"scenes": sorted({scene_of(fit) for fit in fits}), "crops": len(found)}
+
+    def measure(name: str) -> Iterator[dict[str, object]]:
+        yield sizes(name, energies, simulated_energies(reals, name, cfg.side, cfg.seeds)) | source
+
+    named = {f"{side}_{share:g}": f"{side} {100 * share:g} %" for side in ("real", "simulated") for share in QUANTILES}
+    return Study(tuple(KINDS), measure, ("type",), derived=lambda frame: frame.rename(columns=named))
+
+
+run = job(study)

@@ -22,7 +22,7 @@ from ablations.ibgs.method import IBGS
 from ablations.scripts.before_after import DESCRIPTION, Compared, harmed_block, strip, worst_block, write_picture
 from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
-from ablations.study.fits import finished_fits, scene_of
+from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
 from ablations.study.methods import Method, SameEverywhere, TwoFits, average
 from ablations.study.plots import STYLE
@@ -266,13 +266,8 @@ def fits(patterns: Sequence[str]) -> list[Path]:
         InputError: there are none, two are of one scene, or a scene has no role.
     """
     found = finished_fits(patterns)
-    scenes: dict[str, Path] = {}
-    for fit in found:
-        scene = scene_of(fit)
+    for scene in fits_by_scene(found):
         role_of(scene)
-        if scene in scenes:
-            raise InputError(fit, f"is of the scene {scene}, as {scenes[scene]} is", "name one fit of each scene")
-        scenes[scene] = fit
     return found
 
 

@@ -48,6 +48,8 @@ class Study(Generic[Part]):
         columns: further ones that records must have.
         option: of the job, by which it measures.
         records: their file; None: the option ``records`` names it.
+        whole: the records are those of this command alone, in place of all that the file held. Parts are not kept
+            beside it: they are runs of their own, which are found again, or must be measured in one process.
         derived: adds columns to the frame of all rows.
         above: parts of the page above its tables, from that frame and the page's path.
         below: parts below them, from the page's path.
@@ -60,30 +62,44 @@ class Study(Generic[Part]):
     columns: tuple[str, ...] = ()
     option: str = "runs"
     records: Path | None = None
+    whole: bool = False
     derived: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame
     above: Callable[[pd.DataFrame, Path], Sequence[str]] = lambda frame, page: ()
     below: Callable[[Path], Sequence[str]] = lambda page: ()
     report: Callable[[], float | None] | None = None
 
+    def file(self, option: str | Path | None) -> RowFile | None:
+        """The file of its records.
 
-def job(make: Callable[[DictConfig, torch.device], Study[Any]]) -> Callable[[DictConfig], float | None]:
+        Args:
+            option: what the option ``records`` names.
+        """
+        path = self.records or option
+        return RowFile(Path(path), self.keys, self.columns, self.option) if path else None
+
+
+def job(
+    make: Callable[[DictConfig, torch.device], Study[Any] | Sequence[Study[Any]]],
+) -> Callable[[DictConfig], float | None]:
     """The ``run`` of a study's job.
 
     Args:
-        make: gives the study that a configuration asks for.
+        make: gives the study that a configuration asks for, or several; the last one reports on the records of all.
     """
 
     def run(cfg: DictConfig) -> float | None:
         """Measure, keep the rows, and report: by default the table, and a page of it where one is asked for."""
         require(cfg)
-        study = make(cfg, start(cfg.runtime))
-        values = {name: value for name, value in plain(cfg).items() if name not in NO_EFFECT}
-        records = study.records or cfg.records
+        made = make(cfg, start(cfg.runtime))
+        *others, study = made if isinstance(made, Sequence) else (made,)
+        digest = digest_of({name: value for name, value in plain(cfg).items() if name not in NO_EFFECT})
+        reported = (study,) if study.report is not None else ()
+        for one in (*others, *reported):
+            if file := one.file(cfg.get("records")):
+                add(one, file, digest)
         if study.report is not None:
-            if records:
-                add(study, RowFile(Path(records), study.keys), digest_of(values))
             return study.report()
-        frame, layout = study.derived(measured(study, records, digest_of(values))), TableLayout(**plain(cfg.row_table))
+        frame, layout = study.derived(measured(study, cfg.records, digest)), TableLayout(**plain(cfg.row_table))
         if cfg.get("page"):
             path = Path(cfg.page)
             write_text(path, page(frame, layout, study.above(frame, path), study.below(path)))
@@ -104,7 +120,7 @@ def measured(study: Study[Any], records: str | Path | None, digest: str = "") ->
     Raises:
         InputError: there is nothing to report, or the file holds something else or cannot be written.
     """
-    file = RowFile(Path(records), study.keys, study.columns, study.option) if records else None
+    file = study.file(records)
     if file is None:
         frame = frame_of(stated(one) for part in study.parts for one in study.measure(part))
     else:
@@ -126,9 +142,14 @@ def add(study: Study[Any], file: RowFile, digest: str) -> None:
     Raises:
         InputError: nothing could be measured, or the file holds something else or cannot be written.
     """
+    if study.whole:
+        if study.parts:
+            lines = [line_of(stated(one)) for part in study.parts for one in study.measure(part)]
+            write_text(file.path, "".join(f"{line}\n" for line in lines))
+        return
     file.held()  # a file of something else is refused before anything is measured
     folder = file.path.with_name(f"{file.path.name}.{digest}.parts")
-    lines: list[str] = []
+    lines = []
     for part in study.parts:
         kept = folder / f"{digest_of({'part': str(part)})}.jsonl"
         if not kept.is_file():

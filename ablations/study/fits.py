@@ -70,3 +70,18 @@ def scene_of(run: Path) -> str:
     if len(parts) != 3 or not all(parts):
         raise InputError(run, "is not named SCENE-METHOD-DIGEST", "name runs of `gaussian-enhancer fit`")
     return parts[0]
+
+
+def fits_by_scene(fits: Sequence[Path]) -> dict[str, Path]:
+    """Fits by their scene.
+
+    Raises:
+        InputError: two are of one scene.
+    """
+    found: dict[str, Path] = {}
+    for fit in fits:
+        scene = scene_of(fit)
+        if scene in found:
+            raise InputError(fit, f"is of the scene {scene}, as {found[scene]} is", "name one fit of each scene")
+        found[scene] = fit
+    return found

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ablations.study.enhanced_views import ViewMethod
-from ablations.study.fits import finished_fits, scene_of
+from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import Pool, ReferenceConfig
 from gaussian_enhancer.errors import InputError
@@ -134,13 +134,7 @@ class TwoFits:
         """
         if not patterns:
             raise InputError("second", "names no fit", "give a second fit of each scene, or leave two_fits out")
-        others: dict[str, Path] = {}
-        for fit in finished_fits(patterns):
-            scene = scene_of(fit)
-            if scene in others:
-                raise InputError(fit, f"is of the scene {scene}, as {others[scene]} is", "name one second fit of each")
-            others[scene] = fit
-        return cls(others)
+        return cls(fits_by_scene(finished_fits(patterns)))
 
     def of(self, fit: Path, step: int) -> Applied:
         """The method at a step of a fit.

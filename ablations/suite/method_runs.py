@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import StudyCell, composed, images_of, measure_now
@@ -19,6 +19,7 @@ from gaussian_enhancer.cli import train
 from gaussian_enhancer.cli.pipeline import finished_fit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
+from gaussian_enhancer.metrics.backbones import data_backbones
 from gaussian_enhancer.metrics.image_folders import Label
 from gaussian_enhancer.metrics.lpips import perceptual_distance
 from gaussian_enhancer.metrics.pair import PROTOCOL
@@ -34,6 +35,15 @@ T = TypeVar("T")
 def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]:
     """What tells a method's training from others without composing its configuration."""
     return ("train", experiment.learns[method], *experiment.table.methods[method].train, seed)
+
+
+def with_backbones(cfg: DictConfig) -> DictConfig:
+    """Name the data folder's LPIPS backbones where none are given: the names of measured runs hang on them."""
+    beside = data_backbones()
+    if cfg.backbones is None and beside is not None:
+        with open_dict(cfg):
+            cfg.backbones = str(beside)
+    return cfg
 
 
 class Runs:

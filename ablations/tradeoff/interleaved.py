@@ -18,12 +18,12 @@ from torch import Tensor
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from ablations.tradeoff.methods import Enhance, SettingLoader
 from ablations.tradeoff.settings import TradeoffStudy
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, missing_record
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 from gaussian_enhancer.runs.inputs import read_task
 from gaussian_enhancer.scene.in_memory import single
 from gaussian_enhancer.scene.rendered import RenderedSet

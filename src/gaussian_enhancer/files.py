@@ -4,12 +4,11 @@ A killed run, or a full disk, leaves either the old file or none.
 """
 
 import io
-import json
 import os
 import tempfile
 import threading
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -144,16 +143,3 @@ def write_text(path: str | Path, text: str) -> None:
     """
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def write_json_lines(path: str | Path, rows: Iterable[object]) -> None:
-    """Write a file with a line of JSON for every row, whole or not at all.
-
-    Args:
-        path: the file.
-        rows: what JSON can hold.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_text(path, "".join(json.dumps(row) + "\n" for row in rows))

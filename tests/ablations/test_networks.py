@@ -1,6 +1,5 @@
 import pandas as pd
 import torch
-from hydra import initialize_config_dir
 from torch import nn
 
 from ablations.benchmarks import networks
@@ -10,6 +9,7 @@ from ablations.study.rows import RowFile
 from gaussian_enhancer.infer.weights import NETWORKS
 from gaussian_enhancer.network.network import Network
 from support import paths
+from support.job_config import initialised
 
 ROOT = paths.ROOT
 PAPER = "gaussian_enhancer.network.paper."
@@ -68,7 +68,7 @@ def test_page_on_fidelity_holds_the_cost_of_the_papers_networks_with_and_without
 
 
 def test_the_papers_networks_are_built_by_their_mode():
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+    with initialised():
         found = list(networks.subjects(paper=True))
     assert all(type(one.network).__module__.startswith(PAPER) for one in found)
     assert len(found) == 4 * len(networks.SIZES)

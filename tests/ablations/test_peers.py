@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 import torch
-from hydra import initialize_config_dir
 from omegaconf import OmegaConf
 from torch import nn
 
@@ -41,6 +40,7 @@ from ablations.report.performance import (
     times_ours,
 )
 from ablations.suite.costs import plane
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -48,8 +48,7 @@ from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.cost import Timing, timed
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
-from support import paths
+from support.job_config import initialised
 
 CPU = torch.device("cpu")
 
@@ -127,7 +126,7 @@ def test_a_published_network_is_built_by_its_path_and_one_that_is_missing_is_ref
 
 
 def test_every_network_of_ours_is_built_and_computes() -> None:
-    with initialize_config_dir(str(paths.ROOT / "conf"), version_base="1.3"):
+    with initialised():
         from hydra import compose
 
         cfg = compose("peers")
@@ -347,7 +346,7 @@ def test_peaks_are_of_a_process_of_their_own_and_the_command_line_starts(tmp_pat
 
     write_views(plane(48, 64), tmp_path / "small")
     write_views(plane(192, 256), tmp_path / "large")
-    with initialize_config_dir(str(paths.ROOT / "conf"), version_base="1.3"):
+    with initialised():
         from hydra import compose
 
         cfg = compose("peers", ["runtime.threads=1", "cold_rounds=1", "height=256", "width=256", "device=cpu"])

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import OmegaConf
 
 from ablations.suite.descriptions import asked_names, experiment, known_names
@@ -13,9 +13,9 @@ from ablations.suite.evaluation import composed
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
+from support.job_config import initialised, job_config
 
 ROOT = paths.ROOT
-CONF = str(ROOT / "conf")
 NAMES = [name for group in known_names().values() for name in group]
 
 
@@ -27,8 +27,7 @@ PAPER = loaded(ROOT / "ablations/paper.yaml")
 
 
 def configured(scale: str):
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("tables", ["table=all", f"scale={scale}"])
+    return job_config("tables", "table=all", f"scale={scale}")
 
 
 @pytest.fixture(scope="module", params=["smoke", "desk", "paper"])
@@ -111,7 +110,7 @@ def test_all_scenes_of_the_paper_are_in_its_scale() -> None:
 
 def test_desk_measures_as_the_quality_table_does_on_three_worlds_a_dataset_and_on_captures() -> None:
     """Sparse fits by the same settings, of worlds that no training learns from, and captures kept for validation."""
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         quality, desk = compose("quality", ["backbones=null"]), configured_inside("desk")
         group = quality.groups.procedural
         worlds = [(scene[0], f"scene.seed={seed}") for scene in group.scenes.values() for seed in (3000, 3001, 3002)]
@@ -157,7 +156,7 @@ def methods() -> list[tuple[str, str]]:
 def test_every_row_composes_and_builds_what_it_names(name, method) -> None:
     scale = configured("smoke").scale
     overrides = experiment(name, scale).table.methods[method].train
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         parent = compose("tables", ["table=all", "scale=smoke"])
         job = composed("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
     build(job.fusion)

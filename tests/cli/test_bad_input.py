@@ -119,33 +119,25 @@ def test_measure_accepts_what_the_cases_below_spoil(measured: tuple[str, ...]) -
     assert {p.name for p in Path("out").iterdir()} >= {"records.jsonl", "summary.md", "done"}
 
 
-def test_measure_truncated_image(measured: tuple[str, ...], refused: Refused) -> None:
-    cut("images/b.png")
-    assert "images/b.png: cannot be decoded" in refused(*measured)
+SPOILT: dict[str, tuple[Callable[[], object], tuple[str, ...], str]] = {
+    "a truncated image": (lambda: cut("images/b.png"), (), "images/b.png: cannot be decoded"),
+    "an empty image": (lambda: Path("images/a.png").write_bytes(b""), (), "images/a.png: is empty (0 bytes)"),
+    "an image without photo": (Path("photos/a.png").unlink, (), "images/a.png: has no photo in photos"),
+    "a missing folder": (lambda: None, ("images=nowhere",), "nowhere: is no folder"),
+    "an empty folder": (Path("empty").mkdir, ("photos=empty",), "empty: holds no image"),
+    "sizes that differ": (
+        lambda: save("photos/b.png", (WIDTH, HEIGHT + 1)),
+        (),
+        f"photos/b.png: is {WIDTH}x{HEIGHT + 1} where images/b.png is {WIDTH}x{HEIGHT}",
+    ),
+}
 
 
-def test_measure_missing_folder(measured: tuple[str, ...], refused: Refused) -> None:
-    assert "nowhere: is no folder" in refused(*measured, "images=nowhere")
-
-
-def test_measure_empty_folder(measured: tuple[str, ...], refused: Refused) -> None:
-    Path("empty").mkdir()
-    assert "empty: holds no image" in refused(*measured, "photos=empty")
-
-
-def test_measure_empty_image(measured: tuple[str, ...], refused: Refused) -> None:
-    Path("images/a.png").write_bytes(b"")
-    assert "images/a.png: is empty (0 bytes)" in refused(*measured)
-
-
-def test_measure_image_without_photo(measured: tuple[str, ...], refused: Refused) -> None:
-    Path("photos/a.png").unlink()
-    assert "images/a.png: has no photo in photos" in refused(*measured)
-
-
-def test_measure_sizes_that_differ(measured: tuple[str, ...], refused: Refused) -> None:
-    save("photos/b.png", (WIDTH, HEIGHT + 1))
-    assert f"photos/b.png: is {WIDTH}x{HEIGHT + 1} where images/b.png is {WIDTH}x{HEIGHT}" in refused(*measured)
+@pytest.mark.parametrize("case", SPOILT)
+def test_measure_files(measured: tuple[str, ...], refused: Refused, case: str) -> None:
+    spoil, words, found = SPOILT[case]
+    spoil()
+    assert found in refused(*measured, *words)
 
 
 @pytest.mark.parametrize(
@@ -221,31 +213,32 @@ def test_fit_missing_photo(capture: Path, refused: Refused, number: int) -> None
         assert Path("out/done").is_file()
 
 
-def test_fit_photo_of_another_size(capture: Path, refused: Refused) -> None:
-    save(capture / "images/3.png", (WIDTH, HEIGHT + 5))
+def frames(change: Callable[[list], object]) -> Callable[[Path], None]:
+    """Change the frames of a capture."""
+    return lambda capture: edit(capture, lambda content: content.update(frames=change(content["frames"])))
+
+
+SPOILT_CAPTURES: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
+    "a photo of another size": (
+        lambda capture: save(capture / "images/3.png", (WIDTH, HEIGHT + 5)),
+        ("3.png", f"{WIDTH}x{HEIGHT + 5}"),
+    ),
+    "one photo": (frames(lambda found: found[:1]), ("photo",)),
+    "no frames": (frames(lambda found: []), ("transforms.json",)),
+    "a camera that is not finite": (
+        lambda capture: edit(capture, lambda c: c["frames"][3]["transform_matrix"][0].__setitem__(0, math.nan)),
+        ("transforms.json",),
+    ),
+    "cut json": (lambda capture: cut(capture / "transforms.json"), ("transforms.json",)),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT_CAPTURES)
+def test_fit_captures(capture: Path, refused: Refused, case: str) -> None:
+    spoil, found = SPOILT_CAPTURES[case]
+    spoil(capture)
     line = refused(*fit(capture))
-    assert "3.png" in line
-    assert f"{WIDTH}x{HEIGHT + 5}" in line
-
-
-def test_fit_one_photo(capture: Path, refused: Refused) -> None:
-    edit(capture, lambda content: content.update(frames=content["frames"][:1]))
-    assert "photo" in refused(*fit(capture))
-
-
-def test_fit_no_frames(capture: Path, refused: Refused) -> None:
-    edit(capture, lambda content: content.update(frames=[]))
-    assert "transforms.json" in refused(*fit(capture))
-
-
-def test_fit_camera_that_is_not_finite(capture: Path, refused: Refused) -> None:
-    edit(capture, lambda content: content["frames"][3]["transform_matrix"][0].__setitem__(0, math.nan))
-    assert "transforms.json" in refused(*fit(capture))
-
-
-def test_fit_cut_json(capture: Path, refused: Refused) -> None:
-    cut(capture / "transforms.json")
-    assert "transforms.json" in refused(*fit(capture))
+    assert all(text in line for text in found), line
 
 
 def test_fit_empty_folder(refused: Refused) -> None:
@@ -422,51 +415,43 @@ def test_enhance_run_with_a_part_cut(workplace: None, refused: Refused, part: st
     assert f"{file}: cannot be" in refused(*FORMS["run"])
 
 
-def test_enhance_run_with_a_photo_missing(workplace: None, refused: Refused) -> None:
-    Path("fitted/test/ours_2/gt/0.png").unlink()
-    assert "fitted/test/ours_2/gt: has no photo for the render 0.png" in refused(*FORMS["run"])
-
-
-def test_enhance_run_with_depth_missing(workplace: None, refused: Refused) -> None:
-    Path("fitted/test/ours_2/depth/0.npy").unlink()
-    assert "has no depth for 0.png" in refused(*FORMS["run"])
-
-
-def test_enhance_run_with_a_camera_missing(workplace: None, refused: Refused) -> None:
+def without_first_camera() -> None:
     file = Path("fitted/cameras.json")
     file.write_text(json.dumps(json.loads(file.read_text())[1:]))
-    assert "fitted/cameras.json: lacks 1 cameras, first '0'" in refused(*FORMS["run"])
 
 
-def test_enhance_run_with_cameras_cut(workplace: None, refused: Refused) -> None:
-    cut("fitted/cameras.json")
-    assert "fitted/cameras.json: " in refused(*FORMS["run"])
+SPOILT_RUNS: dict[str, tuple[str, Callable[[], object], str]] = {
+    "a photo missing": (
+        "run",
+        Path("fitted/test/ours_2/gt/0.png").unlink,
+        "fitted/test/ours_2/gt: has no photo for the render 0.png",
+    ),
+    "depth missing": ("run", Path("fitted/test/ours_2/depth/0.npy").unlink, "has no depth for 0.png"),
+    "a camera missing": ("run", without_first_camera, "fitted/cameras.json: lacks 1 cameras, first '0'"),
+    "cameras cut": ("run", lambda: cut("fitted/cameras.json"), "fitted/cameras.json: "),
+    "no references": ("run", lambda: shutil.rmtree("fitted/train"), "no photo"),
+    "sizes that differ": (
+        "run",
+        lambda: save("fitted/test/ours_2/gt/0.png", (WIDTH + 1, HEIGHT)),
+        f"gt/0.png: is {WIDTH + 1}x{HEIGHT} but its render 0.png",
+    ),
+    "weights cut": ("run", lambda: cut("w.safetensors", 0.9), "w.safetensors: "),
+    "splat cut": ("gaussians", lambda: cut("fitted/splat.ply", 0.7), "fitted/splat.ply: is no readable .ply"),
+    "splat missing": ("gaussians", Path("fitted/splat.ply").unlink, "fitted/splat.ply: does not exist"),
+}
 
 
-def test_enhance_run_without_references(workplace: None, refused: Refused) -> None:
-    shutil.rmtree("fitted/train")
-    assert "no photo" in refused(*FORMS["run"])
-
-
-def test_enhance_run_whose_sizes_differ(workplace: None, refused: Refused) -> None:
-    save("fitted/test/ours_2/gt/0.png", (WIDTH + 1, HEIGHT))
-    assert f"gt/0.png: is {WIDTH + 1}x{HEIGHT} but its render 0.png" in refused(*FORMS["run"])
+@pytest.mark.parametrize("case", SPOILT_RUNS)
+def test_enhance_files(workplace: None, refused: Refused, case: str) -> None:
+    form, spoil, found = SPOILT_RUNS[case]
+    spoil()
+    assert found in refused(*FORMS[form])
 
 
 def test_enhance_run_of_another_step_or_place(workplace: None, refused: Refused) -> None:
     assert "fitted: has no renders of step 5; choose one of 2" in refused(*FORMS["run"], "step=5")
     assert "capture: holds no test/ours_<step>/renders" in refused(*enhance("run=capture"))
     assert "nowhere: is no folder" in refused(*enhance("run=nowhere"))
-
-
-def test_enhance_splat_cut(workplace: None, refused: Refused) -> None:
-    cut("fitted/splat.ply", 0.7)
-    assert "fitted/splat.ply: is no readable .ply" in refused(*FORMS["gaussians"])
-
-
-def test_enhance_splat_missing(workplace: None, refused: Refused) -> None:
-    Path("fitted/splat.ply").unlink()
-    assert "fitted/splat.ply: does not exist" in refused(*FORMS["gaussians"])
 
 
 def test_enhance_splat_that_is_a_pipe(workplace: None, refused: Refused) -> None:
@@ -518,7 +503,7 @@ def test_enhance_splat_whose_photos_are_cut_or_missing(workplace: None, refused:
 
 
 def test_enhance_splat_with_a_single_photo(workplace: None, refused: Refused) -> None:
-    edit(Path("capture"), lambda content: content.update(frames=content["frames"][:1]))
+    frames(lambda found: found[:1])(Path("capture"))
     assert "photo" in refused(*FORMS["gaussians"])
 
 
@@ -553,11 +538,6 @@ def test_enhance_options(workplace: None, refused: Refused, words: tuple[str, ..
 
 def test_enhance_splat_without_its_capture(workplace: None, refused: Refused) -> None:
     assert "gaussians: comes without its capture" in refused(*enhance("gaussians=fitted/splat.ply"))
-
-
-def test_enhance_weights_cut(workplace: None, refused: Refused) -> None:
-    cut("w.safetensors", 0.9)
-    assert "w.safetensors: " in refused(*FORMS["run"])
 
 
 def test_enhance_renders_without_references(workplace: None, refused: Refused) -> None:

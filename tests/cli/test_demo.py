@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import demo
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
-from support import paths
+from support.job_config import initialised
 
-CONF = paths.ROOT / "conf"
 SMALL = (
     "scene.views=9",
     "scene.height=48",
@@ -35,7 +34,7 @@ def weights(tmp_path: Path) -> Path:
 
 def run_demo(tmp_path: Path, weights: Path) -> float | None:
     runs = (f"runs={tmp_path / 'runs'}", f"weights={weights}", "runtime.threads=1", "runtime.progress=false")
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialised():
         return demo.run(
             compose("demo", overrides=[*SMALL, "+settings.start_gaussians=400", "+settings.init=points", *runs])
         )

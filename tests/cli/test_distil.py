@@ -13,7 +13,6 @@ from PIL import Image
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.distil import run
 from gaussian_enhancer.cli.enhance import run as enhance
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
@@ -23,7 +22,7 @@ from gaussian_enhancer.splat.filters import smoothing_size
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
-from support import paths
+from support.job_config import QUIET, job_config
 from support.synthetic_runs import coloured_sheet, plane_camera
 
 STEPS = 40
@@ -31,10 +30,7 @@ CAMERAS = [plane_camera(index, 48, 64) for index in range(8)]
 
 
 def configured(*overrides: str, job: str = "distil"):
-    from hydra import compose, initialize_config_dir
-
-    with initialize_config_dir(paths.CONF, version_base="1.3"):
-        return compose(job, [*overrides, "runtime.progress=false", "runtime.threads=1", "runtime.device=cpu"])
+    return job_config(job, *overrides, *QUIET)
 
 
 def kinds() -> dict[str, Gaussians]:
@@ -194,34 +190,3 @@ def save_render(path: Path, gaussians: Gaussians, camera) -> None:
     from gaussian_enhancer.splat.render import render
 
     write_image(path, render(gaussians, camera, ThreeDGS()).colour)
-
-
-@pytest.mark.parametrize(
-    ("more", "told"),
-    [
-        (["run=null"], "distil: was given no splat; give one of run="),
-        (["gaussians=a.ply"], "was given run and gaussians"),
-        (["run=null", "gaussians=a.ply"], "comes without its capture; add scene=capture"),
-        (["settings.share=2"], r"settings\.share"),
-        (["settings.steps=1"], r"settings\.rounds: is 2 for 1 steps"),
-        (["evidence.views=0"], r"evidence|prune\.views"),
-        (["method=4dgs"], "method: is '4dgs'"),
-        (["format=sog"], "format: is 'sog'; choose ply, compressed, spz"),
-        (["method=2dgs"], "has 3 scale axes"),
-        (["strength=3"], "strength: is 3"),
-        (["max_references=0"], "max_references: is 0"),
-        (["weights=none_such"], "is neither a file nor a shipped name"),
-        (["weights=sr_tiny"], "sr_tiny: enlarge what they enhance"),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(words, tmp_path, monkeypatch, more, told):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=told):
-        run(configured(*words, *more))
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_run_without_its_splat_is_refused(plane_run, weights, tmp_path):
-    with pytest.raises(InputError, match=r"holds neither splat\.ply nor point_cloud"):
-        run(configured(f"run={plane_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}"))
-    assert not list(tmp_path.iterdir())

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import DictConfig
 
 from ablations.suite.inputs import missing_inputs
@@ -11,6 +11,7 @@ from gaussian_enhancer.cli import download
 from gaussian_enhancer.errors import InputError
 from support import paths
 from support.archive_server import Served, serving, sha256, zipped
+from support.job_config import initialised, job_config
 
 CONF = paths.CONF
 SCENES = {
@@ -32,8 +33,7 @@ def configured(folder: Path, served: Served, dataset: str, *overrides: str, know
     replaced = ["url=" + served.url, "+md5=null", *stated]
     words = [f"dataset={dataset}", f"folder={folder}", "retries=0", "runtime.progress=false", *overrides]
     words += ["++dataset.archives.base." + value.removeprefix("+") for value in replaced]
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("download", words)
+    return job_config("download", *words)
 
 
 def tree(folder: Path) -> list[str]:
@@ -117,7 +117,7 @@ def test_archive_put_there_by_hand_is_checked_and_used(tmp_path):
 
 def test_job_brings_what_the_scene_misses(tmp_path, monkeypatch):
     monkeypatch.setenv("GAUSSIAN_ENHANCER_DATASETS", str(tmp_path))
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         scene = compose("fit", ["scene=datasets/garden"]).scene
     assert [path.name for path, _ in missing_inputs(scene)] == ["images_4", "0"]
     with serving(zipped(SCENES)) as served:

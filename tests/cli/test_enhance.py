@@ -22,6 +22,7 @@ from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians, quantised
 from support import paths
 from support.bright_weights import write_bright_weights
+from support.job_config import job_config
 from support.synthetic_runs import plane_camera, write_plane_run
 from support.textured_corner import write_corner
 
@@ -29,10 +30,7 @@ CONF = paths.CONF
 
 
 def configured(*overrides: str):
-    from hydra import compose, initialize_config_dir
-
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("enhance", [*overrides, "runtime.progress=false", "runtime.threads=1"])
+    return job_config("enhance", *overrides, "runtime.progress=false", "runtime.threads=1")
 
 
 @pytest.fixture(scope="module")

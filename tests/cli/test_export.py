@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli import export
@@ -12,12 +11,11 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.export import load_program
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.sif import SIF
-from support import paths
+from support.job_config import job_config
 
 
 def job(*overrides: str):
-    with initialize_config_dir(str(paths.ROOT / "conf"), version_base="1.3"):
-        return compose("export", overrides=[*overrides, "runtime.threads=1"])
+    return job_config("export", *overrides, "runtime.threads=1")
 
 
 def test_a_weights_file_becomes_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

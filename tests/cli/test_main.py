@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import get_type_hints
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import OmegaConf
 
 from gaussian_enhancer.cli import main as cli
@@ -20,6 +20,7 @@ from gaussian_enhancer.runs.instantiate import build, require
 from gaussian_enhancer.runs.run import digest_of, open_run
 from gaussian_enhancer.runs.runtime import choose_device
 from support import paths
+from support.job_config import initialised
 
 BASE = paths.ROOT / "conf" / "base.yaml"
 
@@ -176,13 +177,14 @@ def test_an_internal_error_keeps_its_traceback(toy_job, capsys, monkeypatch):
 
 
 def test_every_job_has_options_that_its_own_configuration_meets():
-    with initialize_config_dir(str(paths.ROOT / "conf"), version_base="1.3"):
+    with initialised():
         for job in cli.JOBS:
             cfg = compose(job, ["dataset=mip_nerf_360"] if job == "download" else [])
             for name, variable in (("folder", "GAUSSIAN_ENHANCER_DATASETS"), ("backbones", "GAUSSIAN_ENHANCER_DATA")):
                 if name in cfg and not OmegaConf.is_missing(cfg, name) and variable in str(cfg._get_node(name)):
                     cfg[name] = "folder"
             options.check_options(job, cfg)
+            assert options.options_of(job) is not options.Options
             assert set(OmegaConf.load(paths.ROOT / "conf" / f"{job}.yaml")) <= known(job)
 
 
@@ -210,7 +212,7 @@ def test_the_list_of_jobs_names_each_once(capsys):
 def known(job):
     """Names of a job's options, and those that are checked elsewhere."""
     own = {"defaults", "this_run", "hydra", "title", "about", "scenes", "images", "training", "tradeoff", "numerics"}
-    return own | {"order"} | set(get_type_hints(options.OPTIONS[job]))
+    return own | {"order"} | set(get_type_hints(options.options_of(job)))
 
 
 def test_unknown_job_is_refused(capsys):

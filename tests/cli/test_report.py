@@ -6,20 +6,16 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from PIL import Image
 
 from gaussian_enhancer.cli import measure, report
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
-from support import paths
-
-CONF = paths.ROOT / "conf"
+from support.job_config import job_config
 
 
 def job(name: str, *overrides: str):
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose(name, overrides=[*overrides, "runtime.threads=1", "runtime.progress=false"])
+    return job_config(name, *overrides, "runtime.threads=1", "runtime.progress=false")
 
 
 @pytest.fixture

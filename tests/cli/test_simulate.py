@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from PIL import Image
 
 from gaussian_enhancer.cli import simulate
@@ -20,15 +19,12 @@ from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import read_coverage, read_photo
 from gaussian_enhancer.scene.renders import read_run
-from support import paths
-
-CONF = paths.ROOT / "conf"
+from support.job_config import job_config
 
 
 def job(folder: Path, *overrides: str) -> Path:
     quick = ["draws=3", "runtime.threads=1", "runtime.progress=false", f"output={folder}"]
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("simulate", overrides=[*quick, *overrides])
+    cfg = job_config("simulate", *quick, *overrides)
     simulate.run(cfg)
     return folder
 

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from test_sif import trained
 
@@ -12,14 +11,13 @@ from gaussian_enhancer.checkpoint import checkpoint_digest
 from gaussian_enhancer.cli.train_confidence import run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import load_weights, save_weights
-from support.paths import CONF
+from support.job_config import job_config
 
 
 def job(fits, weights, tmp_path, *words: str) -> DictConfig:
     quiet = ("runtime.progress=false", "runtime.threads=1", "steps=20", "hidden=8")
     places = (f"fits=[{fits}]", f"weights={weights}", f"output={tmp_path / 'out'}")
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("train_confidence", [*places, *quiet, *words])
+    return job_config("train_confidence", *places, *quiet, *words)
 
 
 def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_path, capsys):

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 
-from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.runs.instantiate import build
+from support.job_config import job_config
 
 SMALL = ("+design.vector=4", "+design.grid=2", "+design.widths=[8,8]", "+design.code_width=8", "+design.code_blocks=1")
 SHORT = ("paired.steps=3", "diffused.steps=2", "save_every=1", "data.loading.batch_size=2", "data.loading.workers=0")
@@ -19,8 +18,7 @@ QUIET = ("data.augmentation.crop=32", "runtime.threads=1", "runtime.progress=fal
 
 
 def configured(job: str, *options: str):
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
-        return compose(job, overrides=list(options))
+    return job_config(job, *options)
 
 
 def settings(train: Path, validation: Path, runs: Path, *more: str) -> list[str]:

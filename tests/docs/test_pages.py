@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from PIL import Image
 
 from ablations.scripts.before_after import DESCRIPTION
 from ablations.scripts.flow_figure import flow
-from gaussian_enhancer.cli.main import JOBS, configurations
+from gaussian_enhancer.cli.main import JOBS
+from support.job_config import initialised
 from support.paths import DOCS, ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
@@ -78,7 +79,7 @@ def test_commands_compose(words: list[str], monkeypatch: pytest.MonkeyPatch) -> 
     options = ["dry_run=true" if word == "--dry-run" else word for word in rest if not re.match(r"-m$|--(?!dry)", word)]
     if multirun:  # of a sweep, the first of the comma-separated choices
         options = [re.sub(r"^([^=\[{]+=[^,\[{]+),.*$", r"\1", word) for word in options]
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
+    with initialised():
         assert compose(job, overrides=options, return_hydra_config=True)
 
 

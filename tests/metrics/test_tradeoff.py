@@ -6,16 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.metrics.tradeoff import (
-    Point,
-    best_within,
-    beyond_best,
-    cheapest_within,
-    front,
-    mean_squared,
-    summarised,
-)
+from gaussian_enhancer.metrics.tradeoff import Point, best_within, beyond_best, cheapest_within, front
 
 GRID = st.integers(0, 6).map(float)  # few values, so that ties are common
 POINTS = st.lists(st.tuples(GRID, GRID), max_size=12).map(
@@ -86,35 +77,3 @@ def test_points_without_a_place_are_refused(value) -> None:
         Point("a", value, 1.0)
     with pytest.raises(ValueError, match="error of a"):
         Point("a", 1.0, value)
-
-
-def record(variant: str, view: str, time: float, psnr: float, **metrics: float) -> Record:
-    own = {"milliseconds_per_megapixel": float(time), "lower_quartile": time - 1.0, "upper_quartile": time + 2.0}
-    return Record(
-        "tradeoff", "", "s", "", view, variant, {**own, "psnr": float(psnr), "ssim": 0.75, **metrics}, size=(1000, 500)
-    )
-
-
-def test_a_setting_is_summed_up_over_its_views() -> None:
-    records = [
-        record("a/x", "0", 10, 20, lpips_alex=0.2, peak_memory_mb=5.0),
-        record("a/x", "1", 30, 30, lpips_alex=0.4),
-        record("b/y", "0", 1, 20, lpips_alex=0.2),
-        record("b/y", "1", 1, 20),
-    ]
-    (a, b), reasons = summarised(records)
-    assert reasons == {}
-    assert (a.name, a.milliseconds, a.low, a.high, a.psnr, a.dssim) == ("a/x", 20, 19, 22, 25, 0.25)
-    assert a.perceptual == {"lpips_alex": pytest.approx(0.3)}
-    assert (a.memory, a.views, a.megapixels) == (5.0, 2, 0.5)
-    assert b.perceptual == {}  # one view lacks it
-    assert b.error("lpips_alex") is None
-    assert b.error("mse") == mean_squared(20.0) == pytest.approx(0.01)
-
-
-def test_a_setting_that_lacks_a_view_is_missing_with_its_reason() -> None:
-    gone = Record("missing", "", "s", "", "", "c/z", {}, {"row": "not trained"})
-    records = [record("a/x", "0", 1, 20), record("a/x", "1", 1, 20), record("b/y", "0", 1, 20), gone]
-    found, reasons = summarised(records)
-    assert [one.name for one in found] == ["a/x"]
-    assert reasons == {"b/y": "measured on 1 of 2 views", "c/z": "not trained"}

@@ -152,8 +152,9 @@ def test_the_papers_networks_refuse_a_third_reference(kind):
 @pytest.mark.parametrize("fusion", [Trust(), Trust(pooled=True), Mean(), Pair()])
 def test_missing_reference_equals_its_removal(learning, fusion):
     network = trained(learning, **with_choices(learning, fusion=fusion, refine=Deformable(kernel=1)))
-    seen = views_for(network, references=2)
-    for missing, kept in (([1], [0]), ([0, 1], [])):
+    seen = views_for(network, references=2 if isinstance(fusion, Pair) else 3)
+    every = list(range(seen.references.shape[1]))
+    for missing, kept in (([1], [0, *every[2:]]), (every, [])):
         visibility = seen.visibility.clone()
         visibility[:, missing] = 0
         absent = dataclasses.replace(seen, visibility=visibility)

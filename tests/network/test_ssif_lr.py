@@ -39,11 +39,6 @@ def test_untrained_every_scale_returns_its_render():
     torch.testing.assert_close(scales[1], F.avg_pool2d(whole, 2)[..., :20, :13])
 
 
-def test_last_stage_is_the_result():
-    network, seen = trained(), views()
-    assert torch.equal(network.stages(seen)[-1], network(seen))
-
-
 @pytest.mark.parametrize("share", [True, False])
 def test_known_features_give_the_same(share):
     network, seen = trained(share=share), views()

@@ -67,16 +67,6 @@ def test_order_of_references_changes_nothing(fusion, output):
     torch.testing.assert_close(network(part(seen, [2, 0, 1])), network(seen), rtol=0, atol=1e-5)
 
 
-def test_missing_reference_equals_its_removal_whatever_its_pixels():
-    network, seen = trained(refine=Deformable()), views(references=3)
-    visibility = seen.visibility.clone()
-    visibility[:, 1] = 0
-    missing = dataclasses.replace(seen, visibility=visibility)
-    torch.testing.assert_close(network(missing), network(part(missing, [0, 2])), rtol=0, atol=1e-5)
-    none = dataclasses.replace(seen, visibility=torch.zeros_like(visibility))
-    torch.testing.assert_close(network(none), network(part(none, [])), rtol=0, atol=1e-5)
-
-
 def test_fine_references_reach_the_image_and_their_absence_is_no_error():
     network, seen = trained(), views()
     assert seen.fine_references is not None
@@ -111,15 +101,6 @@ def test_features_are_computed_once_for_all_scales_and_known_ones_are_not_comput
     assert calls == {"render": 1, "fuse": 1}
     for one, other in zip(whole, again, strict=True):
         torch.testing.assert_close(one, other)
-
-
-def test_gradients_reach_every_part():
-    network = trained(refine=Deformable())
-    sum(image.square().mean() for image in network.stages(views())).backward()
-    for name, parameter in network.named_parameters():
-        assert parameter.grad is not None, name
-        assert parameter.grad.abs().sum() > 0, name
-        assert bool(torch.isfinite(parameter.grad).all()), name
 
 
 def test_detail_that_is_handed_on_knows_no_exposure_and_no_smooth_part():

@@ -169,14 +169,6 @@ def test_malformed_json_names_its_line(tmp_path):
         load_transforms(tmp_path)
 
 
-def broken(change):
-    def apply(content):
-        change(content)
-        return content
-
-    return apply
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -184,6 +176,10 @@ def broken(change):
         (lambda c: c.update(frames=[]), "lists no frames"),
         (lambda c: c["frames"][2].pop("transform_matrix"), "frame images/view_02.png.*transform_matrix"),
         (lambda c: c["frames"][2]["transform_matrix"][0].__setitem__(3, float("nan")), "view_02.*NaN"),
+        (
+            lambda c: c["frames"][0]["transform_matrix"][0].__setitem__(3, 1e300),
+            r"view_00\.png: has a pose with the value 1e\+300",
+        ),
         (lambda c: c["frames"][2].update(transform_matrix=[[1, 2], [3, 4]]), "view_02.*shape"),
         (lambda c: c["frames"][2].update(transform_matrix=np.zeros((4, 4)).tolist()), "view_02.*singular"),
         (lambda c: c["frames"][2].update(transform_matrix=np.diag([2.0, 2, 2, 1]).tolist()), "view_02.*scales"),
@@ -193,13 +189,16 @@ def broken(change):
         (lambda c: c.update(w=HEIGHT, h=WIDTH), "64x48 but its camera is 48x64"),
         (lambda c: c.update(camera_model="EQUIRECTANGULAR"), "EQUIRECTANGULAR"),
         (lambda c: (c.pop("fl_x"), c.update(camera_angle_x=0.0)), "field of view of 0"),
+        (lambda c: (c.pop("fl_x"), c.pop("fl_y"), c.update(camera_angle_x=1e-300)), "focal length"),
         (lambda c: c.pop("fl_x"), "camera_angle_x"),
         (lambda c: c.update(frames=c["frames"][:1]), "1 usable photo"),
         (lambda c: c.update(frames=c["frames"] * 2), "more than once"),
     ],
 )
 def test_unusable_values_are_named(tmp_path, change, message):
-    rewrite(tmp_path, broken(change)(write_transforms(tmp_path)))
+    content = write_transforms(tmp_path)
+    change(content)
+    rewrite(tmp_path, content)
     with pytest.raises(InputError, match=message):
         load_transforms(tmp_path)
 
@@ -227,20 +226,4 @@ def test_one_lens_far_off_axis_keeps_fy(tmp_path):
 def test_values_that_no_camera_has_are_refused(tmp_path, values, message):
     write_transforms(tmp_path, **values)
     with pytest.raises(InputError, match=message):
-        load_transforms(tmp_path)
-
-
-def test_an_angle_of_nothing_is_refused(tmp_path):
-    content = write_transforms(tmp_path, camera_angle_x=1e-300)
-    del content["fl_x"], content["fl_y"]
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="focal length"):
-        load_transforms(tmp_path)
-
-
-def test_a_pose_of_1e300_is_refused(tmp_path):
-    content = write_transforms(tmp_path)
-    content["frames"][0]["transform_matrix"][0][3] = 1e300
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match=r"view_00\.png: has a pose with the value 1e\+300"):
         load_transforms(tmp_path)

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from ablations.jobs import tables
@@ -10,6 +9,7 @@ from ablations.suite.descriptions import asked_names, experiment
 from ablations.suite.plan import PlannedRun, planned
 from gaussian_enhancer.metrics.records import read_records
 from support import paths
+from support.job_config import initialised, job_config
 
 CONF = paths.CONF
 QUIET = ("runtime.threads=1", "runtime.progress=false", "runtime.device=cpu", "workers=1")
@@ -18,21 +18,20 @@ TINY = (f"hydra.searchpath=[file://{Path(__file__).parent / 'suite'}]", "scale=t
 
 def configured(*overrides: str) -> DictConfig:
     """Configuration of the job ``tables``, which makes one run at a time unless told otherwise."""
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("tables", [*TINY, *overrides])
+    return job_config("tables", *TINY, *overrides)
 
 
 def started(*overrides: str) -> None:
     """Run the job in the current folder."""
     cfg = configured(*overrides)
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         tables.run(cfg)
 
 
 def plan(*overrides: str) -> list[PlannedRun]:
     """Every run that the job needs."""
     cfg = configured(*overrides)
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return planned(cfg, [experiment(name, cfg.scale) for name in asked_names(cfg.table)])
 
 

@@ -11,16 +11,15 @@ from omegaconf import DictConfig
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.viewer.session import Session
 from gaussian_enhancer.viewer.source import open_session
-from support import paths
 from support.bright_weights import write_bright_weights
+from support.job_config import QUIET, job_config
 from support.synthetic_runs import coloured_sheet
 
 
 @pytest.fixture(scope="session")
-def viewed(plane_run, tmp_path_factory) -> Path:
+def viewed(sheet_run, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("viewed") / "plane"
-    shutil.copytree(plane_run, folder)
-    write_ply(folder / "splat.ply", coloured_sheet(24))
+    shutil.copytree(sheet_run, folder)
     write_ply(folder / "distilled.ply", coloured_sheet(12))
     return folder
 
@@ -33,12 +32,8 @@ def bright(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def configured(viewed, bright) -> Callable[..., DictConfig]:
     def composed(*overrides: str) -> DictConfig:
-        from hydra import compose, initialize_config_dir
-
-        usual = ("runtime.progress=false", "runtime.threads=1", "runtime.device=cpu", "precision=float32")
-        words = [f"run={viewed}", f"weights={bright}", "colour_clamping=0", *usual, *overrides]
-        with initialize_config_dir(paths.CONF, version_base="1.3"):
-            return compose("view", words)
+        words = [f"run={viewed}", f"weights={bright}", "colour_clamping=0", "precision=float32", *QUIET, *overrides]
+        return job_config("view", *words)
 
     return composed
 

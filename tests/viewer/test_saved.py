@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.video import lay_path
@@ -12,7 +12,7 @@ from gaussian_enhancer.scene.path_files import read_path
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.viewer.cameras import PageCamera
 from gaussian_enhancer.viewer.saved import SavedFiles, path_through
-from support import paths
+from support.job_config import initialised
 from support.synthetic_runs import plane_camera
 
 CAPTURE = [plane_camera(index, 48, 64) for index in range(8)]
@@ -23,7 +23,7 @@ def test_a_saved_path_is_the_path_that_video_lays(tmp_path):
     laid = path_through(KEPT, 320, 2.0, CAPTURE, 10.0)
     file = SavedFiles(tmp_path / "saved").path(laid, 10.0)
     assert file.name == "path_001.json"
-    with initialize_config_dir(paths.CONF, version_base="1.3"):
+    with initialised():
         path = lay_path(compose("video", [f"path={file}"]), CAPTURE)
     assert path.fps == 10
     assert len(path.cameras) == len(laid) == 20

@@ -14,9 +14,9 @@ from ablations.report.plan_study import PlanAims, PlanScenes, cost_table
 from ablations.report.stability import count_table
 from ablations.report.tradeoff_quality import by_side, setting_table
 from ablations.stability.judge import KIND as CELL
+from ablations.tradeoff.summary import summarised
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.metrics.records import Record, read_records
-from gaussian_enhancer.metrics.tradeoff import summarised
 
 FOLDER = "diagrams"
 NOTES = {

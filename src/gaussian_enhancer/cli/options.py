@@ -5,7 +5,8 @@ Groups (scene, splat, fusion, ...) are checked against the signatures of what th
 
 import os
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NotRequired, get_type_hints
+from importlib import import_module
+from typing import Annotated, Any, NotRequired, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -13,7 +14,6 @@ from pydantic import AfterValidator, Field, with_config
 from typing_extensions import TypedDict
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.lock import RECORDS
 from gaussian_enhancer.typed import STRICT, check_plain
 
 LONGEST_NAME, LONGEST_PATH = 255, 4095
@@ -29,20 +29,12 @@ def _usable(path: str) -> str:
     return path
 
 
-def _records(path: str) -> str:
-    if not path.endswith(RECORDS):
-        raise ValueError(f"a file that ends in {' or '.join(RECORDS)}")
-    return path
-
-
 Place = Annotated[str, AfterValidator(_usable)]
 Places = list[Place]
-RecordsFile = Annotated[Place, AfterValidator(_records)]
 Word = str | int | float
 Group = dict[str, Any]
 Count = Annotated[int, Field(ge=1)]
 Size = Annotated[int, Field(ge=0)]
-PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
 Side = Annotated[int, Field(ge=64, le=8192)]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Positive = Annotated[float, Field(gt=0)]
@@ -72,25 +64,6 @@ class Options(Shared):
     """Options of jobs that make or read content-addressed runs."""
 
     runs: Place
-
-
-class OfFits(Shared):
-    """Options of measurements of finished fits."""
-
-    row_table: Group
-    runs: Places
-    records: RecordsFile | None
-
-
-class FromRecords(Shared):
-    """Options of measurements of runs that make a page from their records."""
-
-    row_table: Group
-    runs: Places
-    records: RecordsFile
-    page: Place | None
-    lpips: list[str]
-    backbones: Place | None
 
 
 class Demo(Options):
@@ -336,359 +309,6 @@ class Download(Options):
     timeout: Positive
 
 
-class Dashboard(Options):
-    """Options of the job ``dashboard``."""
-
-    folder: Place
-    title: Word | None
-    studies: dict[str, Any]
-    images_per_scene: Size
-
-
-class PlanStudy(Options):
-    """Options of the job ``plan_study``."""
-
-    worlds: Group
-    weights: Place
-    repeats: Count
-    fit_missing: bool
-    records_only: bool
-    lpips: list[str]
-    backbones: Place | None
-    baseline: str
-    shown: str
-    faster: Positive
-    slower: Positive
-    allowed: NonNegative
-    results: Place
-    markdown: Place
-
-
-class Quality(Options):
-    """Options of the job ``quality``."""
-
-    scenes: list[str] | None
-    splats: list[str]
-    fit: list[str]
-    fit_missing: bool
-    records_only: bool
-    lpips: list[str]
-    backbones: Place | None
-    groups: Group
-    tables: Group
-    markdown: Place
-    records: RecordsFile
-
-
-class Stability(Options):
-    """Options of the job ``stability``."""
-
-    families: list[str] | None
-    cases: list[str] | None
-    records_only: bool
-    records: RecordsFile
-    markdown: Place
-
-
-class Status(Options):
-    """Options of the job ``status``."""
-
-    scale: Group
-    table: Word | list[Word] | None
-    states: list[str] | None
-    backbones: Place | None
-
-
-class Pages(Options):
-    """Options of the job ``pages``."""
-
-    write: bool
-
-
-class Fresh(Options):
-    """Options of the job ``fresh``."""
-
-    strict: bool
-    inputs: dict[str, list[str]]
-    pages: dict[str, Group]
-    tables: list[str]
-
-
-class Tables(Options):
-    """Options of the job ``tables``."""
-
-    scale: Group
-    table: Word | list[Word]
-    dry_run: bool
-    workers: Count | None
-    scheduler: str | None
-    records_only: bool
-    fit_missing: bool
-    train_missing: bool
-    results: Place
-    backbones: Place | None
-
-
-class Tradeoff(Options):
-    """Options of the job ``tradeoff``."""
-
-    kind: Literal["quality", "training", "numerics", "all"]
-    records_only: bool
-    fit_missing: bool
-    train_missing: bool
-    lpips: list[str]
-    backbones: Place | None
-    minutes: Positive
-    studies: list[str] | None
-    settings: Place | None
-    markdown: Place
-    results: Place
-
-
-class Candidates(OfFits):
-    """Options of the job ``candidates``."""
-
-    weights: Places
-    every: Count
-    lpips: list[str]
-    backbones: Place | None
-
-
-class Guards(Candidates):
-    """Options of the job ``guards``."""
-
-    guard: Literal["photo_consistency", "colour_clamping", "strength"]
-
-
-class Renders(OfFits):
-    """Options of the job ``renders``."""
-
-    rows: list[str]
-    folder: Place
-    every: Count
-    lpips: list[str]
-    backbones: Place | None
-
-
-class IBGS(Options):
-    """Options of the job ``ibgs``."""
-
-    fit: Place
-    step: Count | None
-    settings: Group
-    choice: Group
-
-
-class Convergence(FromRecords):
-    """Options of the job ``convergence``."""
-
-    methods: list[str]
-    last: bool
-    ibgs: Places
-    second: Places
-    pictures: Place | None
-
-
-class DistilStudy(FromRecords):
-    """Options of the job ``distil_study``."""
-
-    weights: Place
-
-
-class DepthStudy(OfFits):
-    """Options of the job ``depth``."""
-
-    weights: Place
-    every: Count
-    strength: Share
-    lpips: list[str]
-    backbones: Place | None
-
-
-class Flicker(OfFits):
-    """Options of the job ``flicker``."""
-
-    weights: Place
-    frames: Annotated[int, Field(ge=2)]
-    cameras: Annotated[int, Field(ge=2)]
-    strength: Share | None
-    temporal_smoothing: list[Share]
-    hysteresis: list[Annotated[float, Field(gt=0, le=1)]]
-
-
-class AlreadyGood(OfFits):
-    """Options of the job ``already_good``."""
-
-    weights: Place
-    views: Count
-
-
-class Realism(Options):
-    """Options of the job ``realism``."""
-
-    row_table: Group
-    train: Places
-    test: Places
-    rows: list[str]
-    generator_weights: Place | None
-    steps: Count
-    seeds: Count
-    seed: Seed
-    renders: Count
-    patches: Count
-    patch_size: Count
-    records: RecordsFile | None
-
-
-class Diversity(OfFits):
-    """Options of the job ``diversity``."""
-
-    rows: list[str]
-    generator_weights: Place | None
-    seed: Seed
-
-
-class Fingerprints(OfFits):
-    """Options of the job ``fingerprints``."""
-
-    views: Count
-    gates: Place | None
-
-
-class ArtefactSheet(Shared):
-    """Options of the job ``artefact_sheet``."""
-
-    runs: Places
-    records: RecordsFile | None
-    renders: Count
-    side: Annotated[int, Field(ge=32)]
-    draws: Count
-    seeds: Count
-    picture: Place | None
-
-
-class SamplerStudy(OfFits):
-    """Options of the job ``sampler``."""
-
-    generator_weights: Place
-    renders: Count
-
-
-class Ship(Options):
-    """Options of the job ``ship``."""
-
-    weights: Place
-    name: Annotated[str, Field(pattern=r"^\w+$")]
-    first: Place | None
-    strength: Share
-    helps: str
-    harms: str
-
-
-class BeforeAfter(Options):
-    """Options of the job ``before_after``."""
-
-    run: Place
-    method: str
-    capture: str | None
-    quality: Annotated[int, Field(ge=1, le=95)]
-
-
-class FlowFigure(Options):
-    """Options of the job ``flow_figure``."""
-
-
-class Networks(Options):
-    """Options of the job ``networks``."""
-
-    row_table: Group
-    paper: bool
-    references: Size
-    times: bool
-    height: Count
-    width: Count
-    rounds: Count
-    records: RecordsFile | None
-
-
-class Peers(Options):
-    """Options of the job ``peers``."""
-
-    device: Literal["auto", "cpu", "cuda"]
-    networks: list[str] | None
-    dtypes: list[Literal["float32", "bfloat16", "bfloat16 weights"]]
-    compiled: bool
-    height: Side
-    width: Side
-    references: Size
-    rounds: Count
-    cold_rounds: Count
-    memory: bool
-    family: str
-    ours: dict[str, Group]
-    published: dict[str, Group]
-    pipeline: dict[str, list[PixelSize]]
-    records: RecordsFile
-    records_only: bool
-    quality: RecordsFile
-    tried: PixelSize
-    page: Place
-
-
-class Degradation(Options):
-    """Options of the job ``degradation``."""
-
-    row_table: Group
-    methods: list[str] | None
-    overrides: list[str]
-    rounds: Annotated[int, Field(ge=2)]
-    records: RecordsFile | None
-
-
-class Similarity(Options):
-    """Options of the job ``similarity``."""
-
-    row_table: Group
-    height: Count
-    width: Count
-    rounds: Count
-    records: RecordsFile | None
-
-
-class SplatKernels(Options):
-    """Options of the job ``splat_kernels``."""
-
-    row_table: Group
-    sizes: list[PixelSize]
-    counts: list[Count]
-    methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
-    rounds: Count
-    cold: bool
-    records: RecordsFile | None
-
-
-class ViewerSpeed(Options):
-    """Options of the job ``viewer_speed``."""
-
-    run: Place
-    show: str
-    width: Side
-    seconds: Positive
-    overrides: list[str]
-    picture: Place | None
-    records: RecordsFile | None
-
-
-class VideoSpeed(Options):
-    """Options of the job ``video_speed``."""
-
-    run: Place
-    frames: Annotated[int, Field(ge=2)]
-    overrides: list[str]
-    rounds: Count
-    records: RecordsFile | None
-
-
 OPTIONS: Mapping[str, type[Shared]] = {
     "demo": Demo,
     "fit": Fit,
@@ -702,43 +322,16 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "train_generator": TrainGenerator,
     "train_confidence": TrainConfidence,
     "measure": Measure,
-    "quality": Quality,
-    "tradeoff": Tradeoff,
-    "stability": Stability,
-    "plan_study": PlanStudy,
-    "tables": Tables,
-    "pages": Pages,
-    "fresh": Fresh,
-    "status": Status,
     "report": Report,
-    "dashboard": Dashboard,
     "download": Download,
-    "candidates": Candidates,
-    "guards": Guards,
-    "renders": Renders,
-    "ibgs": IBGS,
-    "convergence": Convergence,
-    "distil_study": DistilStudy,
-    "depth": DepthStudy,
-    "flicker": Flicker,
-    "already_good": AlreadyGood,
-    "realism": Realism,
-    "diversity": Diversity,
-    "fingerprints": Fingerprints,
-    "artefact_sheet": ArtefactSheet,
-    "sampler": SamplerStudy,
-    "ship": Ship,
-    "before_after": BeforeAfter,
-    "flow_figure": FlowFigure,
-    "networks": Networks,
-    "peers": Peers,
-    "degradation": Degradation,
-    "similarity": Similarity,
-    "splat_kernels": SplatKernels,
-    "viewer_speed": ViewerSpeed,
-    "video_speed": VideoSpeed,
 }
 """The options by job."""
+
+
+def options_of(job: str) -> type[Shared]:
+    """The options of a job; the experiment suite states those of its jobs itself."""
+    own: Mapping[str, type[Shared]] = OPTIONS if job in OPTIONS else import_module("ablations.options").OPTIONS
+    return own.get(job, Options)
 
 
 def check_options(job: str, cfg: DictConfig) -> None:
@@ -751,7 +344,7 @@ def check_options(job: str, cfg: DictConfig) -> None:
     Raises:
         InputError: an option is missing, of another type or out of bounds, or refers to what is not there.
     """
-    for name, kind in get_type_hints(OPTIONS.get(job, Options), include_extras=True).items():
+    for name, kind in get_type_hints(options_of(job), include_extras=True).items():
         if kind == Group | None and name not in cfg:
             continue  # a group of which nothing is chosen
         if name not in cfg and not OmegaConf.is_missing(cfg, name):

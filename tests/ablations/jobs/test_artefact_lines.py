@@ -4,18 +4,18 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from ablations.jobs.tables import _shown
 from ablations.report.grids import PHOTO
 from ablations.suite.descriptions import experiment
 from gaussian_enhancer.scene.image_files import write_image
-from support.paths import CONF
+from support.job_config import initialised
 
 
 @pytest.fixture(scope="module")
 def figure():
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return experiment("figure_7", compose("tables", ["table=7", "scale=smoke"]).scale)
 
 

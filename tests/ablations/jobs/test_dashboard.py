@@ -3,18 +3,16 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from ablations.jobs import dashboard
 from gaussian_enhancer.errors import InputError
-from support import paths
 from support.dashboard_samples import write_results, write_runs
-
-CONF = paths.ROOT / "conf"
+from support.job_config import initialised
 
 
 def make(*overrides: str) -> None:
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialised():
         dashboard.run(compose("dashboard", overrides=list(overrides)))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import DictConfig, open_dict
 
 from ablations.jobs import plan_study
@@ -15,6 +15,7 @@ from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
 from support import paths
+from support.job_config import initialised, job_config
 from support.synthetic_runs import write_plane_run
 
 CONF = paths.CONF
@@ -39,8 +40,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
     def of(*overrides: str) -> DictConfig:
         paths = [f"runs={tmp_path}", f"results={tmp_path / 'results'}", f"markdown={tmp_path / 'docs/results/plan.md'}"]
         quick = ["lpips=[]", "repeats=1", f"weights={tmp_path / 'w.safetensors'}", "runtime.threads=1"]
-        with initialize_config_dir(CONF, version_base="1.3"):
-            cfg = compose("plan_study", [*paths, *quick, *overrides])
+        cfg = job_config("plan_study", *paths, *quick, *overrides)
         with open_dict(cfg):
             cfg.worlds.plans.auto = ["plan=auto", "plan.small=0"]  # the planes are small
             cfg.worlds.cells = {"plane": {"fit": [], "every": 1}, "absent": {"fit": [], "every": 1}}
@@ -50,7 +50,7 @@ def configured(tmp_path, monkeypatch) -> Callable[..., DictConfig]:
 
 
 def started(cfg: DictConfig) -> float | None:
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return plan_study.run(cfg)
 
 
@@ -87,7 +87,7 @@ def test_an_unknown_plan_is_refused_and_worlds_are_kept_apart(configured):
 
 
 def test_training_worlds_are_none_of_the_test_worlds():
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         fits = {
             name: {
                 word for cell in compose("plan_study", [f"worlds={name}"]).worlds.cells.values() for word in cell.fit

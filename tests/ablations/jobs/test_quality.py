@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import DictConfig, open_dict
 
 from ablations.jobs import quality
@@ -20,10 +20,8 @@ from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.photos import read_photo
-from support import paths
+from support.job_config import initialised, job_config
 from support.synthetic_runs import write_plane_run
-
-CONF = paths.CONF
 
 
 @pytest.fixture
@@ -57,17 +55,16 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
     def of(*overrides: str, **methods: dict[str, object]) -> DictConfig:
         paths = [f"runs={tmp_path / 'runs'}", f"markdown={tmp_path / 'docs/q.md'}", f"records={tmp_path / 'q.jsonl'}"]
         few = ["scenes=[unbounded]", "splats=[3dgs]", "lpips=[]", "backbones=null"]
-        with initialize_config_dir(CONF, version_base="1.3"):
-            cfg = compose("quality", [*paths, *few, "runtime.threads=1", "runtime.progress=false", *overrides])
-            with open_dict(cfg):
-                cfg.tables = {"lr": {**cfg.tables.lr, "methods": {"raw": {"about": "the render"}, **methods}}}
+        cfg = job_config("quality", *paths, *few, "runtime.threads=1", "runtime.progress=false", *overrides)
+        with open_dict(cfg):
+            cfg.tables = {"lr": {**cfg.tables.lr, "methods": {"raw": {"about": "the render"}, **methods}}}
         return cfg
 
     return of
 
 
 def started(cfg: DictConfig) -> float | None:
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return quality.run(cfg)
 
 
@@ -223,7 +220,7 @@ def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(conf
 
     trained = ["+recipe=lr", "size=tiny"]
     cfg = configured(ours={"role": "ours", "train": trained})
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         with pytest.raises(InputError, match="not trained yet"):
             cells.weights_of(cfg, cfg.tables.lr.methods.ours)
         run = open_run(with_effect(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from ablations.jobs import stability
@@ -11,14 +10,14 @@ from ablations.report import stability as pages
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records, write_records
 from support import paths
+from support.job_config import job_config
 
 CONF = paths.CONF
 
 
 def configured(folder: Path, *overrides: str) -> DictConfig:
     paths = [f"records={folder / 'r/s.jsonl'}", f"markdown={folder / 'docs/s.md'}"]
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("stability", [*paths, "runtime.threads=1", *overrides])
+    return job_config("stability", *paths, "runtime.threads=1", *overrides)
 
 
 def test_cases_become_records_a_page_and_diagrams(tmp_path, monkeypatch):

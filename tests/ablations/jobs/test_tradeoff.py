@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from ablations.jobs import tradeoff
 from ablations.report import tradeoff_quality
 from ablations.tradeoff.settings import Setting, read_studies
+from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.cli import pipeline
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -18,10 +19,10 @@ from gaussian_enhancer.infer.presets import read_presets
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records, write_records
-from gaussian_enhancer.metrics.tradeoff import HIGH, LOW, TIME
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.renders import read_run
 from support import paths
+from support.job_config import initialised, job_config
 from support.synthetic_runs import write_plane_run
 
 CONF = paths.CONF
@@ -39,13 +40,12 @@ FASTEST_FIRST = {
 
 
 def configured(*overrides: str):
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return compose("tradeoff", [TINY, "scale=tiny", "curves=tiny", "lpips=[]", *QUIET, *overrides])
+    return job_config("tradeoff", TINY, "scale=tiny", "curves=tiny", "lpips=[]", *QUIET, *overrides)
 
 
 def started(*overrides: str) -> None:
     cfg = configured(*overrides)
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         tradeoff.run(cfg)
 
 
@@ -245,7 +245,7 @@ def test_a_network_that_cannot_be_compiled_is_missing_and_one_that_can_says_how_
 
 
 def test_the_desk_curves_are_readable_and_name_what_the_issue_asks_for() -> None:
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         cfg = compose("tradeoff")
         studies = {study.name: study for study in read_studies(cfg)}
         lr = {one.name: one for one in studies["lr"].settings}

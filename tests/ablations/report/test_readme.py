@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.report.readme import BEGIN, END, RECORDS, SCENES, frames, inserted, text
+from ablations.report.readme import BEGIN, END, RECORDS, SCENES, inserted, text
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records
 from support.paths import ROOT
@@ -37,7 +37,7 @@ def test_numbers_are_means_over_fits_and_the_worst_frame_is_told() -> None:
 
 def test_a_view_without_its_raw_render_is_refused() -> None:
     with pytest.raises(InputError, match="no raw render"):
-        frames([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
+        text([one for one in both(1.0) if one.variant == "lr/lr_tiny"])
 
 
 def test_only_what_stands_between_the_marks_is_replaced() -> None:

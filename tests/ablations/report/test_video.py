@@ -3,6 +3,7 @@
 import pytest
 
 from ablations.report.video import PAGE, SPEED, UNMEASURED, filled, mark, speed_table
+from ablations.study.rows import frame_of
 from gaussian_enhancer.errors import InputError
 from support.paths import DOCS, ROOT
 
@@ -28,7 +29,8 @@ def test_the_page_says_what_its_records_say() -> None:
 
 
 def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
-    head, _, first, second, _, told = speed_table([MEASURED, {**MEASURED, "threads": 2, "share": 0.5}]).splitlines()
+    measured = frame_of([MEASURED, {**MEASURED, "threads": 2, "share": 0.5}])
+    head, _, first, second, _, told = speed_table(measured).splitlines()
     assert len(head.split("|")) == len(first.split("|"))
     assert first == "| 1 | 20 ms | 100 ms | 5 ms | 8 ms | 133 ms | 110 ms | enhance | 91% |"
     assert second.startswith("| 2 |")
@@ -40,7 +42,7 @@ def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
 
 
 def test_a_page_without_marks_is_refused() -> None:
-    assert speed_table([]) == UNMEASURED
+    assert speed_table(frame_of([])) == UNMEASURED
     with pytest.raises(InputError, match=r"docs/video\.md: has no place for its figures"):
         filled("no marks", DOCS / "results")
     with pytest.raises(InputError, match="has no place"):

@@ -16,6 +16,13 @@ def toy(parts, psnr=1.0) -> Study[str]:
     return Study(parts, lambda part: [{"row": part, "psnr": psnr}], ("row",), option="rows")
 
 
+def killed(part):
+    """Measure, but die at the part b."""
+    if part == "b":
+        raise KeyboardInterrupt
+    return [{"row": part, "psnr": 9.0}]
+
+
 def configured(tmp_path, **values):
     runtime = {"device": "cpu", "threads": 1, "keep_memory": False, "progress": False}
     return OmegaConf.create({"runtime": runtime, "records": None, "row_table": TABLE, **values})
@@ -44,11 +51,6 @@ def test_a_study_that_was_killed_goes_on_where_it_stopped(tmp_path):
 def test_parts_are_known_by_their_text_and_not_by_their_place(tmp_path):
     path = str(tmp_path / "rows.jsonl")
 
-    def killed(part):
-        if part == "b":
-            raise KeyboardInterrupt
-        return [{"row": part, "psnr": 9.0}]
-
     with pytest.raises(KeyboardInterrupt):
         measured(Study(("a", "b"), killed, ("row",)), path, "0123")
     frame = measured(toy(("0", "a", "b")), path, "0123")
@@ -56,11 +58,6 @@ def test_parts_are_known_by_their_text_and_not_by_their_place(tmp_path):
 
 
 def test_another_command_does_not_go_on_with_what_was_killed(tmp_path):
-    def killed(part):
-        if part == "b":
-            raise KeyboardInterrupt
-        return [{"row": part, "psnr": 9.0}]
-
     with pytest.raises(KeyboardInterrupt):
         measured(Study(("a", "b"), killed, ("row",)), str(tmp_path / "rows.jsonl"), "0123")
     assert measured(toy(("a", "b")), str(tmp_path / "rows.jsonl"), "4567")["psnr"].tolist() == [1.0, 1.0]
@@ -80,6 +77,30 @@ def test_a_study_may_write_reports_of_its_own(tmp_path, capsys):
     reported = dataclasses.replace(toy(("a",)), report=lambda: 3.0)
     assert job(lambda cfg, device: reported)(configured(tmp_path)) == 3.0
     assert capsys.readouterr().out == ""
+
+
+def test_whole_records_are_those_of_one_command_and_stay_without_a_part(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    one = dataclasses.replace(toy(("a", "b")), whole=True)
+    assert measured(one, str(path))["row"].tolist() == ["a", "b"]
+    assert measured(dataclasses.replace(one, parts=("c",)), str(path))["row"].tolist() == ["c"]
+    before = path.read_bytes()
+    assert measured(dataclasses.replace(one, parts=()), str(path))["row"].tolist() == ["c"]
+    assert path.read_bytes() == before
+
+    with pytest.raises(KeyboardInterrupt):
+        measured(dataclasses.replace(one, measure=killed), str(path))
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["rows.jsonl"]
+
+
+def test_several_studies_are_measured_before_the_last_one_reports(tmp_path):
+    def report():
+        return float(sum(len((tmp_path / f"{name}.jsonl").read_text().splitlines()) for name in ("one", "two")))
+
+    one, two = (dataclasses.replace(toy(("a", "b")), records=tmp_path / f"{name}.jsonl") for name in ("one", "two"))
+    last = dataclasses.replace(toy(()), report=report)
+    assert job(lambda cfg, device: [one, two, last])(configured(tmp_path)) == 4.0
 
 
 def test_a_file_of_something_else_is_refused_before_anything_is_measured(tmp_path):

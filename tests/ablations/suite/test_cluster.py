@@ -18,7 +18,6 @@ from typing import Any
 import psutil
 import pytest
 from distributed import Client, LocalCluster
-from hydra import initialize_config_dir
 from omegaconf import OmegaConf
 from rich.console import Console
 
@@ -29,7 +28,8 @@ from ablations.suite.plan import PlannedRun, Work
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import State
-from support.tiny_suite import CONF, TINY, configured, content, plan, started
+from support.job_config import initialised
+from support.tiny_suite import TINY, configured, content, plan, started
 
 LONG = "['settings.steps=1000000','scene.height=32','scene.width=48','scene.views=8','settings.init=random']"
 
@@ -102,7 +102,7 @@ def ahead(make: Callable[..., None], client: Client, monkeypatch) -> dict[str, E
     """What goes wrong with table 10 where runs are made by a function."""
     monkeypatch.setattr(cluster, "_make", make)
     cfg = configured("table=10", "workers=2", f"scheduler={client.scheduler.address}")
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
 
 
@@ -191,7 +191,7 @@ def test_a_scheduler_that_does_not_answer_is_a_users_mistake(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cluster, "Client", partial(Client, set_as_default=False))
     cfg = configured("table=10", "scheduler=tcp://127.0.0.1:9")
-    with initialize_config_dir(CONF, version_base="1.3"), pytest.raises(InputError, match="does not answer"):
+    with initialised(), pytest.raises(InputError, match="does not answer"):
         made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from ablations.suite.inputs import missing_inputs, published_fit_minutes
@@ -13,13 +13,14 @@ from gaussian_enhancer.runs.high_resolution import high_resolution_config
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.scene.datasets import published_dataset
 from support import paths
+from support.job_config import initialised
 
 CONF = paths.ROOT / "conf"
 SCENES = sorted(path.stem for path in (CONF / "scene" / "datasets").glob("*.yaml"))
 
 
 def scene(*overrides: str) -> DictConfig:
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialised():
         return compose("fit", list(overrides)).scene
 
 
@@ -78,7 +79,7 @@ def test_times_follow_the_resolution_upwards(root):
 
 def test_a_dry_run_reckons_with_what_was_published_where_no_finished_fit_tells(root):
     estimates = Estimates(root / "runs", OmegaConf.create({"minutes": {"fit": 0.7}}))
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialised():
         room, procedural = (
             compose("fit", [f"scene={name}", "settings.steps=15000"]) for name in ("datasets/room", "object")
         )

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 import torch
 import torch.nn.functional as F
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.jobs import quality
@@ -27,6 +26,7 @@ from gaussian_enhancer.splat.methods import ThreeDGS
 from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Gaussians
 from support import paths
+from support.job_config import initialised, job_config
 
 CONF = paths.CONF
 SMALL = ["scene=object", "scene.seed=2000", "scene.height=24", "scene.width=32", "scene.views=9", "+scene.points=0"]
@@ -72,19 +72,18 @@ def configured(tmp_path) -> Callable[..., DictConfig]:
     def of(**methods: dict[str, object]) -> DictConfig:
         paths = [f"runs={tmp_path / 'runs'}", f"markdown={tmp_path / 'q.md'}", f"records={tmp_path / 'q.jsonl'}"]
         few = ["scenes=[object]", "splats=[3dgs]", "lpips=[]", "backbones=null", "~tables.lr", "runtime.threads=1"]
-        with initialize_config_dir(CONF, version_base="1.3"):
-            cfg = compose("quality", [*paths, *few, "runtime.progress=false"])
-            with open_dict(cfg):
-                cfg.groups.procedural.scenes = {"object": SMALL}
-                cfg.tables.sr.every = 1
-                cfg.tables.sr.methods = {"bicubic": {"upscale": True}, **methods}
+        cfg = job_config("quality", *paths, *few, "runtime.progress=false")
+        with open_dict(cfg):
+            cfg.groups.procedural.scenes = {"object": SMALL}
+            cfg.tables.sr.every = 1
+            cfg.tables.sr.methods = {"bicubic": {"upscale": True}, **methods}
         return cfg
 
     return of
 
 
 def started(cfg: DictConfig) -> float | None:
-    with initialize_config_dir(CONF, version_base="1.3"):
+    with initialised():
         return quality.run(cfg)
 
 

@@ -4,9 +4,8 @@ from collections import Counter
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
-from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates import adaptive
 from gaussian_enhancer.degrade.gates import gate as gates
@@ -14,6 +13,7 @@ from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate
 from gaussian_enhancer.degrade.gates.gate import AllGate, ArtefactStep, NoGate, RandomGate, switched_on
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
+from support.job_config import initialised
 
 DRAWS = 3000
 EVERY = dict.fromkeys(TYPES, 0.9)
@@ -112,7 +112,7 @@ def test_refuses_what_is_no_type_or_out_of_range_by_name(make, named):
 
 def composed(name, *overrides):
     given = [f"+gate={name}", *(f"gate.{word}" for word in overrides)]
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
+    with initialised():
         return build(compose("base", given).gate)
 
 
@@ -125,7 +125,7 @@ def test_configurations_switch_single_types_off(name):
 
 
 def test_every_type_has_its_line_of_configuration():
-    with initialize_config_dir(str(configurations()), version_base="1.3"):
+    with initialised():
         switches = compose("base", ["+artefacts=all"]).artefacts
     assert dict(switches) == dict.fromkeys(TYPES, True)
 

@@ -1,8 +1,5 @@
-import dataclasses
-
 import pytest
 import torch
-from test_sif import views
 
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.network.baselines.edvr import EDVR, Attention, OffsetStep
@@ -22,15 +19,6 @@ def trained() -> EDVR:
     return network.eval()
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 5), (32, 48), (41, 17)])
-@pytest.mark.parametrize("references", [0, 1, 8])
-def test_untrained_network_returns_the_render_bit_for_bit(size, references):
-    seen = views(*size, references=references)
-    assert torch.equal(small()(seen), seen.render)
-    with torch.autocast("cpu", torch.bfloat16):
-        assert torch.equal(small()(seen), seen.render)
-
-
 @pytest.mark.parametrize(
     ("widths", "blocks", "encoder_blocks"),
     [((16, 24, 32), (1, 1, 2), 1), ((32, 64, 96), (2, 2, 3), 1), ((48, 96, 144), (3, 3, 6), 2)],
@@ -38,43 +26,6 @@ def test_untrained_network_returns_the_render_bit_for_bit(size, references):
 def test_has_as_many_parameters_as_sif(widths, blocks, encoder_blocks):
     own, theirs = count_parameters(EDVR(widths, blocks)), count_parameters(SIF(widths, blocks, encoder_blocks))
     assert own == pytest.approx(theirs, rel=0.05)
-
-
-def test_order_of_references_changes_nothing():
-    network, seen = trained(), views(references=3, batch=2)
-    order = torch.tensor([2, 0, 1])
-    mixed = dataclasses.replace(seen, references=seen.references[:, order], visibility=seen.visibility[:, order])
-    torch.testing.assert_close(network(mixed), network(seen), rtol=0, atol=1e-5)
-    other = dataclasses.replace(seen, references=1 - seen.references)
-    assert not torch.allclose(network(other), network(seen), atol=1e-3)
-
-
-def test_missing_reference_equals_its_removal():
-    network, seen = trained(), views(references=3)
-    visibility = seen.visibility.clone()
-    visibility[:, 1] = 0
-    keep = torch.tensor([0, 2])
-    missing = dataclasses.replace(seen, visibility=visibility)
-    removed = dataclasses.replace(seen, references=seen.references[:, keep], visibility=seen.visibility[:, keep])
-    torch.testing.assert_close(network(missing), network(removed), rtol=0, atol=1e-5)
-    none = dataclasses.replace(seen, visibility=torch.zeros_like(visibility))
-    empty = dataclasses.replace(seen, references=seen.references[:, :0], visibility=seen.visibility[:, :0])
-    torch.testing.assert_close(network(none), network(empty), rtol=0, atol=1e-5)
-
-
-def test_targets_of_a_batch_do_not_see_each_other():
-    network, seen = trained(), views(references=2, batch=3)
-    last = seen.mapped(lambda image, finer: image[2:])
-    torch.testing.assert_close(network(seen)[2:], network(last), rtol=0, atol=1e-5)
-
-
-def test_gradients_reach_every_parameter():
-    network = trained()
-    network(views()).square().mean().backward()
-    for name, parameter in network.named_parameters():
-        assert parameter.grad is not None, name
-        assert parameter.grad.abs().sum() > 0, name
-        assert bool(torch.isfinite(parameter.grad).all()), name
 
 
 def test_offsets_are_bounded_and_zero_at_birth():

@@ -1,0 +1,432 @@
+"""The types and bounds of the options of the jobs of this package, which the command line checks as all others'."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
+
+from gaussian_enhancer.cli.options import (
+    Count,
+    Group,
+    NonNegative,
+    Options,
+    Place,
+    Places,
+    Positive,
+    Seed,
+    Share,
+    Shared,
+    Side,
+    Size,
+    Word,
+)
+from gaussian_enhancer.runs.lock import RECORDS
+
+
+def _records(path: str) -> str:
+    if not path.endswith(RECORDS):
+        raise ValueError(f"a file that ends in {' or '.join(RECORDS)}")
+    return path
+
+
+RecordsFile = Annotated[Place, AfterValidator(_records)]
+PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
+
+
+class Measurement(Options):
+    """Options of measurements that print a table of rows."""
+
+    row_table: Group
+    records: RecordsFile | None
+
+
+class Distances(Shared):
+    """Options of what measures LPIPS as well."""
+
+    lpips: list[str]
+    backbones: Place | None
+
+
+class OfFits(Shared):
+    """Options of measurements of finished fits."""
+
+    row_table: Group
+    runs: Places
+    records: RecordsFile | None
+
+
+class OfViews(OfFits, Distances):
+    """Options of measurements of every n-th held-out view of finished fits."""
+
+    every: Count
+
+
+class FromRecords(Distances):
+    """Options of measurements of runs that make a page from their records."""
+
+    row_table: Group
+    runs: Places
+    records: RecordsFile
+    page: Place | None
+
+
+class Dashboard(Options):
+    """Options of the job ``dashboard``."""
+
+    folder: Place
+    title: Word | None
+    studies: dict[str, Any]
+    images_per_scene: Size
+
+
+class PlanStudy(Options, Distances):
+    """Options of the job ``plan_study``."""
+
+    worlds: Group
+    weights: Place
+    repeats: Count
+    fit_missing: bool
+    records_only: bool
+    baseline: str
+    shown: str
+    faster: Positive
+    slower: Positive
+    allowed: NonNegative
+    results: Place
+    markdown: Place
+
+
+class Quality(Options, Distances):
+    """Options of the job ``quality``."""
+
+    scenes: list[str] | None
+    splats: list[str]
+    fit: list[str]
+    fit_missing: bool
+    records_only: bool
+    groups: Group
+    tables: Group
+    markdown: Place
+    records: RecordsFile
+
+
+class Stability(Options):
+    """Options of the job ``stability``."""
+
+    families: list[str] | None
+    cases: list[str] | None
+    records_only: bool
+    records: RecordsFile
+    markdown: Place
+
+
+class Status(Options):
+    """Options of the job ``status``."""
+
+    scale: Group
+    table: Word | list[Word] | None
+    states: list[str] | None
+    backbones: Place | None
+
+
+class Pages(Options):
+    """Options of the job ``pages``."""
+
+    write: bool
+
+
+class Fresh(Options):
+    """Options of the job ``fresh``."""
+
+    strict: bool
+    inputs: dict[str, list[str]]
+    pages: dict[str, Group]
+    tables: list[str]
+
+
+class Tables(Options):
+    """Options of the job ``tables``."""
+
+    scale: Group
+    table: Word | list[Word]
+    dry_run: bool
+    workers: Count | None
+    scheduler: str | None
+    records_only: bool
+    fit_missing: bool
+    train_missing: bool
+    results: Place
+    backbones: Place | None
+
+
+class Tradeoff(Options, Distances):
+    """Options of the job ``tradeoff``."""
+
+    kind: Literal["quality", "training", "numerics", "all"]
+    records_only: bool
+    fit_missing: bool
+    train_missing: bool
+    minutes: Positive
+    studies: list[str] | None
+    settings: Place | None
+    markdown: Place
+    results: Place
+
+
+class Candidates(OfViews):
+    """Options of the job ``candidates``."""
+
+    weights: Places
+
+
+class Guards(Candidates):
+    """Options of the job ``guards``."""
+
+    guard: Literal["photo_consistency", "colour_clamping", "strength"]
+
+
+class Renders(OfViews):
+    """Options of the job ``renders``."""
+
+    rows: list[str]
+    folder: Place
+
+
+class IBGS(Options):
+    """Options of the job ``ibgs``."""
+
+    fit: Place
+    step: Count | None
+    settings: Group
+    choice: Group
+
+
+class Convergence(FromRecords):
+    """Options of the job ``convergence``."""
+
+    methods: list[str]
+    last: bool
+    ibgs: Places
+    second: Places
+    pictures: Place | None
+
+
+class DistilStudy(FromRecords):
+    """Options of the job ``distil_study``."""
+
+    weights: Place
+
+
+class DepthStudy(OfViews):
+    """Options of the job ``depth``."""
+
+    weights: Place
+    strength: Share
+
+
+class Flicker(OfFits):
+    """Options of the job ``flicker``."""
+
+    weights: Place
+    frames: Annotated[int, Field(ge=2)]
+    cameras: Annotated[int, Field(ge=2)]
+    strength: Share | None
+    temporal_smoothing: list[Share]
+    hysteresis: list[Annotated[float, Field(gt=0, le=1)]]
+
+
+class AlreadyGood(OfFits):
+    """Options of the job ``already_good``."""
+
+    weights: Place
+    views: Count
+
+
+class Realism(Measurement):
+    """Options of the job ``realism``."""
+
+    train: Places
+    test: Places
+    rows: list[str]
+    generator_weights: Place | None
+    steps: Count
+    seeds: Count
+    seed: Seed
+    renders: Count
+    patches: Count
+    patch_size: Count
+
+
+class Diversity(OfFits):
+    """Options of the job ``diversity``."""
+
+    rows: list[str]
+    generator_weights: Place | None
+    seed: Seed
+
+
+class Fingerprints(OfFits):
+    """Options of the job ``fingerprints``."""
+
+    views: Count
+    gates: Place | None
+
+
+class ArtefactSheet(OfFits):
+    """Options of the job ``artefact_sheet``."""
+
+    renders: Count
+    side: Annotated[int, Field(ge=32)]
+    draws: Count
+    seeds: Count
+    picture: Place | None
+
+
+class SamplerStudy(OfFits):
+    """Options of the job ``sampler``."""
+
+    generator_weights: Place
+    renders: Count
+
+
+class Ship(Options):
+    """Options of the job ``ship``."""
+
+    weights: Place
+    name: Annotated[str, Field(pattern=r"^\w+$")]
+    first: Place | None
+    strength: Share
+    helps: str
+    harms: str
+
+
+class BeforeAfter(Options):
+    """Options of the job ``before_after``."""
+
+    run: Place
+    method: str
+    capture: str | None
+    quality: Annotated[int, Field(ge=1, le=95)]
+
+
+class FlowFigure(Options):
+    """Options of the job ``flow_figure``."""
+
+
+class Networks(Measurement):
+    """Options of the job ``networks``."""
+
+    paper: bool
+    references: Size
+    times: bool
+    height: Count
+    width: Count
+    rounds: Count
+
+
+class Peers(Options):
+    """Options of the job ``peers``."""
+
+    device: Literal["auto", "cpu", "cuda"]
+    networks: list[str] | None
+    dtypes: list[Literal["float32", "bfloat16", "bfloat16 weights"]]
+    compiled: bool
+    height: Side
+    width: Side
+    references: Size
+    rounds: Count
+    cold_rounds: Count
+    memory: bool
+    family: str
+    ours: dict[str, Group]
+    published: dict[str, Group]
+    pipeline: dict[str, list[PixelSize]]
+    records: RecordsFile
+    records_only: bool
+    quality: RecordsFile
+    tried: PixelSize
+    page: Place
+
+
+class Degradation(Measurement):
+    """Options of the job ``degradation``."""
+
+    methods: list[str] | None
+    overrides: list[str]
+    rounds: Annotated[int, Field(ge=2)]
+
+
+class Similarity(Measurement):
+    """Options of the job ``similarity``."""
+
+    height: Count
+    width: Count
+    rounds: Count
+
+
+class SplatKernels(Measurement):
+    """Options of the job ``splat_kernels``."""
+
+    sizes: list[PixelSize]
+    counts: list[Count]
+    methods: list[Literal["3dgs", "mip_splatting", "2dgs"]]
+    rounds: Count
+    cold: bool
+
+
+class ViewerSpeed(Measurement):
+    """Options of the job ``viewer_speed``."""
+
+    run: Place
+    show: str
+    width: Side
+    seconds: Positive
+    overrides: list[str]
+    picture: Place | None
+
+
+class VideoSpeed(Measurement):
+    """Options of the job ``video_speed``."""
+
+    run: Place
+    frames: Annotated[int, Field(ge=2)]
+    overrides: list[str]
+    rounds: Count
+
+
+OPTIONS: Mapping[str, type[Shared]] = {
+    "quality": Quality,
+    "tradeoff": Tradeoff,
+    "stability": Stability,
+    "plan_study": PlanStudy,
+    "tables": Tables,
+    "pages": Pages,
+    "fresh": Fresh,
+    "status": Status,
+    "dashboard": Dashboard,
+    "candidates": Candidates,
+    "guards": Guards,
+    "renders": Renders,
+    "ibgs": IBGS,
+    "convergence": Convergence,
+    "distil_study": DistilStudy,
+    "depth": DepthStudy,
+    "flicker": Flicker,
+    "already_good": AlreadyGood,
+    "realism": Realism,
+    "diversity": Diversity,
+    "fingerprints": Fingerprints,
+    "artefact_sheet": ArtefactSheet,
+    "sampler": SamplerStudy,
+    "ship": Ship,
+    "before_after": BeforeAfter,
+    "flow_figure": FlowFigure,
+    "networks": Networks,
+    "peers": Peers,
+    "degradation": Degradation,
+    "similarity": Similarity,
+    "splat_kernels": SplatKernels,
+    "viewer_speed": ViewerSpeed,
+    "video_speed": VideoSpeed,
+}
+"""The options by job."""
