@@ -224,6 +224,15 @@ class DepthStudy(OfViews):
     strength: Share
 
 
+class LeaveOneOut(OfFits):
+    """Options of the job ``leave_one_out``."""
+
+    weights: Place
+    confidence: bool
+    every: Count
+    page: Place | None
+
+
 class Flicker(OfFits):
     """Options of the job ``flicker``."""
 
@@ -409,6 +418,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "renders": Renders,
     "ibgs": IBGS,
     "convergence": Convergence,
+    "leave_one_out": LeaveOneOut,
     "distil_study": DistilStudy,
     "depth": DepthStudy,
     "flicker": Flicker,

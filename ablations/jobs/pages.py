@@ -37,6 +37,7 @@ JOBS = (
         "records=docs/results/same_fits.jsonl",
         "page=docs/results/same_fits.md",
     ),
+    ("leave_one_out", "records=docs/results/leave_one_out.jsonl", "page=docs/results/leave_one_out.md"),
     ("distil_study", "records=docs/results/distil.jsonl", "page=docs/results/distil.md"),
 )
 """The jobs that write pages, with the overrides that make them from their records alone."""

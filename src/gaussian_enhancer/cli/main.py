@@ -57,6 +57,7 @@ SCRIPTS = {
     "candidates": "which weights to ship: gains of several on validation runs",
     "guards": "what keeps an enhancer from doing harm, and what that costs",
     "renders": "which training renders make the better enhancer",
+    "leave_one_out": "whether training views tell how much of a change to apply: docs/results/leave_one_out.md",
     "convergence": "gain against the age of a splat: docs/results/convergence.md",
     "distil_study": "what distilling gains, with and without enhanced views: docs/results/distil.md",
     "depth": "how much hangs on depth: references warped through seven kinds of it",

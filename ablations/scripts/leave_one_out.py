@@ -1,0 +1,75 @@
+"""``gaussian-enhancer leave_one_out``: whether a splat's training views tell how much of a change to apply.
+
+Strength could be chosen for each splat by its own training views: each is enhanced with the photos of the others, and
+compared with its own photo. That works only if the share of the change that is best there is also best on held-out
+views. Both are measured here, for the same fit. The best share of a view is (c, w) / (c, c), where c is the change and
+w what would make the render equal to its photo in the render's exposure.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig
+
+from ablations.scripts.convergence import role_of
+from ablations.study.engine import Study, job
+from ablations.study.fits import finished_fits, scene_of
+from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
+from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.infer.enhancer import SetEnhancer
+from gaussian_enhancer.infer.options import EnhancementOptions
+from gaussian_enhancer.infer.weights import load_weights
+from gaussian_enhancer.metrics.image_quality import psnr
+from gaussian_enhancer.scene.rendered import RenderedView
+from gaussian_enhancer.scene.renders import read_run, run_steps
+
+
+def measured(view: RenderedView, pool: Pool, enhancer: SetEnhancer) -> dict[str, object]:
+    """The render's PSNR, the gain, and the share of the change that would have been best, for one view.
+
+    Args:
+        view: with a photo; it is never its own reference.
+        pool: training views.
+        enhancer: makes the change.
+
+    Raises:
+        InputError: the view has no photo.
+    """
+    if view.read_photo is None:
+        raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
+    target, photo = read_target(view), view.read_photo()
+    truth = apply_colour(photo, fit_exposure(photo, target.image))
+    enhanced = enhancer.enhance(join(target, enhancer.reference_config.align(target, view, pool)))[0]
+    change, wanted = enhanced - target.image, truth - target.image
+    share = float((change * wanted).sum() / change.square().sum().clamp_min(1e-9))
+    raw = float(psnr(target.image, truth))
+    return {"view": view.name, "raw": raw, "gain": float(psnr(enhanced, truth)) - raw, "best_share": share}
+
+
+def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
+    """Held-out and training views of each fit's last step.
+
+    Raises:
+        InputError: a pattern names no finished run.
+    """
+    found = load_weights(cfg.weights)
+    enhancer = EnhancementOptions(strength=1.0, confidence=cfg.confidence).enhancer(
+        found, found.reference_config, device
+    )
+
+    def measure(run: Path) -> Iterator[dict[str, object]]:
+        step = run_steps(run)[-1]
+        rendered, scene = read_run(run, step), scene_of(run)
+        pool = Pool(rendered.references)
+        about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step}
+        for side, views in (("held out", rendered.targets), ("training", rendered.references)):
+            for view in views[:: cfg.every]:
+                yield {**about, "side": side, **measured(view, pool, enhancer)}
+
+    fits = finished_fits(cfg.runs) if cfg.runs else []
+    return Study(fits, measure, ("run", "side", "view"), ("best_share",))
+
+
+run = job(study)
