@@ -4,17 +4,14 @@ Axes: p planes, h height, w width, s side of a crop, b batch.
 """
 
 import dataclasses
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import UInt8
 from torch import Tensor
-from torch.nn import functional
 
-from gaussian_enhancer.train.samples import DEPTH, EACH, FIXED
+from gaussian_enhancer.train.samples import EACH, FIXED
 from gaussian_enhancer.types import Batch
 
 
@@ -32,9 +29,6 @@ class Augmentation:
         overfit: largest share of the references' errors, photo less the splat's own render of its view, that a sample
             loses: splats of more steps and Gaussians render what they were fitted to better, and new views hardly so.
         light: standard deviation of a log gain per channel that all images of a sample share.
-        gamma: standard deviation of a log exponent that all images of a sample share.
-        permute: chance that the colour channels of a sample change places, the same in all of its images.
-        zoom: largest absolute log of the factor by which a sample is resized, so that few captures show more sizes.
         every_reference: keep all references of a sample in their order, whatever ``drop_all`` is.
     """
 
@@ -44,15 +38,12 @@ class Augmentation:
     exposure: float = 0.04
     overfit: float = 0.0
     light: float = 0.1
-    gamma: float = 0.0
-    permute: float = 0.0
-    zoom: float = 0.0
     every_reference: bool = False
 
     def cut(
         self, planes: UInt8[np.ndarray, "p _ _"], generator: torch.Generator, finer: int = 1
     ) -> UInt8[np.ndarray, "p s s"]:
-        """A random square, resized, flipped and turned; images smaller than it are continued by reflection.
+        """A random square, flipped and turned; images smaller than it are continued by reflection.
 
         The same seed finds the same place in planes of the same sample that are finer.
 
@@ -61,18 +52,13 @@ class Augmentation:
             generator: source of randomness.
             finer: how many times as fine as the render the planes are.
         """
-        side = self.crop
-        if self.zoom > 0:
-            side = round(side * math.exp(self.zoom * (2 * float(torch.rand((), generator=generator)) - 1)))
-        crop, (height, width) = finer * side, planes.shape[1:]
-        top = finer * _below(max(1, height // finer - side + 1), generator)
-        left = finer * _below(max(1, width // finer - side + 1), generator)
+        crop, (height, width) = finer * self.crop, planes.shape[1:]
+        top = finer * _below(max(1, height // finer - self.crop + 1), generator)
+        left = finer * _below(max(1, width // finer - self.crop + 1), generator)
         piece = np.array(planes[:, top : top + crop, left : left + crop])
         while piece.shape[1] < crop or piece.shape[2] < crop:
             grow = [(0, min(crop - side, side)) for side in piece.shape[1:]]
             piece = np.pad(piece, [(0, 0), *grow], mode="symmetric")
-        if side != self.crop:
-            piece = _resized(piece, finer * self.crop, DEPTH if finer == 1 else slice(0))
         if _below(2, generator):
             piece = piece[:, :, ::-1]
         return np.ascontiguousarray(np.rot90(piece, _below(4, generator), axes=(1, 2)))
@@ -115,13 +101,12 @@ class Augmentation:
         size, count = views.references.shape[:2]
         whole, part = size if whole is None else whole, slice(start, start + size)
         light = torch.exp(self.light * torch.randn(whole, 3, 1, 1, generator=generator)[part])
-        recolour = self._recolour(whole, part, generator)
         one = torch.randn(whole, count, 1, 1, 1, generator=generator)[part]
         each = torch.randn(whole, count, 3, 1, 1, generator=generator)[part]
         exposure = torch.exp(self.exposure * (one + 0.5 * each))
 
         def lit(image: Tensor, gain: Tensor) -> Tensor:
-            return recolour((image * gain).clamp(0, 1))
+            return (image * gain).clamp(0, 1)
 
         drawn = views.reference_renders
         if drawn is not None and self.overfit > 0:
@@ -140,35 +125,6 @@ class Augmentation:
         )
         real = None if batch.real is None else lit(batch.real, light)
         return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light), real=real)
-
-    def _recolour(self, whole: int, part: slice, generator: torch.Generator) -> Callable[[Tensor], Tensor]:
-        """The change of channels and of contrast that all images of a sample share (b ... 3 h w); often none."""
-        exponent, order = None, None
-        if self.gamma > 0:
-            exponent = torch.exp(self.gamma * torch.randn(whole, 1, 1, 1, generator=generator)[part])
-        if self.permute > 0:
-            order = torch.rand(whole, 3, generator=generator).argsort(1)
-            kept = torch.rand(whole, 1, generator=generator) >= self.permute
-            order = torch.where(kept, torch.arange(3), order)[part, :, None, None]
-
-        def recoloured(image: Tensor) -> Tensor:
-            others = (1,) * (image.ndim - 4)
-            if order is not None:
-                places = order.reshape(len(image), *others, 3, 1, 1).expand(image.shape)
-                image = image.gather(-3, places)
-            return image if exponent is None else image ** exponent.reshape(len(image), *others, 1, 1, 1)
-
-        return recoloured
-
-
-def _resized(piece: UInt8[np.ndarray, "p h w"], side: int, exact: slice) -> UInt8[np.ndarray, "p s s"]:
-    """Planes resized with antialiasing, those of ``exact`` by the nearest value: their bytes are parts of numbers."""
-    given = torch.from_numpy(np.ascontiguousarray(piece))[None]
-    smooth = functional.interpolate(given.float(), (side, side), mode="bilinear", antialias=True)
-    resized = smooth.round().clamp(0, 255).byte()
-    if given[:, exact].numel():
-        resized[:, exact] = functional.interpolate(given[:, exact], (side, side), mode="nearest-exact")
-    return resized[0].numpy()
 
 
 def _below(limit: int, generator: torch.Generator) -> int:

@@ -35,8 +35,6 @@ from gaussian_enhancer.types import Batch, NetworkInput
 
 LAYOUT = 5
 FIXED = 9
-DEPTH = slice(7, 9)
-"""Planes of the two bytes of inverse depth."""
 EACH = 7
 FINE = 3
 NEAREST = 4.0
