@@ -156,9 +156,7 @@ WEIGHTS = (
     "+recipe=lr_converged fusion=ssif_lr label=lr_begun +card.name=lr_begun initial={lr_further} "
     "data.train=[runs/fit/conch-*,runs/fit/caliterra-*,runs/fit/axe-*,runs/fit/boruszyn-*,runs/fit/viking-*]",
     "+recipe=lr_converged fusion=ssif_lr label=lr_second optimizer.lr=8e-4 +card.name=lr_second initial={lr_begun}",
-    "+recipe=lr_converged fusion=ssif_lr trainer.max_steps=12000 label=lr_third +card.name=lr_third "
-    "initial={lr_second}",
-    "+recipe=lr_wide fusion=ssif_lr +card.name=lr_tiny initial={lr_third}",
+    "+recipe=lr_converged fusion=ssif_lr trainer.max_steps=12000 +card.name=lr_tiny initial={lr_second}",
     "+recipe=lr_long fusion=ssif_lr size=base trainer.max_steps=7000 optimizer.lr=1.5e-3 label=lr_base "
     "+card.name=lr_base",
     "+recipe=sr_shipped size=tiny",

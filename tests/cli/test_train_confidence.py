@@ -6,11 +6,12 @@ import pytest
 from omegaconf import DictConfig
 from test_sif import trained
 
+from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import checkpoint_digest
 from gaussian_enhancer.cli.train_confidence import run
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.infer.weights import load_weights, save_weights
+from gaussian_enhancer.infer.weights import load_weights, reference_config_of, save_weights
 from support.job_config import job_config
 
 
@@ -37,6 +38,25 @@ def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_pat
     assert checkpoint_digest(tmp_path / "out/weights.safetensors") != checkpoint_digest(tmp_path / "a.safetensors")
     run(cfg)
     assert "trained already" in capsys.readouterr().err
+
+
+def test_the_warp_of_what_is_written_and_judged_may_be_another(plane_run, tmp_path):
+    save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
+    run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "warp={tolerance: 0.3, photo_consistency: null}"))
+    found = load_weights(tmp_path / "out/weights.safetensors")
+    assert found.reference_config == ReferenceConfig(Reprojected(tolerance=0.3, photo_consistency=None))
+    assert found.card["reference_config"] == reference_config_of(found.reference_config)
+    assert found.card["confidence"]["warp"] == {"tolerance": 0.3, "photo_consistency": None}
+    other = tmp_path / "other"
+    run(job(plane_run, tmp_path / "a.safetensors", other))
+    plain = load_weights(other / "out/weights.safetensors").confidence
+    assert not plain.centre.equal(found.confidence.centre)  # other references are judged
+
+
+@pytest.mark.parametrize("warp", ["{distance: 1}", "{interpolation: cubist}", "{tolerance: wide}"])
+def test_a_warp_that_does_not_exist_is_refused(plane_run, tmp_path, warp):
+    with pytest.raises(InputError, match="warp"):
+        run(job(plane_run, "lr_tiny", tmp_path, f"warp={warp}"))
 
 
 def test_weights_that_enlarge_are_refused(plane_run, tmp_path):

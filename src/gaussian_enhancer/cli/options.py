@@ -267,6 +267,7 @@ class TrainConfidence(Options):
     steps: Annotated[int, Field(ge=2)]
     harm: NonNegative
     block_harm: NonNegative
+    warp: dict[str, Any]
     card: dict[str, Any]
     seed: Seed
 

@@ -2,16 +2,18 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
+from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.weights import load_weights, save_weights
+from gaussian_enhancer.infer.weights import build_reference_config, load_weights, reference_config_of, save_weights
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -39,13 +41,14 @@ def run(cfg: DictConfig) -> None:
     before = load_weights(cfg.weights)
     if before.network.scale > 1 or not before.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
+    reference_config = _warped_by(before.reference_config, plain(cfg.warp))
     whole = EnhancementOptions(strength=1.0, confidence=False)
-    enhancers = {cfg.weights: whole.enhancer(before, before.reference_config, device)}
+    enhancers = {cfg.weights: whole.enhancer(before, reference_config, device)}
     for fold in cfg.folds:
         other = load_weights(fold.weights)
         if other.network.design != before.network.design:
             raise InputError("folds", f"name {fold.weights}, of another design", "give weights of one design")
-        enhancers[fold.weights] = whole.enhancer(other, other.reference_config, device)
+        enhancers[fold.weights] = whole.enhancer(other, reference_config, device)
     judged = [(cfg.weights, Path(fit)) for fit in cfg.fits]
     judged += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
     shown = track(judged, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
@@ -60,10 +63,25 @@ def run(cfg: DictConfig) -> None:
         "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
         "views": count,
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
+        "warp": plain(cfg.warp),
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
-    card = {**before.card, "confidence": learnt}
-    save_weights(weights, before.network, before.reference_config, card, confidence)
+    card = {**before.card, "reference_config": reference_config_of(reference_config), "confidence": learnt}
+    save_weights(weights, before.network, reference_config, card, confidence)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
     console.print(f"{weights}: learnt from {count} views", highlight=False, soft_wrap=True)
+
+
+def _warped_by(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:
+    """The reference configuration with some options of its warp replaced.
+
+    Raises:
+        InputError: its warp has no such option, or refuses the value.
+    """
+    values = reference_config_of(config)
+    refuse_unknown("warp", options, values["warp"].keys() - {"kind"})
+    try:
+        return build_reference_config({**values, "warp": {**values["warp"], **options}})
+    except ValueError as error:
+        raise InputError("warp", f"is {options} ({error})", "give values as conf/alignment has them") from None
