@@ -153,6 +153,12 @@ class Reprojected:
             raise ValueError(f"depth is {self.depth!r}, none of {', '.join(SEARCHES)}")
         if self.interpolation not in get_args(Interpolation):
             raise ValueError(f"interpolation is {self.interpolation!r}, none of {', '.join(get_args(Interpolation))}")
+        for name, value in (("tolerance", self.tolerance), ("softness", self.softness)):
+            if not (isinstance(value, int | float) and value > 0):
+                raise ValueError(f"{name} is {value!r}, no number above 0")
+        limit = self.photo_consistency
+        if not (limit is None or (isinstance(limit, int | float) and limit >= 0)):
+            raise ValueError(f"photo_consistency is {limit!r}, neither null nor a number from 0 on")
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Warp all references and keep those that together show most; no gradient passes through the search of depth.
