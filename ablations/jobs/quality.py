@@ -18,6 +18,7 @@ from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.engine import Study, job
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
+from ablations.suite.method_runs import with_backbones
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
@@ -32,6 +33,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
     Raises:
         InputError: the configuration names no cell, or an unknown scene or role.
     """
+    cfg = with_backbones(cfg)
     cells = {str(name): tuple(study_cells(cfg, table)) for name, table in cfg.tables.items()}
     _refuse_unknown(cfg)
     parts = [

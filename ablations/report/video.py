@@ -17,8 +17,8 @@ SPEED = ("video_speed.json", "video_speed_one_thread.json")
 """Records of the speed in docs/results: each stage with as many threads as there are cores, and with one."""
 UNMEASURED = "Not measured yet: no record was made while the machine had nothing else to do.\n"
 """What stands in place of the table of the speed while there is no record."""
-FLICKER = "flicker_path.jsonl"
-"""Records of flicker there."""
+FLICKER = ("flicker_converged.jsonl", "flicker_path.jsonl")
+"""Records of flicker there: on converged splats of real captures, and on procedural worlds."""
 
 
 def mark(name: str) -> str:
@@ -69,4 +69,6 @@ def filled(page: str, results: Path) -> str:
     files = [results / name for name in SPEED if (results / name).is_file()]
     rows = [RowFile(path, ("run", "threads"), option="run").read() for path in files]
     page = inserted(page, speed_table(pd.concat(rows) if rows else pd.DataFrame()), mark(SPEED[0]), PAGE)
-    return inserted(page, flicker_table(read_records(results / FLICKER)), mark(FLICKER), PAGE)
+    for name in FLICKER:
+        page = inserted(page, flicker_table(read_records(results / name)), mark(name), PAGE)
+    return page

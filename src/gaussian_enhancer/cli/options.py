@@ -161,7 +161,7 @@ class Video(Enhancing):
     fps: Positive | None
     quality: Size
     budget_ms: Positive | None
-    temporal_smoothing: Share | None
+    temporal_smoothing: Share
 
 
 class View(Enhancing):

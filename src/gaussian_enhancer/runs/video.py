@@ -1,6 +1,5 @@
 """From the configuration of the job ``video`` to the frames of a path, what enhances them, and how they are written."""
 
-import copy
 import hashlib
 import re
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
-from gaussian_enhancer.infer.weights import Pretrained, load_weights
+from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import options_of, prepared, with_effect
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.splat_source import given_file, open_capture, splat_file
@@ -38,8 +37,6 @@ from gaussian_enhancer.video.layout import Layout
 
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 FRAMES, FPS = 240, 30.0
-SMOOTHING = 0.5
-"""Share of the change that a frame takes over from the frame before, unless it is given."""
 FORMATS = (*CODECS, "frames")
 SHOWN = ("format", "layout", "wipe", "fps", "quality")
 """Keys that change how frames are shown and not what they are: another choice uses the frames that are there."""
@@ -65,7 +62,7 @@ class Filmed:
     """What a video is made of.
 
     Args:
-        cfg: configuration of the job ``video``; what was left to the weights is decided.
+        cfg: configuration of the job ``video``.
         path: its cameras.
         enhancer: what enhances its frames.
         task: its frames as targets, and the references.
@@ -137,7 +134,6 @@ def film(cfg: DictConfig, device: torch.device) -> Filmed:
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
-    cfg = _with_smoothing(cfg, pretrained)
     enhancer, task, found = prepared(pretrained, task, options_of(cfg), device)
     references = PathReferences.of(found.reference_config)
     enhancer.reference_config = references
@@ -221,15 +217,6 @@ def file_digest(path: Path) -> str:
     """
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _with_smoothing(cfg: DictConfig, pretrained: Pretrained) -> DictConfig:
-    """The configuration with a number for temporal smoothing, which super-resolution does not support."""
-    if cfg.temporal_smoothing is not None:
-        return cfg
-    decided = copy.deepcopy(cfg)
-    decided.temporal_smoothing = SMOOTHING if pretrained.network.scale == 1 else 0.0
-    return decided
 
 
 def _whole(cfg: DictConfig, key: str) -> int | None:
