@@ -1,17 +1,13 @@
 """What is read before anything is written: what comes into question, and nothing else."""
 
-import dataclasses
-import threading
-import time
 from pathlib import Path
 
 import pytest
-import torch
 
-from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
+from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.infer.preload import file_reads, read_together
+from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_inputs
 from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import write_plane_run
@@ -28,8 +24,8 @@ def truncate(image: Path) -> None:
 def read_all(folder: Path, rules: Rules = AUTO, *, keep_photos: bool = False) -> ValidatedInputs:
     found = validate_inputs(read_run(folder), PREPARATION, rules)
     planner = found.planner(rules)
-    reads = file_reads(found, keep_photos, planner, False)
-    assert len(list(read_together(reads))) == len(reads)
+    for read in file_reads(found, keep_photos, planner, False):
+        read()
     return found
 
 
@@ -74,28 +70,3 @@ def test_what_was_read_stays_in_memory(folder: Path, needed: set[str]):
         (folder / "train/ours_100/gt" / name).unlink()
     for view in found.rendered.targets:
         assert PREPARATION.align(read_target(view), view, found.pool).names
-
-
-def test_two_are_read_at_the_same_time_and_the_first_error_is_told():
-    both = threading.Barrier(2, timeout=10)
-
-    def fails(name: str) -> None:
-        raise InputError(name, "is damaged", "replace it")
-
-    assert len(list(read_together([both.wait, both.wait]))) == 2
-    late = [lambda: time.sleep(0.05), lambda: fails("first"), lambda: fails("second"), lambda: time.sleep(0.01)]
-    with pytest.raises(InputError, match="first"):
-        list(read_together(late))
-
-
-def test_a_reference_that_two_threads_need_is_read_once(folder: Path):
-    view, count = read_run(folder).references[0], []
-
-    def slow() -> torch.Tensor:
-        count.append(view.name)
-        time.sleep(0.05)
-        return view.read_photo()
-
-    pool = Pool([dataclasses.replace(view, read_photo=slow)])
-    list(read_together([lambda: pool.read(0)] * 4, threads=4))
-    assert len(count) == 1

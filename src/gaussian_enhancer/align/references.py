@@ -6,7 +6,6 @@ Axes: r references, h height, w width.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from threading import Lock
 
 from jaxtyping import Float
 from torch import Tensor
@@ -80,7 +79,6 @@ class Pool:
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
         self.views = tuple(views)
         self._kept: Callable[[int, bool], Pixels] = lru_cache(maxsize=capacity)(self._read)
-        self._locks = [Lock() for _ in views]
 
     def read(self, index: int, fine: bool = False) -> Pixels:
         """The pixels of a reference; with ``fine`` those of its finer photo, too.
@@ -88,8 +86,7 @@ class Pool:
         Raises:
             InputError: there is no photo, or no finer one, or a file is damaged.
         """
-        with self._locks[index]:  # another thread that needs the same one waits for it, rather than reads it again
-            return self._kept(index, fine)
+        return self._kept(index, fine)
 
     def _read(self, index: int, fine: bool) -> Pixels:
         view = self.views[index]

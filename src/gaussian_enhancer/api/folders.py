@@ -10,7 +10,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
-from gaussian_enhancer.infer.preload import file_reads, read_together
+from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import lost_references, prepared, with_geometry
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
@@ -104,8 +104,8 @@ def enhance_folder(
         task = with_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, found = prepared(pretrained, task, settings, chosen)
     planner = found.planner(settings.rules)
-    for _ in read_together(file_reads(found, False, planner, False)):
-        pass
+    for read in file_reads(found, False, planner, False):
+        read()
     for why in filter(None, (task.note, *found.lacks, *lost_references(enhancer, task, found))):
         warnings.warn(why, stacklevel=2)
     images = enhancer(task.rendered, planner, found.pool)

@@ -12,7 +12,7 @@ from rich.progress import track
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhanced
 from gaussian_enhancer.infer.plan import Plan
-from gaussian_enhancer.infer.preload import file_reads, read_together
+from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.enhancement import lost_references, process_count, ready, with_effect
@@ -52,8 +52,8 @@ def run(cfg: DictConfig) -> float | None:
     planner = found.planner(rules)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     reads = file_reads(found, not cfg.output, planner, cfg.dry_run)
-    for _ in track(read_together(reads), "reading", total=len(reads), console=console, disable=hidden):
-        pass
+    for read in track(reads, "reading", console=console, disable=hidden):
+        read()
     plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
     notes = found.lacks if rules.full and not cfg.dry_run else (plan.table(),)
     _print([task.note, *notes], Console() if cfg.dry_run else console)

@@ -1,7 +1,6 @@
 """Reading all input before anything is written, so that a damaged file is found first."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from torch import Tensor
@@ -42,27 +41,6 @@ def file_reads(
     for view in found.rendered.references if drawn and found.reference_config.references else ():
         reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
-
-
-def read_together(reads: Sequence[Callable[[], object]], threads: int = 2) -> Iterator[None]:
-    """Read, several at a time: decoders release Python's lock. Yields once a read, in their order.
-
-    Args:
-        reads: what `file_reads` gives.
-        threads: how many read at the same time.
-
-    Raises:
-        InputError: a file is damaged; of several, the first.
-    """
-    with ThreadPoolExecutor(threads) as executor:
-        waiting = [executor.submit(read) for read in reads]
-        try:
-            for one in waiting:
-                one.result()
-                yield
-        finally:
-            for one in waiting:
-                one.cancel()
 
 
 def _look(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:

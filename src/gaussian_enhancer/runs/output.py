@@ -16,7 +16,6 @@ from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.enhancer import Enhanced
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.network.pyramid import upsampled
-from gaussian_enhancer.runs.ahead import ahead
 from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.scene.high_resolution import ReadResized, resized_reader
 from gaussian_enhancer.scene.image_files import write_image
@@ -37,10 +36,10 @@ def at_photo_size(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int)
 
 
 def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSet, scale: int) -> list[Enhanced]:
-    """Write each image at its photo's size while the next view is enhanced. What is unchanged is the render's file.
+    """Write each image as soon as it is made, at the size of its photo. What is unchanged is the render's own file.
 
     Args:
-        views: enhanced views, made in a thread of their own.
+        views: enhanced views.
         folder: where images are written, under the renders' names.
         rendered: what was enhanced.
         scale: how many times finer the images are than the renders.
@@ -53,7 +52,7 @@ def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSe
     """
     targets = {view.name: view for view in rendered.targets}
     written = []
-    for one in ahead(views, 1):
+    for one in views:
         write_one(one, folder, targets[one.name], scale)
         written.append(replace(one, image=one.image[:, :0, :0]))
     return written

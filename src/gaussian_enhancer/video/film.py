@@ -19,10 +19,10 @@ from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.pyramid import upsampled
-from gaussian_enhancer.runs.ahead import ahead
 from gaussian_enhancer.scene.in_memory import held
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import quantised
+from gaussian_enhancer.video.ahead import ahead
 from gaussian_enhancer.video.frames import FrameFolder
 
 

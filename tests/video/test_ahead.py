@@ -3,7 +3,7 @@ import threading
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.ahead import ahead
+from gaussian_enhancer.video.ahead import ahead
 
 
 def test_items_come_in_their_order_from_another_thread():
