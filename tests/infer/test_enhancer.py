@@ -243,6 +243,9 @@ def test_a_view_that_the_splat_was_fitted_to_stays_as_rendered_where_that_is_nea
     enhancer = SetEnhancer(Constant(made), ReferenceConfig(), precision="float32", colour_clamping=0, strength=0.9)
     planner = Planner(Rules(references="auto", small=0), ReferenceConfig(), views) if planned else None
     first, second = enhancer(views, planner)
+    elsewhere = dataclasses.replace(fitted, camera=held_out.camera)
+    moved, _ = enhancer(dataclasses.replace(views, targets=(elsewhere, held_out)), None)
+    assert not moved.unchanged  # a view of the same name, but from another place
     assert first.unchanged is (noise < 0.1)
     assert torch.equal(first.image, drawn) is first.unchanged
     assert own.name not in first.references

@@ -32,7 +32,7 @@ from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.typed import check_value
-from gaussian_enhancer.types import NetworkInput, usable
+from gaussian_enhancer.types import Camera, NetworkInput, usable
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ class SetEnhancer:
     ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
-        A target that is one of the references, too, is a view that the splat was fitted to. Photos of other views make
-        it worse where the fit has converged: its own photo tells whether the render stays as it is.
+        A target with the name and the camera of a reference is a view that the splat was fitted to. Photos of other
+        views make it worse where the fit has converged: its own photo tells whether the render stays as it is.
 
         Args:
             rendered: targets and references.
@@ -165,7 +165,7 @@ class SetEnhancer:
             fitted = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
         for one, target in self._each(rendered, planner, pool, features):
             number = fitted.get(one.name)
-            if number is not None and _nearer(target.image, one.image, pool.read(number)):
+            if number is not None and _better_as_rendered(target, one.image, pool, number):
                 one = dataclasses.replace(one, image=target.image.clamp(0, 1), unchanged=True)
             if not self.temporal_smoothing or self._unreached(one, target):
                 yield one
@@ -276,13 +276,32 @@ class SetEnhancer:
         return enhanced.clamp(0, 1).cpu()
 
 
-def _nearer(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], own: Pixels) -> bool:
-    """Whether a render is nearer than the enhanced image to the photo of its view, in the exposure of the render."""
+def _same_place(camera: Camera | None, other: Camera | None) -> bool:
+    """Whether two cameras are known and stand at the same place, turned alike."""
+    if camera is None or other is None:
+        return False
+    return torch.allclose(camera.world_to_camera.float(), other.world_to_camera.float(), rtol=1e-4, atol=1e-5)
+
+
+def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: Pool, number: int) -> bool:
+    """Whether the splat was fitted to a view, and its render is nearer than the enhanced image to its photo.
+
+    The photo is brought to the exposure of the render.
+
+    Args:
+        target: the view's render.
+        enhanced: made of it.
+        pool: references.
+        number: of the one that has the view's name.
+    """
+    if not _same_place(target.camera, pool.views[number].camera):
+        return False
+    own, render = pool.read(number), target.image
     photo = resize(own.image, *render.shape[-2:]).to(render)
-    exposure = own.exposure
-    photo = photo if exposure is None else apply_colour(photo, exposure.to(photo))
-    before, after = (float((image.to(photo) - photo).square().mean()) for image in (render, enhanced))
-    return before < after
+    if own.exposure is not None:
+        photo = apply_colour(photo, own.exposure.to(photo))
+    before, after = ((image.to(photo) - photo).square().mean() for image in (render, enhanced))
+    return bool(before < after)
 
 
 def choose_precision(precision: str, device: torch.device) -> torch.dtype:
