@@ -1,7 +1,7 @@
 """``gaussian-enhancer video_speed``: how much of its slowest stage's own speed the job ``video`` keeps.
 
 The frames of a path are rendered, enhanced, written and encoded: first each stage by itself, with what it needs in
-memory, then all of them at the same time, as the job does it. Nothing can be faster than the slowest stage by itself.
+memory, then all of them as the job does it. Nothing can be faster than the slowest stage by itself.
 Stages use the same cores: "share" says what is left of that speed. Every round begins with no reference in memory. The
 weights and the splat are read before, and are not counted.
 """

@@ -71,12 +71,18 @@ def path(pause: float = 0.0, read_photo=PHOTO, frames: int = FRAMES) -> Rendered
     return RenderedSet("path", targets, references)
 
 
-def filmed(rendered: RenderedSet, folder: FrameFolder, network: Network | None = None, smoothing: float = 0.0) -> Film:
+def filmed(
+    rendered: RenderedSet,
+    folder: FrameFolder,
+    network: Network | None = None,
+    smoothing: float = 0.0,
+    overlapped: bool | None = True,
+) -> Film:
     config = PathReferences.of(ReferenceConfig())
     enhancer = SetEnhancer(
         network or Brightening(), config, precision="float32", temporal_smoothing=smoothing, colour_clamping=0
     )
-    return Film(enhancer, rendered, None, Pool(rendered.references), folder)
+    return Film(enhancer, rendered, None, Pool(rendered.references), folder, overlapped=overlapped)
 
 
 def test_four_slow_stages_take_hardly_longer_than_one(tmp_path: Path) -> None:
@@ -115,7 +121,23 @@ def test_references_are_read_by_the_stage_before(tmp_path: Path) -> None:
     assert threads.isdisjoint(network.threads)
 
 
-def test_an_error_of_any_stage_comes_after_the_frames_before_it(tmp_path: Path) -> None:
+def test_on_a_processor_one_stage_follows_the_other(tmp_path: Path) -> None:
+    network, before = Brightening(), threading.active_count()
+    film = filmed(path(), FrameFolder(tmp_path / "a"), network, overlapped=None)
+    assert not film.overlapped
+    frames = iter(film)
+    first = next(frames)
+    assert threading.active_count() == before
+    assert network.threads == {threading.get_ident()}
+    together = list(filmed(path(), FrameFolder(tmp_path / "b")))
+    for one, other in zip([first, *frames], together, strict=True):
+        assert torch.equal(one.enhanced, other.enhanced)
+
+
+@pytest.mark.parametrize("overlapped", [False, True])
+def test_an_error_of_any_stage_comes_after_the_frames_before_it(tmp_path: Path, overlapped: bool) -> None:
+    film = partial(filmed, overlapped=overlapped)
+
     def broken(name: str):
         raise InputError(name, "is damaged", "give another")
 
@@ -124,13 +146,13 @@ def test_an_error_of_any_stage_comes_after_the_frames_before_it(tmp_path: Path) 
     targets[3] = RenderedView("frame 3", partial(broken, "frame 3"), targets[3].camera, depth)
     frames = []
     with pytest.raises(InputError, match="frame 3: is damaged"):
-        frames.extend(filmed(RenderedSet("path", tuple(targets), rendered.references), FrameFolder(tmp_path / "a")))
+        frames.extend(film(RenderedSet("path", tuple(targets), rendered.references), FrameFolder(tmp_path / "a")))
     assert sorted(one.name for one in (tmp_path / "a").iterdir()) == [f"frame_{i:06d}.png" for i in range(3)]
     with pytest.raises(InputError, match="photo: is damaged"):
-        list(filmed(path(read_photo=partial(broken, "photo")), FrameFolder(tmp_path / "b")))
+        list(film(path(read_photo=partial(broken, "photo")), FrameFolder(tmp_path / "b")))
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
-        list(filmed(path(), FrameFolder(tmp_path / "file")))
+        list(film(path(), FrameFolder(tmp_path / "file")))
 
 
 def test_a_film_that_is_left_ends_its_threads_and_goes_on(tmp_path: Path) -> None:

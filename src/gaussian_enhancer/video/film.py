@@ -1,4 +1,4 @@
-"""The frames of a path: rendered, enhanced and written, each once, in stages that work at the same time.
+"""The frames of a path: rendered, enhanced and written, each once, in stages that may work at the same time.
 
 Axes: h height, w width, H, W the same times the network's scale.
 """
@@ -75,6 +75,9 @@ class Film:
         pool: the references.
         folder: of frames on disk; fresh frames are written to it.
         show_renders: render every frame, also those whose enhanced view is on disk.
+        overlapped: render, enhance and write at the same time, each in a thread of its own; None does where the network
+            runs on a graphics card. On two cores that takes 1.3 to 1.7 times as long as one stage after the other: each
+            stage uses all cores already.
     """
 
     def __init__(
@@ -85,11 +88,13 @@ class Film:
         pool: Pool,
         folder: FrameFolder,
         show_renders: bool = False,
+        overlapped: bool | None = None,
     ) -> None:
         self.enhancer, self.rendered, self.planner = enhancer, rendered, planner
         self.pool = pool if planner is None else planner.pool
         self.folder, self.show_renders = folder, show_renders
         self.stored = tuple(folder.has(index) for index in range(len(rendered.targets)))
+        self.overlapped = enhancer.device.type != "cpu" if overlapped is None else overlapped
         network = enhancer.network
         self._features = ReferenceFeatures(network) if isinstance(network, CachesReferences) else None
 
@@ -108,11 +113,13 @@ class Film:
         return upsampled(frame.render[None], self.enhancer.network.scale)[0].clamp(0, 1)
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in their order, written. The three stages work at the same time, each in a thread of its own.
+        """The frames in their order, written.
 
         Raises:
             InputError: a frame on disk is damaged, a reference cannot be read, or a frame cannot be written.
         """
+        if not self.overlapped:
+            return self.written(self.enhanced(self.drawn()))
         return ahead(self.written(ahead(self.enhanced(ahead(self.drawn())))))
 
     def drawn(self) -> Iterator[RenderedFrame]:
