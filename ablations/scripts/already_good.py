@@ -20,9 +20,9 @@ from torch import Tensor
 
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
-from gaussian_enhancer.align.alignment import Pixels, apply_colour
+from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.coarse_visibility import coarse
-from gaussian_enhancer.align.exposure import fit_exposure
+from gaussian_enhancer.align.exposure import in_exposure_of
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
@@ -68,7 +68,7 @@ def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Te
     for reference in references:
         if reference.render is None or reference.camera is None or target.camera is None or target.depth is None:
             raise InputError(reference.name, "has no render, camera or depth", "give runs of the job fit")
-        seen = apply_colour(reference.image, fit_exposure(reference.image, reference.render))
+        seen = in_exposure_of(reference.image, reference.render)
         error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
         small = coarse(replace(reference, image=error))
         warped = reproject(target.camera, target.depth, small.camera, small.image, small.depth, target.alpha)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The stages of a film overlap, and neither the order of frames nor an error depends on it."""
+"""The stages of a film may overlap, and neither the order of frames nor an error depends on it."""
 
 import threading
 import time

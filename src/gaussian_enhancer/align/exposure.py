@@ -77,3 +77,8 @@ def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"])
     """
     transform = transform.to(image.dtype)
     return (image * transform[:, :1, None] + transform[:, 1:, None]).clamp(0, 1)
+
+
+def in_exposure_of(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
+    """A photo brought to the exposure of the render of its view (`fit_exposure`)."""
+    return apply_colour(photo, fit_exposure(photo, render))

@@ -32,7 +32,7 @@ from gaussian_enhancer.network.catalogue import NetworkCatalogue
 from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, Unmodulated
-from gaussian_enhancer.network.fuse import ZERO_AT_BIRTH, Mean, Pair, Trust
+from gaussian_enhancer.network.fuse import ZERO_INITIALISED, Mean, Pair, Trust
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.output_head import Gated, Residual
 
@@ -170,7 +170,7 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
 def take_values(network: Network, begun: Network) -> None:
     """Give a network the values of another one of its design, to train it further.
 
-    Parts that the other one lacks and that change nothing before they are trained (`ZERO_AT_BIRTH`) stay as they are.
+    Parts that the other one lacks and that change nothing before training (`ZERO_INITIALISED`) stay as they are.
 
     Args:
         network: is changed.
@@ -180,7 +180,7 @@ def take_values(network: Network, begun: Network) -> None:
         ValueError: the designs differ otherwise.
     """
     asked, found, values = design_of(network), design_of(begun), begun.state_dict()
-    alike = _without(asked, ZERO_AT_BIRTH) == _without(found, ZERO_AT_BIRTH)
+    alike = _without(asked, ZERO_INITIALISED) == _without(found, ZERO_INITIALISED)
     if not alike or values.keys() - network.state_dict().keys():
         odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
         raise ValueError(f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained")

@@ -21,7 +21,7 @@ LIMIT = 6.0
 """Of a logit's magnitude, so that no reference outweighs the render completely."""
 
 
-ZERO_AT_BIRTH = ("pooled",)
+ZERO_INITIALISED = ("pooled",)
 """Options of fusions that add a part which changes nothing before it is trained."""
 
 

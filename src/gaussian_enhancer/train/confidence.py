@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels
-from gaussian_enhancer.align.exposure import apply_colour, fit_exposure
+from gaussian_enhancer.align.exposure import in_exposure_of
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import BANDS, BLOCK, ChangeConfidence, block_features, split_change
@@ -60,7 +60,7 @@ class JudgedView:
         """Decibels that blocks lose by squared error that is added to them, from 0 to `WORST`."""
         return (10 * torch.log10((1 + added / self.error).clamp_min(1))).clamp_max(WORST)
 
-    def drawn(self, chosen: Int[Tensor, " m"]) -> "JudgedView":
+    def select(self, chosen: Int[Tensor, " m"]) -> "JudgedView":
         """Some of the blocks."""
         return JudgedView(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
@@ -85,7 +85,7 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
                 raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
             target, photo = read_target(view), view.read_photo()
             aligned = enhancer.reference_config.align(target, view, pool)
-            truth = apply_colour(photo, fit_exposure(photo, target.image))
+            truth = in_exposure_of(photo, target.image)
             for some in _variants(aligned):
                 yield _judged(enhancer, target, some, truth - target.image)
 
@@ -140,7 +140,7 @@ def train_confidence(
     hidden: int = 96,
     steps: int = 2000,
     harm: float = 0.5,
-    block_harm: float = 0.1,
+    block_harm: float = 0.2,
     seed: int = 0,
 ) -> ChangeConfidence:
     """Minimise the squared error that blocks are left with, relative to their view's, and the decibels that they lose.
@@ -156,10 +156,8 @@ def train_confidence(
         block_harm: what a decibel that a block loses (`JudgedView.lost`) counts, as a share of its view's error.
         seed: of initial values and batches.
     """
-    parts, views = [], [view for fit in fits for view in fit]
-    for fit in fits:
-        parts += [torch.full((len(view.error),), 1 / (len(view.error) * len(fit))) for view in fit]
-    weights = torch.cat(parts)
+    views = [view for fit in fits for view in fit]
+    weights = torch.cat([torch.full_like(one.error, 1 / (len(one.error) * len(fit))) for fit in fits for one in fit])
     weights = weights / weights.mean()
     whole = JudgedView(*(torch.cat([getattr(view, field.name) for view in views]) for field in fields(JudgedView)))
     draw = torch.Generator().manual_seed(seed)
@@ -176,7 +174,7 @@ def train_confidence(
         confidence.train()
         for _ in range(steps):
             chosen = torch.randint(len(weights), (BATCH,), generator=draw)
-            drawn = whole.drawn(chosen)
+            drawn = whole.select(chosen)
             noisy = drawn.features + NOISE * confidence.scale * torch.randn_like(drawn.features)
             shares = confidence.judge(noisy.T[None, :, None])[0, :, 0].T
             added = drawn.added(shares.clamp(-0.2, 1.4))

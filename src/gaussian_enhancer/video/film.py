@@ -76,8 +76,7 @@ class Film:
         folder: of frames on disk; fresh frames are written to it.
         show_renders: render every frame, also those whose enhanced view is on disk.
         overlapped: render, enhance and write at the same time, each in a thread of its own; None does where the network
-            runs on a graphics card. On two cores that takes 1.3 to 1.7 times as long as one stage after the other: each
-            stage uses all cores already.
+            runs on a graphics card. On a processor each stage uses all cores already (docs/video.md).
     """
 
     def __init__(
