@@ -27,7 +27,12 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "plan": ((Planner, "__call__"),),
     "search depth": ((alignment, "refine_depth"), (alignment, "fill_depth")),
     "warp": ((alignment, "reproject"),),
-    "check and rank": ((alignment, "photo_consistent"), (alignment, "rank")),
+    "check and rank": (
+        (alignment, "photometric_difference"),
+        (alignment, "photo_consistent"),
+        (alignment, "worth_of"),
+        (alignment, "rank"),
+    ),
     "align, the rest": ((ReferenceConfig, "align"),),
     "network": ((enhancer, "enhance_tiled"),),
     "clamp colours": ((enhancer, "clamp_to_references"),),

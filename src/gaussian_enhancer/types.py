@@ -243,7 +243,8 @@ FARTHEST_DEPTH = 1e12
 
 def usable(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
     """Where depth is a finite, positive length of at most `FARTHEST_DEPTH`, which half precision takes for infinite."""
-    return torch.isfinite(depth) & (depth > 0) & (depth <= FARTHEST_DEPTH)
+    near = (depth > 0) & (depth <= FARTHEST_DEPTH)  # NaN is neither
+    return near & torch.isfinite(depth) if depth.dtype == torch.float16 else near
 
 
 def precise(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:

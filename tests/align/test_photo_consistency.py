@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.align.photo_consistency import photometric_difference, rank
+from gaussian_enhancer.align.photo_consistency import photometric_difference, rank, worth_of
 from gaussian_enhancer.align.reproject import Warped
 
 
@@ -12,9 +12,12 @@ def test_ranking_prefers_what_agrees_and_what_is_new():
     good_left, good_right = Warped(image * left, left), Warped(image * right, right)
     wrong = Warped((image + 0.3) * left, left)
     everywhere = Warped((image + 0.3), torch.ones(1, 32, 32))
-    assert rank(image, [wrong, good_right, good_left], keep=2) == [2, 1]
-    assert rank(image, [everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
-    assert rank(image, [], keep=2) == []
+    wrong, everywhere, good_left, good_right = (
+        worth_of(one, photometric_difference(one, image)) for one in (wrong, everywhere, good_left, good_right)
+    )
+    assert rank([wrong, good_right, good_left], keep=2) == [2, 1]
+    assert rank([everywhere, good_left, good_left, good_right], keep=2) == [1, 3]
+    assert rank([], keep=2) == []
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5, 40), (48, 64)])

@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.align import projection
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.projection import Landing, ReferenceProjection, depth_consistency, land, read_at
+from gaussian_enhancer.align.projection import Landing, ReferenceProjection, depth_consistency, land, read_at, read_both
 from gaussian_enhancer.align.reproject import _footprint, reproject
 from gaussian_enhancer.types import Camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
@@ -63,6 +63,18 @@ def test_reading_agrees(channels):
         read.append(read_at(image.to(dtype), landing, (SMALL.height, SMALL.width), where))
     torch.testing.assert_close(read[0].double(), read[1], rtol=0, atol=1e-4)
     assert 0.1 < (read[1][0] == 0).double().mean() < 0.9
+
+
+@pytest.mark.parametrize("sides", [(31, 45), (16, 20)])
+def test_two_images_are_read_as_each_is_alone(sides):
+    image, other = torch.rand(3, 31, 45), torch.rand(3, *sides)
+    landing = land(*maps(torch.float32, SMALL))
+    where = landing.inside * (landing.x > 20)
+    for interpolation in ("bilinear", "bicubic"):
+        how = landing, (SMALL.height, SMALL.width), where, interpolation
+        for found, one in zip(read_both(image, other, *how), (image, other), strict=True):
+            torch.testing.assert_close(found, read_at(one, *how), rtol=0, atol=1e-6)
+            torch.testing.assert_close(found.double(), read_at(one.double(), *how).double(), rtol=0, atol=1e-4)
 
 
 def test_the_border_is_continued():

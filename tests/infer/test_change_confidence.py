@@ -17,6 +17,7 @@ from gaussian_enhancer.infer.change_confidence import (
     STEP,
     ChangeConfidence,
     block_features,
+    block_products,
     split_change,
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -96,9 +97,19 @@ def test_features_are_those_of_a_block_worked_out_by_hand():
 def test_large_images_are_worked_on_in_strips_with_the_same_result(monkeypatch: pytest.MonkeyPatch):
     seen = views(70, 52)
     enhanced = (seen.render + 0.1).clamp(0, 1)
-    whole = block_features(enhanced, seen)
+    whole = block_products(enhanced, seen)
     monkeypatch.setattr(change_confidence, "STRIP", 2)
-    torch.testing.assert_close(block_features(enhanced, seen), whole)
+    torch.testing.assert_close(block_products(enhanced, seen), whole)
+
+
+@pytest.mark.parametrize("references", [0, 1, 3])
+@pytest.mark.parametrize("renders", [True, False])
+def test_the_compiled_kernel_equals_its_readable_twin(references: int, renders: bool):
+    seen = views(45, 52, references=references, renders=renders and references > 0)
+    enhanced = (seen.render + 0.1).clamp(0, 1)
+    pairs = zip(change_confidence.products_compiled(enhanced, seen), block_products(enhanced, seen), strict=True)
+    for found, expected in pairs:
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("references", [0, 1, 8])

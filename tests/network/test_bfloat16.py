@@ -51,6 +51,7 @@ def features(*shape):
 def part(name):
     """A call of a part: of the tensors that it takes, as it does within a network."""
     fusion, modulation = shaken(TrustFusion(CHANNELS)), shaken(DepthModulation(CHANNELS))
+    pooled = shaken(TrustFusion(CHANNELS, pooled=True))
     decoder, combination = shaken(Decoder((16, 24), (1, 1), 6)), shaken(Combination(2, 8, CHANNELS))
     gather = shaken(Gather(CHANNELS, 1, Unrefined(), Trust(), DepthModulated(), True))
     views, half = example(), (HEIGHT // 2, WIDTH // 2)
@@ -60,6 +61,7 @@ def part(name):
     seen = noise(1, 3, 1, *half)
     calls = {
         "fuse": lambda t: fusion(t(x), t(y).unflatten(0, (1, 3)), seen),
+        "fuse pooled": lambda t: pooled(t(x), t(y).unflatten(0, (1, 3)), seen),
         "modulate": lambda t: modulation(t(x), views.depth, views.depth_unit),
         "decode": lambda t: decoder(t(x)),
         "combine": lambda t: combination(views.render, views.references[:, 0], coarser),
@@ -74,8 +76,8 @@ def part(name):
 
 
 NAMES = [
-    "fuse", "modulate", "decode", "combine", "gather", "gather without renders", "gather without depth", "compose",
-    "compose without renders", "shrink",
+    "fuse", "fuse pooled", "modulate", "decode", "combine", "gather", "gather without renders", "gather without depth",
+    "compose", "compose without renders", "shrink",
 ]  # fmt: skip
 
 

@@ -46,6 +46,8 @@ def test_limits_are_those_of_the_window(window: int, height: int, width: int) ->
                 colours = torch.cat(shown, dim=1)
                 wanted = image[b, :, y, x].clamp(colours.amin(1), colours.amax(1))
                 assert torch.equal(found[b, :, y, x], wanted)
+    twin = clamp_to_references(image.double(), NetworkInput(render, photos, visibility), window)
+    assert torch.equal(twin.float(), found)
 
 
 def test_the_render_itself_is_never_changed() -> None:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
-from gaussian_enhancer.align.photo_consistency import photo_consistent, rank
+from gaussian_enhancer.align.photo_consistency import photo_consistent, photometric_difference, rank, worth_of
 from gaussian_enhancer.align.projection import Interpolation
 from gaussian_enhancer.align.reproject import Warped, fill_depth, reproject
 from gaussian_enhancer.errors import InputError
@@ -188,17 +188,19 @@ class Reprojected:
         rendered = target.depth
         if target.alpha is not None:  # says where holes are; they are filled once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
-        warped = []
+        warped, worth = [], []
         for i, (other, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
             there = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
             one = reproject(camera, depth, other, photo, *there)
             if self.match_colour and exposures[i] is None:
                 exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
-            warped.append(
-                one if self.photo_consistency is None else photo_consistent(one, target.image, self.photo_consistency)
-            )
-        order = rank(target.image, warped, keep, self.softness)
+            difference = photometric_difference(one, target.image)
+            if self.photo_consistency is not None:
+                one = photo_consistent(one, difference, self.photo_consistency)
+            warped.append(one)
+            worth.append(worth_of(one, difference, self.softness))
+        order = rank(worth, keep)
         finer = [(i, references[i].fine) for i in order]
         fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)

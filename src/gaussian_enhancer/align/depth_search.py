@@ -64,7 +64,7 @@ DepthKind = Literal["surface", "expected", "exact"]
 """What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (Search(0.03, 13, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
+    "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=3, inconsistency=1.0, photo_consistency=0.1),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
@@ -95,12 +95,14 @@ class _Seen:
         projection: of the target's samples.
         photo: of a size that is not finer than the target, in the render's exposure.
         render: the splat's of the same view, alike; the photo where there is none.
+        colours: gain and offset per channel of both to the target's colours.
         counts: 1 for samples at which the reference has a say, 0 elsewhere.
     """
 
     projection: ReferenceProjection
     photo: Float[Tensor, "3 p q"]
     render: Float[Tensor, "3 p q"]
+    colours: Float[Tensor, "3 2"]
     counts: Float[Tensor, "1 h w"]
 
 
@@ -157,9 +159,9 @@ def search(
     for one in seen:
         landing = land(one.projection, z * multipliers)
         inside = (landing.inside * one.counts)[:, None]
-        away = (look_up(one.photo, landing.x, landing.y) - image) * inside
+        away = (_coloured(look_up(one.photo, landing.x, landing.y), one.colours) - image) * inside
         count, total, squares = count + inside, total + away, squares + away.square().mean(1, keepdim=True)
-        rendered = (look_up(one.render, landing.x, landing.y) - image) * inside
+        rendered = (_coloured(look_up(one.render, landing.x, landing.y), one.colours) - image) * inside
         difference = difference + rendered.abs().mean(1, keepdim=True)
     n = count.clamp_min(1)
     mean = difference / n
@@ -186,10 +188,10 @@ def _search_compiled(
     best = np.empty(z.shape[-2:], np.float32)
     matrices, offsets = (np.stack(one) for one in zip(*(arrays(one.projection)[:2] for one in seen), strict=True))
     sizes = np.array([(one.projection.width, one.projection.height) for one in seen])
-    images, starts = _side_by_side(seen)
-    places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
-    colours = images, array(torch.cat([one.counts for one in seen])), _pixels(image)
     with kernel_lock:
+        images, starts = _side_by_side(seen)
+        places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
+        colours = images, array(torch.cat([one.counts for one in seen])), _pixels(image)
         costs = np.float32(how.inconsistency), np.float32(TINY), cost, weight
         find_costs(array(z[0]), multipliers, *places, *colours, *costs)
         find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
@@ -197,18 +199,19 @@ def _search_compiled(
 
 
 def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
-    """All references' pixels one after the other, photo and render side by side, and where each begins.
+    """All references' pixels in the target's colours, photo and render side by side, and where each reference begins.
 
     A spare row and pixel follow each, since the kernel reads the pixels after the last without counting them.
     """
+    from gaussian_enhancer.align.depth_search_kernels import pack
+
     rows = [(one.projection.height + 1) * one.projection.width + 1 for one in seen]
     starts = np.cumsum([0, *rows[:-1]])
     images = np.zeros((sum(rows), 6), np.float32)
     for start, one in zip(starts, seen, strict=True):
         count = one.projection.height * one.projection.width
-        place = torch.from_numpy(images[start : start + count].reshape(*one.photo.shape[-2:], 6))
-        place[..., :3].copy_(one.photo.permute(1, 2, 0))
-        place[..., 3:].copy_(one.render.permute(1, 2, 0))
+        place = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
+        pack(array(one.photo), array(one.render), array(one.colours), place)
     return images, starts
 
 
@@ -232,10 +235,10 @@ def _seen(
     if how.photo_consistency is not None:
         fitted = Warped(_coloured(there, colours), counts)
         counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
-    return _Seen(projection, _coloured(photo, colours), _coloured(render, colours), counts)
+    return _Seen(projection, photo, render, colours, counts)
 
 
-def _coloured(image: Float[Tensor, "3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "3 _ _"]:
+def _coloured(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:
     return image * colours[:, :1, None] + colours[:, 1:, None]
 
 

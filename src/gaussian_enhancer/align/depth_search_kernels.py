@@ -20,6 +20,19 @@ _ZERO, _ONE, _THREE, _HALF = _F(0), _F(1), _F(3), _F(0.5)
 
 @kernel
 @no_type_check
+def pack(photo, render, colours, result):
+    """Write a photo's and a render's pixels side by side, (h, w, 6), each gain x colour + offset."""
+    _, height, width = photo.shape
+    for y in prange(height):
+        for x in range(width):
+            for c in range(3):
+                gain, offset = colours[c, 0], colours[c, 1]
+                result[y, x, c] = gain * photo[c, y, x] + offset
+                result[y, x, 3 + c] = gain * render[c, y, x] + offset
+
+
+@kernel
+@no_type_check
 def find_costs(
     depth,
     multipliers,
@@ -129,30 +142,28 @@ def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
                 for k in range(count):
                     column_cost[x, k] += cost[j, x, k]
                     column_weight[x, k] += weight[j, x, k]
-        mean = np.empty(count, np.float32)
+        mean, share = np.empty((2, count), np.float32)
         for x in range(width):
             left, right = max(0, x - radius), min(width, x + radius + 1)
             area = _F((below - above) * (right - left))
-            seen = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean)
+            seen = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share)
             best[y, x] = _valley(mean, steps) if seen else _F(0)
 
 
 @inner
 @no_type_check
-def _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean):
+def _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share):
     """Mean cost of each hypothesis over a window plus its penalty; whether the rendered depth itself is seen."""
     count = len(steps)
-    seen = False
+    mean[:], share[:] = 0, 0
+    for i in range(left, right):
+        for k in range(count):
+            mean[k] += column_cost[i, k]
+            share[k] += column_weight[i, k]
     for k in range(count):
-        total, share = _F(0), _F(0)
-        for i in range(left, right):
-            total += column_cost[i, k]
-            share += column_weight[i, k]
-        visible = share > _F(0.1) * area
-        mean[k] = total / share + penalty * abs(steps[k]) if visible else dearest
-        if k == count // 2:
-            seen = visible
-    return seen
+        visible = share[k] > _F(0.1) * area
+        mean[k] = mean[k] / share[k] + penalty * abs(steps[k]) if visible else dearest
+    return share[count // 2] > _F(0.1) * area
 
 
 @inner

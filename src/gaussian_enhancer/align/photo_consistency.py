@@ -18,32 +18,42 @@ WINDOW = 7
 """Side of the squares over which references are compared with the render, in pixels."""
 
 
-def rank(image: Float[Tensor, "3 h w"], warped: Sequence[Warped], keep: int, softness: float = 0.08) -> list[int]:
+SPARSE = 2
+"""Every so many rows and columns of pixels are looked at to rank references."""
+
+
+def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     """Indices of the references that together show most of the target, best first.
 
-    A reference's worth at a pixel is visibility x exp(-|reference - render| / softness), differences averaged over
-    7x7 pixels. The next one is always that which adds most to the best worth so far, counting a tenth of its own
-    worth so that agreement decides among those that show the same.
+    The next one is always that which adds most to the best worth so far, counting a tenth of its own worth so that
+    agreement decides among those that show the same.
 
     Args:
-        image: the render.
-        warped: references on its grid.
+        worth: of each reference at each pixel (`worth_of`).
         keep: how many to return at most.
-        softness: colour difference at which worth falls to 1/e.
     """
-    if not warped:
+    if not worth:
         return []
-    worth = torch.stack(
-        [o.visibility * torch.exp(-photometric_difference(o, image) / softness) for o in warped]
-    ).flatten(1)
+    looked = torch.stack([one[..., ::SPARSE, ::SPARSE] for one in worth]).flatten(1)
     order: list[int] = []
-    best = torch.zeros_like(worth[0])
-    while len(order) < min(keep, len(warped)):
-        gain = (worth - best).clamp_min(0).mean(1) + 0.1 * worth.mean(1)
+    best = torch.zeros_like(looked[0])
+    while len(order) < min(keep, len(worth)):
+        gain = (looked - best).clamp_min(0).mean(1) + 0.1 * looked.mean(1)
         gain[order] = -1
         order.append(int(gain.argmax()))
-        best = torch.maximum(best, worth[order[-1]])
+        best = torch.maximum(best, looked[order[-1]])
     return order
+
+
+def worth_of(warped: Warped, difference: Float[Tensor, "1 h w"], softness: float = 0.08) -> Float[Tensor, "1 h w"]:
+    """A reference's worth at each pixel: visibility x exp(-difference / softness).
+
+    Args:
+        warped: the reference.
+        difference: from the render (`photometric_difference`).
+        softness: colour difference at which worth falls to 1/e.
+    """
+    return warped.visibility * torch.exp(difference * (-1 / softness))
 
 
 def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
@@ -76,14 +86,14 @@ def _compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1
     return result
 
 
-def photo_consistent(warped: Warped, image: Float[Tensor, "3 h w"], limit: float) -> Warped:
+def photo_consistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit: float) -> Warped:
     """Set the reference's visibility to 0 where it differs from the render by more than a limit.
 
     Args:
         warped: the reference on the render's grid.
-        image: the render.
-        limit: of the mean colour difference over 7x7 pixels, in [0, 1].
+        difference: from the render (`photometric_difference`).
+        limit: of the difference, in [0, 1].
     """
-    kept = photometric_difference(warped, image) <= limit
+    kept = (difference <= limit).to(difference.dtype)
     render = None if warped.render is None else warped.render * kept
     return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)

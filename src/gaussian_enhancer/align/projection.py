@@ -134,6 +134,30 @@ def depth_consistency(
     return result
 
 
+def read_both(
+    image: Float[Tensor, "3 p q"],
+    other: Float[Tensor, "3 _ _"],
+    landing: Landing,
+    size: tuple[int, int],
+    where: Float[Tensor, "1 h w"],
+    interpolation: Interpolation = "bilinear",
+) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
+    """`read_at` of two images; where they are of one size, cubic convolution reads them together."""
+    together = interpolation == "bicubic" and image.shape == other.shape
+    if not (together and compiled(image, other, landing.x, where)):
+        first, second = (read_at(one, landing, size, where, interpolation) for one in (image, other))
+        return first, second
+    from gaussian_enhancer.align.reproject_kernels import read_cubic_pair
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    down, across = (np.float32(side / whole) for side, whole in zip(image.shape[-2:], size, strict=True))
+    first, second = (image.new_empty(len(image), *where.shape[-2:]) for _ in range(2))
+    positions = array(landing.x[0]), array(landing.y[0]), across, down, array(where[0])
+    with kernel_lock:
+        read_cubic_pair(array(image), array(other), *positions, first.numpy(), second.numpy())
+    return first, second
+
+
 def read_at(
     image: Float[Tensor, "c p q"],
     landing: Landing,

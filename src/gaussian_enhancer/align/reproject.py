@@ -18,6 +18,7 @@ from gaussian_enhancer.align.projection import (
     depth_consistency,
     land,
     read_at,
+    read_both,
 )
 from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable
 
@@ -116,11 +117,12 @@ def reproject(
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
     footprint = _footprint(landing)
-    images = []
-    for image in (photo,) if render is None else (photo, render):
-        small = _shrunk(image.to(dtype), footprint * image.shape[-1] / size[1])
-        images.append(read_at(small, landing, size, visibility, interpolation))
-    return Warped(images[0], visibility, images[1] if render is not None else None)
+    photo = _shrunk(photo.to(dtype), footprint)
+    if render is None:
+        return Warped(read_at(photo, landing, size, visibility, interpolation), visibility)
+    render = _shrunk(render.to(dtype), footprint * render.shape[-1] / size[1])
+    colour, rendered = read_both(photo, render, landing, size, visibility, interpolation)
+    return Warped(colour, visibility, rendered)
 
 
 def _footprint(landing: Landing) -> float:

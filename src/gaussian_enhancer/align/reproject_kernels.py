@@ -94,6 +94,25 @@ def _cubic(f):
     return far, near, next_, a * g * f * f
 
 
+@inner
+@no_type_check
+def _samples(position, count):
+    """The four samples around a position, unsigned so that no index counts from the end, and their weights."""
+    position = min(max(position, -_ONE), _F(count))
+    first = int(np.floor(position))
+    far, near, next_, last = _cubic(position - _F(first))
+    return (
+        np.uint64(min(max(first - 1, 0), count - 1)),
+        np.uint64(min(max(first, 0), count - 1)),
+        np.uint64(min(first + 1, count - 1)),
+        np.uint64(min(first + 2, count - 1)),
+        far,
+        near,
+        next_,
+        last,
+    )
+
+
 @kernel
 @no_type_check
 def read_cubic(image, columns, rows, across, down, where, result):
@@ -102,15 +121,8 @@ def read_cubic(image, columns, rows, across, down, where, result):
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                u = min(max(columns[y, x] * across - _HALF, -_ONE), _F(wide))
-                v = min(max(rows[y, x] * down - _HALF, -_ONE), _F(high))
-                left, above = int(np.floor(u)), int(np.floor(v))
-                a0, a1, a2, a3 = _cubic(u - _F(left))
-                b0, b1, b2, b3 = _cubic(v - _F(above))
-                i0, i1 = min(max(left - 1, 0), wide - 1), min(max(left, 0), wide - 1)
-                i2, i3 = min(left + 1, wide - 1), min(left + 2, wide - 1)
-                j0, j1 = min(max(above - 1, 0), high - 1), min(max(above, 0), high - 1)
-                j2, j3 = min(above + 1, high - 1), min(above + 2, high - 1)
+                i0, i1, i2, i3, a0, a1, a2, a3 = _samples(columns[y, x] * across - _HALF, wide)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _samples(rows[y, x] * down - _HALF, high)
                 for c in range(channels):
                     p = image[c]
                     r0 = a0 * p[j0, i0] + a1 * p[j0, i1] + a2 * p[j0, i2] + a3 * p[j0, i3]
@@ -121,6 +133,39 @@ def read_cubic(image, columns, rows, across, down, where, result):
             else:
                 for c in range(channels):
                     result[c, y, x] = _ZERO
+
+
+@kernel
+@no_type_check
+def read_cubic_pair(first, second, columns, rows, across, down, where, one, other):
+    """`read_cubic` of two images of one size; their channels lie side by side while they are read, as one vector."""
+    channels, high, wide = first.shape
+    pixels = np.zeros((high, wide, 8), np.float32)
+    for y in prange(high):
+        for x in range(wide):
+            for c in range(channels):
+                pixels[y, x, c], pixels[y, x, 4 + c] = first[c, y, x], second[c, y, x]
+    for y in prange(where.shape[0]):
+        total = np.empty(8, np.float32)
+        for x in range(where.shape[1]):
+            if where[y, x] > _ZERO:
+                i0, i1, i2, i3, a0, a1, a2, a3 = _samples(columns[y, x] * across - _HALF, wide)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _samples(rows[y, x] * down - _HALF, high)
+                for c in range(8):
+                    r0 = a0 * pixels[j0, i0, c] + a1 * pixels[j0, i1, c]
+                    r0 += a2 * pixels[j0, i2, c] + a3 * pixels[j0, i3, c]
+                    r1 = a0 * pixels[j1, i0, c] + a1 * pixels[j1, i1, c]
+                    r1 += a2 * pixels[j1, i2, c] + a3 * pixels[j1, i3, c]
+                    r2 = a0 * pixels[j2, i0, c] + a1 * pixels[j2, i1, c]
+                    r2 += a2 * pixels[j2, i2, c] + a3 * pixels[j2, i3, c]
+                    r3 = a0 * pixels[j3, i0, c] + a1 * pixels[j3, i1, c]
+                    r3 += a2 * pixels[j3, i2, c] + a3 * pixels[j3, i3, c]
+                    total[c] = min(max(b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3, _ZERO), _ONE)
+                for c in range(channels):
+                    one[c, y, x], other[c, y, x] = total[c], total[4 + c]
+            else:
+                for c in range(channels):
+                    one[c, y, x] = other[c, y, x] = _ZERO
 
 
 @kernel
@@ -137,16 +182,22 @@ def window_difference(colour, image, visibility, radius, result):
             weighted[y, x] = visibility[y, x] * total / _F(channels)
     for y in prange(height):
         above, below = max(0, y - radius), min(height, y + radius + 1)
-        differences, shares = np.zeros(width, np.float32), np.zeros(width, np.float32)
+        columns = np.zeros((2, width + 2 * radius), np.float32)
         for j in range(above, below):
-            for x in range(width):
-                differences[x] += weighted[j, x]
-                shares[x] += visibility[j, x]
+            _add(columns[0, radius : radius + width], weighted[j])
+            _add(columns[1, radius : radius + width], visibility[j])
+        sums = np.zeros((2, width), np.float32)
+        for i in range(2 * radius + 1):
+            _add(sums[0], columns[0, i : i + width])
+            _add(sums[1], columns[1, i : i + width])
         for x in range(width):
-            left, right = max(0, x - radius), min(width, x + radius + 1)
-            difference, share = _ZERO, _ZERO
-            for i in range(left, right):
-                difference += differences[i]
-                share += shares[i]
-            least = _F(1e-6) * _F((below - above) * (right - left))
-            result[y, x] = difference / max(share, least)
+            count = min(width, x + radius + 1) - max(0, x - radius)
+            least = _F(1e-6) * _F((below - above) * count)
+            result[y, x] = sums[0, x] / max(sums[1, x], least)
+
+
+@inner
+@no_type_check
+def _add(total, values):
+    for x in range(len(total)):
+        total[x] += values[x]

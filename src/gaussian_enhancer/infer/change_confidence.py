@@ -12,11 +12,13 @@ Axes: b batch, r references, k bands (means, details), h height, w width, i j bl
 values, f features.
 """
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.align.projection import array, compiled
 from gaussian_enhancer.types import NetworkInput
 
 BLOCK = 8
@@ -102,6 +104,25 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
         enhanced: what the network made of the render.
         views: the render, its references, their visibility and the splat's renders of their views.
     """
+    given = enhanced, views.render, views.references, views.visibility
+    ready = compiled(*given) and (views.reference_renders is None or compiled(views.reference_renders))
+    of_means, of_details, share, change = (products_compiled if ready else block_products)(enhanced, views)
+    features = _described((of_means, of_details), share, change)
+    around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
+    return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
+
+
+Products = tuple[
+    Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"], Float[Tensor, "b r i j"], Float[Tensor, "b 3 i j"]
+]
+
+
+def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
+    """Mean products by block of every two vectors, shares of a block that references see, and mean changes.
+
+    The vectors are those of `_described`. The products are those of their means, and of what they have beside them.
+    Readable twin of the compiled kernel, on any device.
+    """
     image, render, photos, visibility = (
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
     )
@@ -114,9 +135,26 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
     strips = [_products(vectors[..., y : y + STRIP * SAMPLES, :]) for y in range(0, vectors.shape[-2], STRIP * SAMPLES)]
     of_means, of_details = (torch.cat(parts, dim=-2) for parts in zip(*strips, strict=True))
     share = _pooled(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])[:, :, 0]
-    features = _described((of_means, of_details), share, _pooled(change))
-    around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
-    return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
+    return of_means, of_details, share, _pooled(change)
+
+
+def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
+    """The same by a compiled kernel."""
+    from gaussian_enhancer.infer.change_confidence_kernels import multiply
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    batch, count, _, height, width = views.references.shape
+    vectors, size = 2 + 3 * count, (-(-height // BLOCK), -(-width // BLOCK))
+    means, details = enhanced.new_empty(2, batch, vectors, vectors, *size)
+    seen, change = enhanced.new_empty(batch, count, *size), enhanced.new_empty(batch, 3, *size)
+    drawn = views.reference_renders is not None
+    renders = views.references if views.reference_renders is None else views.reference_renders
+    given = enhanced, views.render, views.references, renders, views.visibility
+    with kernel_lock:
+        for b in range(batch):
+            written = (one[b].numpy() for one in (means, details, seen, change))
+            multiply(*(array(one[b]) for one in given), np.float32(drawn), BLOCK, STEP, *written)
+    return means, details, seen, change
 
 
 def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:

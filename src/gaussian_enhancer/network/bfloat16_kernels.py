@@ -242,6 +242,32 @@ def add_and_rectify(theirs, own):
 
 @kernel
 @no_type_check
+def pool(references, visibility, result):
+    """Write the mean of references (n, r, i, j, c) weighted by visibility (n, r, i, j), and a third of its sum."""
+    batch, count, height, width, channels = references.shape
+    for row in prange(batch * height):
+        n, i = row // height, row % height
+        for j in range(width):
+            total = _ZERO
+            for r in range(count):
+                total += visibility[n, r, i, j]
+            share = _ONE / max(total, _F(1e-3))
+            summed = np.zeros(channels, np.float32)
+            for r in range(count):
+                _add_scaled(references[n, r, i, j], share * visibility[n, r, i, j], summed)
+            _halve(summed, result[n, i, j])
+            result[n, i, j, channels] = half(total / _F(3))
+
+
+@inner
+@no_type_check
+def _add_scaled(values, factor, total):
+    for q in range(len(values)):
+        total[q] += factor * wide(values[q])
+
+
+@kernel
+@no_type_check
 def shrink(photos, renders, visibility, drawn, small_photos, small_renders, share):
     """Write means of photos and renders over 2x2 pixels, weighted by visibility, and that of visibility."""
     count, _, height, width = photos.shape

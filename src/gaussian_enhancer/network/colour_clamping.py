@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gaussian_enhancer.align.projection import array, compiled
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import NetworkInput
 
@@ -38,11 +39,28 @@ def clamp_to_references(
     shown = ~hidden.flatten(1).all(1)
     if not bool(shown.any()):
         return image
-    kept = torch.empty_like(image)
+    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
+    given = image, views.render, views.references, views.visibility
+    if compiled(*given):
+        _clamp_compiled(*given, window // 2, kept)
+        return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
     for channel in range(3):  # one by one, so that large images need little memory
         low, high = _limits(views, hidden, channel, window // 2)
         kept[:, channel] = image[:, channel].clamp(low, high)
     return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
+
+
+def _clamp_compiled(
+    image: Tensor, render: Tensor, photos: Tensor, visibility: Tensor, reach: int, kept: Tensor
+) -> None:
+    """Write the clamped images by a compiled kernel."""
+    from gaussian_enhancer.network.colour_clamping_kernels import clamp
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    with kernel_lock:
+        for one in range(len(image)):
+            given = (array(images[one]) for images in (image, render, photos, visibility))
+            clamp(*given, reach, kept[one].numpy())
 
 
 @torch.no_grad()

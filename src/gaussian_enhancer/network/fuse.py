@@ -92,7 +92,7 @@ class TrustFusion(nn.Module):
         theirs = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(0, (batch, count))
         own = F.conv2d(target, weight[:, channels:], bias, padding=1)
         if self.pool is not None:
-            own = own + self.pool(_pooled(references, visibility.to(references.dtype)))
+            own = own + self.pool(_pooled(references, visibility))
         if theirs.dtype == torch.bfloat16 and fusable(theirs, own):
             _add_and_rectify(theirs, own)
             return theirs.flatten(0, 1)
@@ -123,11 +123,28 @@ def _add_and_rectify(theirs: Float[Tensor, "b r c h w"], own: Float[Tensor, "b c
 
 def _pooled(references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]) -> Float[Tensor, "b _ h w"]:
     """Mean features of the references, weighted by visibility, and a third of the sum of visibilities as a channel."""
+    if references.dtype == torch.bfloat16 and fusable(references, visibility):
+        return _pooled_compiled(references, visibility)
+    visibility = visibility.to(references.dtype)
     total = visibility.sum(1)
     weighted = references[:, 0] * visibility[:, 0]
     for i in range(1, references.shape[1]):  # one by one: a product of all would be written and read once more
         weighted = torch.addcmul(weighted, references[:, i], visibility[:, i])
     return torch.cat([weighted / total.clamp_min(1e-3), total / 3], dim=1)
+
+
+def _pooled_compiled(
+    references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
+) -> Float[Tensor, "b _ h w"]:
+    """The same in one pass over memory, where inference is `fusable`."""
+    from gaussian_enhancer.network.bfloat16_kernels import pool
+
+    batch, count, channels, height, width = references.shape
+    words = bits(references.flatten(0, 1)).reshape(batch, count, height, width, channels)
+    result = empty_features(batch, channels + 1, height, width)
+    with kernel_lock:
+        pool(words, plane(visibility[:, :, 0]), bits(result))
+    return result
 
 
 class MeanFusion(nn.Module):

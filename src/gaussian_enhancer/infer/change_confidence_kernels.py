@@ -1,0 +1,85 @@
+"""Compiled products of what a block's pixels show: what `change_confidence.block_products` does in one pass.
+
+Axes: r references, v vectors of a block, h height, w width, i j blocks.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel
+
+_F = np.float32
+_ZERO, _ONE, _THREE = _F(0), _F(1), _F(3)
+
+
+@kernel
+@no_type_check
+def multiply(enhanced, render, photos, renders, visibility, drawn, block, step, means, details, seen, change):
+    """Write mean products (v, v, i, j) of every two vectors' means and of the rest, seen shares, and mean changes.
+
+    Images are (3, h, w), those of references (r, 3, h, w); ``renders`` are read if ``drawn`` is positive. Of each block
+    every ``step``-th row and column is looked at.
+    """
+    count = len(photos)
+    vectors, rows, columns = means.shape[0], means.shape[2], means.shape[3]
+    for i in prange(rows):
+        values = np.empty((vectors, 3 * (block // step) ** 2), np.float32)
+        mean = np.empty((vectors, 3), np.float32)
+        for j in range(columns):
+            values[:], mean[:] = _ZERO, _ZERO
+            number = _gather(
+                i * block, j * block, enhanced, render, photos, renders, visibility, drawn, block, step, values
+            )
+            for r in range(count):
+                seen[r, i, j] = _seen(i * block, j * block, visibility[r, 0], block, step) / number
+            samples = values.shape[1] // 3
+            for v in range(vectors):
+                for c in range(3):
+                    total = _ZERO
+                    for n in range(samples):
+                        total += values[v, c * samples + n]
+                    mean[v, c] = total / number
+            change[:, i, j] = mean[0]
+            for v in range(vectors):
+                for u in range(v + 1):
+                    whole = _ZERO
+                    for n in range(values.shape[1]):
+                        whole += values[v, n] * values[u, n]
+                    of_means = (mean[v, 0] * mean[u, 0] + mean[v, 1] * mean[u, 1] + mean[v, 2] * mean[u, 2]) / _THREE
+                    means[v, u, i, j] = means[u, v, i, j] = of_means
+                    details[v, u, i, j] = details[u, v, i, j] = whole / (_THREE * number) - of_means
+
+
+@inner
+@no_type_check
+def _gather(top, left, enhanced, render, photos, renders, visibility, drawn, block, step, values):
+    """Write a block's vectors, a channel's samples side by side; return how many samples lie in the image."""
+    count, samples, number = len(photos), values.shape[1] // 3, _ZERO
+    for y in range(top, min(top + block, render.shape[1]), step):
+        for x in range(left, min(left + block, render.shape[2]), step):
+            place = (y - top) // step * (block // step) + (x - left) // step
+            number += _ONE
+            for c in range(3):
+                n, base = c * samples + place, render[c, y, x]
+                change = enhanced[c, y, x] - base
+                values[0, n], values[1, n] = change, base
+                for r in range(count):
+                    if visibility[r, 0, y, x] > _ZERO:
+                        photo = photos[r, c, y, x]
+                        values[2 + r, n] = change
+                        values[2 + count + r, n] = photo - base
+                        values[2 + 2 * count + r, n] = photo - (renders[r, c, y, x] if drawn > _ZERO else base)
+    return number
+
+
+@inner
+@no_type_check
+def _seen(top, left, visibility, block, step):
+    """How many of a block's samples are visible."""
+    total = _ZERO
+    for y in range(top, min(top + block, visibility.shape[0]), step):
+        for x in range(left, min(left + block, visibility.shape[1]), step):
+            total += _ONE if visibility[y, x] > _ZERO else _ZERO
+    return total

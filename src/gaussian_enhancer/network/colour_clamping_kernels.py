@@ -1,0 +1,54 @@
+"""Compiled colour clamping: what `colour_clamping` does, a row at a time so that pixels fill a vector.
+
+Axes: r references, h height, w width; images are (channels, height, width) float32.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel
+
+_F = np.float32
+_ZERO, _INFINITE = _F(0), _F(np.inf)
+
+
+@kernel
+@no_type_check
+def clamp(image, render, photos, visibility, reach, result):
+    """Write the image within the least and the greatest value of render and visible photos (r, 3, h, w) around it."""
+    channels, height, width = image.shape
+    for y in prange(height):
+        low, high = np.empty(width + 2 * reach, np.float32), np.empty(width + 2 * reach, np.float32)
+        least, greatest = np.empty(width, np.float32), np.empty(width, np.float32)
+        for c in range(channels):
+            low[:], high[:] = _INFINITE, -_INFINITE
+            for j in range(max(0, y - reach), min(height, y + reach + 1)):
+                _reach(render[c, j], render[c, j], low[reach : reach + width], high[reach : reach + width])
+                for r in range(len(photos)):
+                    inside = low[reach : reach + width], high[reach : reach + width]
+                    _reach_visible(photos[r, c, j], visibility[r, 0, j], inside[0], inside[1])
+            least[:], greatest[:] = _INFINITE, -_INFINITE
+            for i in range(2 * reach + 1):
+                _reach(low[i : i + width], high[i : i + width], least, greatest)
+            for x in range(width):
+                result[c, y, x] = min(max(image[c, y, x], least[x]), greatest[x])
+
+
+@inner
+@no_type_check
+def _reach(low, high, least, greatest):
+    """Let limits reach as far as others."""
+    for x in range(len(least)):
+        least[x], greatest[x] = min(least[x], low[x]), max(greatest[x], high[x])
+
+
+@inner
+@no_type_check
+def _reach_visible(values, visibility, least, greatest):
+    """Let limits reach values, where these are visible."""
+    for x in range(len(least)):
+        seen = visibility[x] > _ZERO
+        least[x] = min(least[x], values[x] if seen else _INFINITE)
+        greatest[x] = max(greatest[x], values[x] if seen else -_INFINITE)
