@@ -107,6 +107,13 @@ class Camera(Movable):
         """Unit viewing direction in the world."""
         return self.rotation[2]
 
+    def cut(self, top: int, left: int, bottom: int, right: int) -> "Camera":
+        """The camera of a part of the image: the principal point moves by the part's corner. Ends are exclusive."""
+        K = self.K.clone()
+        K[0, 2] -= left
+        K[1, 2] -= top
+        return dataclasses.replace(self, K=K, height=bottom - top, width=right - left)
+
     def resized(self, height: int, width: int) -> "Camera":
         """The same view sampled on another pixel grid (the field of view is kept)."""
         scale = self.K.new_tensor([[width / self.width], [height / self.height], [1.0]])

@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 
 import pytest
 import torch
@@ -59,11 +60,14 @@ def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_ren
     def fine(index: int) -> torch.Tensor:
         return pixels(index, size=(192, 256), cells=96).image
 
+    def stored(index: int, gain: float = 1.0) -> torch.Tensor:
+        return (fine(index) * gain * 255).round().byte()
+
     target, references = pixels(0, cells=96), []
     for index, gain in ((1, 0.8), (2, 0.9)):
         render = pixels(index, cells=96).image if own_render else None
         photo = pixels(index, gain, cells=96)
-        references.append(dataclasses.replace(photo, render=render, fine=fine(index) * gain))
+        references.append(dataclasses.replace(photo, render=render, read_fine=partial(stored, index, gain)))
     errors = []
     for match_colour in (True, False):
         aligned = Reprojected(depth="exact", match_colour=match_colour)(target, references, keep=2)
@@ -75,7 +79,7 @@ def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_ren
         errors.append((aligned.fine - fine(0)).abs().mean(1)[shown].mean())
     assert errors[0] < 0.4 * errors[1]
     blurred = torch.nn.functional.interpolate(target.image[None], scale_factor=4, mode="bicubic")[0]
-    clean = [dataclasses.replace(pixels(i, cells=96), fine=fine(i)) for i in (1, 2)]
+    clean = [dataclasses.replace(pixels(i, cells=96), read_fine=partial(stored, i)) for i in (1, 2)]
     aligned = Reprojected(depth="exact", match_colour=False)(target, clean, keep=2)
     shown = torch.nn.functional.interpolate(aligned.visibility, scale_factor=4)[:, 0] > 0.9
     assert (aligned.fine - fine(0)).abs().mean(1)[shown].mean() < 0.3 * (blurred - fine(0)).abs().mean()
@@ -85,14 +89,15 @@ def test_fine_references_show_what_the_target_shows_in_the_same_exposure(own_ren
 
 def test_fine_references_change_nothing_else_and_are_absent_unless_asked_for():
     target, reference = pixels(0), pixels(1)
-    finer = dataclasses.replace(reference, fine=pixels(1, size=(192, 256)).image)
+    photo = (pixels(1, size=(192, 256)).image * 255).byte()
+    finer = dataclasses.replace(reference, read_fine=lambda: photo)
     for warp in (Reprojected(), Unwarped()):
         plain, both = warp(target, [reference], 1), warp(target, [finer], 1)
         assert plain.fine is None
         assert both.fine is not None
         assert torch.equal(plain.references, both.references)
         assert torch.equal(plain.visibility, both.visibility)
-    assert torch.equal(both.fine[0], finer.fine)
+    assert torch.equal(both.fine[0], photo / 255)
 
 
 def test_what_does_not_look_like_the_render_is_no_reference_there():

@@ -12,7 +12,7 @@ TEXTURE = torch.rand(3, 192, 192, generator=torch.Generator().manual_seed(0))
 def view(index: int, size: tuple[int, int] = (192, 256)) -> Pixels:
     camera = plane_camera(index, *size)
     photo, depth = plane_view(camera, TEXTURE)
-    return Pixels(f"{index}.png", photo, camera, depth, torch.ones_like(depth), photo, photo)
+    return Pixels(f"{index}.png", photo, camera, depth, torch.ones_like(depth), photo, lambda: (255 * photo).byte())
 
 
 def test_a_coarse_view_is_the_same_view_with_few_pixels():
@@ -23,7 +23,7 @@ def test_a_coarse_view_is_the_same_view_with_few_pixels():
     torch.testing.assert_close(small.image.mean(), view(0).image.mean(), atol=1e-4, rtol=0)
     assert small.depth is not None
     assert set(small.depth.unique().tolist()) <= set(view(0).depth.unique().tolist())  # type: ignore[union-attr]
-    assert small.fine is None
+    assert small.read_fine is None
     assert coarse(view(0, (24, 32))).image.shape == (3, 24, 32)
 
 

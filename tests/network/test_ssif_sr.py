@@ -6,10 +6,12 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from gaussian_enhancer.network import ssif_sr
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.fuse import Mean, Trust
+from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.network.output_head import Gated, Residual
-from gaussian_enhancer.network.ssif_sr import SSIFSR, merged, pooled
+from gaussian_enhancer.network.ssif_sr import SSIFSR, merged
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -83,6 +85,18 @@ def test_fine_references_reach_the_image_and_their_absence_is_no_error():
     assert bool(torch.isfinite(bare).all())
 
 
+@pytest.mark.parametrize("references", [0, 2])
+def test_large_images_are_finished_in_parts_with_the_same_result(references, monkeypatch: pytest.MonkeyPatch):
+    network, seen = trained(), views(72, 104, references=references)
+    with torch.no_grad():
+        whole = network(seen)
+        monkeypatch.setattr(ssif_sr, "TILE", 16)
+        parts = network(seen)
+        torch.testing.assert_close(parts, whole, rtol=0, atol=1e-5)
+        monkeypatch.setattr(ssif_sr, "MARGIN", -3)  # what is left of the halo is too narrow
+        assert (network(seen) - whole).abs().max() > 1e-4
+
+
 def test_features_are_computed_once_for_all_scales_and_known_ones_are_not_computed_again():
     network, seen, calls = trained(), views(), Counter()
     parts: dict[str, nn.Module] = {
@@ -106,12 +120,10 @@ def test_features_are_computed_once_for_all_scales_and_known_ones_are_not_comput
 def test_detail_that_is_handed_on_knows_no_exposure_and_no_smooth_part():
     generator = torch.Generator().manual_seed(0)
     fine = torch.rand(1, 2, 3, 32, 32, generator=generator)
-    seen = dataclasses.replace(views(8, 8), fine_references=fine, visibility=torch.ones(1, 2, 1, 8, 8))
     trust = torch.tensor([0.3, 0.1]).view(1, 2, 1, 1, 1).expand(1, 2, 1, 16, 16)
 
     def detail(photos: torch.Tensor) -> torch.Tensor:
-        _, half, whole = pooled(dataclasses.replace(seen, fine_references=photos))
-        one, _ = merged(torch.zeros(1, 3, 32, 32), whole, half, torch.ones_like(trust), trust)
+        one, _ = merged(torch.zeros(1, 3, 32, 32), photos, halved(photos), torch.ones_like(trust), trust)
         assert one.reference_renders is not None
         return (one.references - one.reference_renders)[0, 0]
 

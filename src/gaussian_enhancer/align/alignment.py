@@ -10,17 +10,22 @@ from typing import Protocol, get_args, runtime_checkable
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
 from gaussian_enhancer.align.photo_consistency import photo_consistent, photometric_difference, rank, worth_of
 from gaussian_enhancer.align.projection import Interpolation
-from gaussian_enhancer.align.reproject import Warped, fill_depth, reproject
+from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, precise
+
+UNMOVED = "name", "camera", "read_fine"
+"""Fields of `Pixels` that hold no image."""
+STRIP = 256
+"""Rows of a fine grid that are warped at once, so that large images need little memory."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class Pixels:
         depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
         alpha: rendered opacity; None where unknown.
         render: the splat's own render of a reference's view, of any size; None where unknown.
-        fine: a reference's photo on a finer grid, of any size; None where not asked for.
+        read_fine: reads a reference's 8-bit photo on a finer grid, of any size; None where not asked for.
     """
 
     name: str
@@ -43,7 +48,7 @@ class Pixels:
     depth: Float[Tensor, "1 _ _"] | None = None
     alpha: Float[Tensor, "1 h w"] | None = None
     render: Float[Tensor, "3 _ _"] | None = None
-    fine: Float[Tensor, "3 _ _"] | None = None
+    read_fine: Callable[[], UInt8[Tensor, "3 _ _"]] | None = None
 
     @cached_property
     def exposure(self) -> Float[Tensor, "3 2"] | None:
@@ -62,7 +67,7 @@ class Pixels:
 
     def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
         """The view with changed images; the same object, with its cached values, if nothing changes."""
-        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "camera")}
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in UNMOVED}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
             return self
@@ -113,7 +118,10 @@ class Unwarped:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        fine = [resize(r.fine, 4 * height, 4 * width) for r in chosen if r.fine is not None]
+        reads = [reference.read_fine for reference in chosen]
+        fine = None
+        if chosen and all(read is not None for read in reads):
+            fine = torch.stack([resize(_read(read, target) / 255, 4 * height, 4 * width) for read in reads])
         return _aligned(target, warped, [reference.name for reference in chosen], fine)
 
 
@@ -201,20 +209,32 @@ class Reprojected:
             warped.append(one)
             worth.append(worth_of(one, difference, self.softness))
         order = rank(worth, keep)
-        finer = [(i, references[i].fine) for i in order]
-        fine = [_finely(camera, depth, cameras[i], p, exposures[i], warped[i]) for i, p in finer if p is not None]
+        fine = None
+        if order and all(references[i].read_fine is not None for i in order):
+            fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
+            for i, result in zip(order, fine, strict=True):
+                photo = _read(references[i].read_fine, target)
+                _warp_finely(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
 
-def _finely(
+def _read(read: Callable[[], Tensor] | None, target: Pixels) -> UInt8[Tensor, "3 _ _"]:
+    """A reference's fine photo on the target's device."""
+    if read is None:
+        raise ValueError("the reference has no fine photo")
+    return read().to(target.image.device)
+
+
+def _warp_finely(
     camera: Camera,
     depth: Float[Tensor, "1 h w"],
     other: Camera,
-    photo: Float[Tensor, "3 _ _"],
+    photo: UInt8[Tensor, "3 _ _"],
     exposure: Float[Tensor, "3 2"] | None,
     warped: Warped,
-) -> Float[Tensor, "3 H W"]:
-    """The reference's high-resolution photo on a grid 4 times as fine as the target's, with the warp's visibility.
+    result: Float[Tensor, "3 H W"],
+) -> None:
+    """Write the reference's fine photo on a grid 4 times as fine as the target's, with the warp's visibility.
 
     Args:
         camera: the target's.
@@ -223,16 +243,26 @@ def _finely(
         photo: the reference's fine photo.
         exposure: gain and offset that were applied to the warped reference.
         warped: the reference on the target's own grid.
+        result: is written.
     """
-    height, width = (4 * side for side in depth.shape[-2:])
-    inverse = F.interpolate(1 / fill_depth(depth)[None], size=(height, width), mode="bilinear", align_corners=False)[0]
-    shown = F.interpolate(warped.visibility[None], size=(height, width))[0]
-    if exposure is not None:
-        photo = apply_colour(photo, exposure)
-    finely = reproject(camera.resized(height, width), 1 / inverse, other, photo, alpha=shown)
-    # At the photo's border the coarse grid may see what the fine one does not.
-    coarse = F.interpolate(warped.colour[None], size=(height, width))[0]
-    return torch.where(finely.visibility > 0, finely.colour, coarse)
+    height, width = result.shape[-2:]
+    colours = torch.tensor([[1 / 255, 0.0]]).expand(3, 2)
+    if exposure is not None:  # of what was read, so that no copy of the photo is made
+        colours = exposure * exposure.new_tensor([1 / 255, 1.0])
+    colours = colours.to(result)
+    fine = camera.resized(height, width)
+    filled = fill_depth(depth)
+    step = footprint_between(camera, filled, other.resized(*photo.shape[-2:])) / 4
+    inverse = F.interpolate(1 / filled[None], size=(height, width), mode="bilinear", align_corners=False)[0]
+    for top in range(0, height, STRIP):
+        rows = slice(top, min(top + STRIP, height))
+        coarse = slice(top // 4, -(-rows.stop // 4))
+        shown = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
+        strip = fine.cut(top, 0, rows.stop, width)
+        finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=shown, footprint=step)
+        # At the photo's border the coarse grid may see what the fine one does not.
+        colour = F.interpolate(warped.colour[None, :, coarse], scale_factor=4)[0]
+        result[:, rows] = torch.where(finely.visibility > 0, apply_colour(finely.colour, colours), colour)
 
 
 def _camera_of(view: Pixels) -> Camera:
@@ -242,7 +272,7 @@ def _camera_of(view: Pixels) -> Camera:
 
 
 def _aligned(
-    target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Sequence[Float[Tensor, "3 H W"]] = ()
+    target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Float[Tensor, "r 3 H W"] | None = None
 ) -> Aligned:
     height, width = target.image.shape[-2:]
     if not warped:
@@ -254,5 +284,5 @@ def _aligned(
         torch.stack([one.visibility for one in warped]),
         tuple(names),
         torch.stack(renders) if len(renders) == len(warped) else None,
-        torch.stack(list(fine)) if len(fine) == len(warped) else None,
+        fine,
     )

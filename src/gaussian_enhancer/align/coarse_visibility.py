@@ -59,5 +59,5 @@ def coarse(pixels: Pixels, edge: int = EDGE) -> Pixels:
         depth=None if pixels.depth is None else sized(pixels.depth, averaged=False),
         alpha=None if pixels.alpha is None else sized(pixels.alpha, averaged=False),
         render=None if pixels.render is None else sized(pixels.render, averaged=True),
-        fine=None,
+        read_fine=None,
     )

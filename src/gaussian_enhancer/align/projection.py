@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.types import Camera
@@ -159,7 +159,7 @@ def read_both(
 
 
 def read_at(
-    image: Float[Tensor, "c p q"],
+    image: Float[Tensor, "c p q"] | UInt8[Tensor, "c p q"],
     landing: Landing,
     size: tuple[int, int],
     where: Float[Tensor, "1 h w"],
@@ -175,13 +175,16 @@ def read_at(
         interpolation: "bilinear", or "bicubic" (cubic convolution, kept within [0, 1]), which blurs less.
     """
     down, across = image.shape[-2] / size[0], image.shape[-1] / size[1]
-    if not compiled(image, landing.x, where):
-        found = look_up(image, landing.x * across, landing.y * down, interpolation)[0]
+    bytes_ = image.dtype == torch.uint8
+    if not (compiled(landing.x, where) and (compiled(image) or (bytes_ and interpolation == "bilinear"))):
+        found = look_up(image.to(landing.x) if bytes_ else image, landing.x * across, landing.y * down, interpolation)[
+            0
+        ]
         return (found if interpolation == "bilinear" else found.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import read, read_cubic
     from gaussian_enhancer.splat.compiled import kernel_lock
 
-    result = image.new_empty(len(image), *where.shape[-2:])
+    result = where.new_empty(len(image), *where.shape[-2:])
     positions = array(landing.x[0]), array(landing.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
         kernel = read if interpolation == "bilinear" else read_cubic

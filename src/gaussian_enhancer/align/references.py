@@ -4,10 +4,11 @@ Axes: r references, h height, w width.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected, Warp
@@ -79,14 +80,23 @@ class Pool:
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
         self.views = tuple(views)
         self._kept: Callable[[int, bool], Pixels] = lru_cache(maxsize=capacity)(self._read)
+        self._kept_fine: Callable[[int], Tensor] = lru_cache(maxsize=-(-capacity // 4))(self._read_fine)
 
     def read(self, index: int, fine: bool = False) -> Pixels:
-        """The pixels of a reference; with ``fine`` those of its finer photo, too.
+        """The pixels of a reference; with ``fine`` it can read its finer photo, too.
+
+        Finer photos are rounded to 8 bits; a quarter as many stay in memory.
 
         Raises:
             InputError: there is no photo, or no finer one, or a file is damaged.
         """
         return self._kept(index, fine)
+
+    def _read_fine(self, index: int) -> UInt8[Tensor, "3 _ _"]:
+        read = self.views[index].read_fine_photo
+        if read is None:
+            raise ValueError(f"reference {index} has no fine photo")
+        return torch.stack([channel.mul(255).round_().clamp_(0, 255).byte() for channel in read()])
 
     def _read(self, index: int, fine: bool) -> Pixels:
         view = self.views[index]
@@ -94,12 +104,10 @@ class Pool:
             raise InputError(view.name, "has no photo to refer to", "give the photo, or leave the view out")
         depth = view.read_depth() if view.read_depth is not None else None
         render = view.read() if view.read is not None else None
-        known = Pixels(view.name, view.read_photo(), view.camera, depth, render=render)
-        if not fine:
-            return known
-        if view.read_fine_photo is None:
+        if fine and view.read_fine_photo is None:
             raise InputError(view.name, "has no photo finer than its render", "give photos 4 times as fine")
-        return replace(known, fine=view.read_fine_photo())
+        read_fine = partial(self._kept_fine, index) if fine else None
+        return Pixels(view.name, view.read_photo(), view.camera, depth, render=render, read_fine=read_fine)
 
 
 def read_target(view: RenderedView) -> Pixels:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from gaussian_enhancer.align.projection import (
@@ -23,6 +23,8 @@ from gaussian_enhancer.align.projection import (
 from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable
 
 FAINTEST = 1 / 255
+FINER = 1.2
+"""Pixels of a photo between two of the target from which on it is shrunk before it is read."""
 SAMPLED = 2**12
 """Pixels by which it is judged how finely a photo is read."""
 
@@ -74,13 +76,14 @@ def reproject(
     target: Camera,
     depth: Float[Tensor, "1 h w"],
     reference: Camera,
-    photo: Float[Tensor, "3 p q"],
+    photo: Float[Tensor, "3 p q"] | UInt8[Tensor, "3 p q"],
     reference_depth: Float[Tensor, "1 _ _"] | None = None,
     alpha: Float[Tensor, "1 h w"] | None = None,
     tolerance: float = 0.05,
     rendered_depth: Float[Tensor, "1 h w"] | None = None,
     render: Float[Tensor, "3 _ _"] | None = None,
     interpolation: Interpolation = "bilinear",
+    footprint: float | None = None,
 ) -> Warped:
     """Warp a photo backwards into the target view through the target's depth.
 
@@ -92,7 +95,7 @@ def reproject(
         target: camera of the grid to fill.
         depth: rendered z of the target, scene units; holes are filled from their neighbours for the warp.
         reference: camera of the photo; scaled to the photo's size where the two differ.
-        photo: reference colours at any resolution, [0, 1].
+        photo: reference colours at any resolution, [0, 1]; those of 8 bits are warped as they are, [0, 255].
         reference_depth: rendered z of the reference at any resolution; None leaves occlusion unchecked.
         alpha: rendered opacity of the target; None counts holes of the depth as invisible.
         tolerance: relative depth difference of one standard deviation, > 0.
@@ -100,6 +103,7 @@ def reproject(
             renders; None means ``depth``.
         render: the splat's own render of the reference's view, at any resolution, to be warped alike.
         interpolation: how photo and render are read between their pixels.
+        footprint: distance in the photo between pixels that are neighbours in the target; None measures it.
     """
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
@@ -116,13 +120,24 @@ def reproject(
         visibility = visibility * depth_consistency(projection, checked, reference_depth.to(dtype), tolerance)
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
-    footprint = _footprint(landing)
-    photo = _shrunk(photo.to(dtype), footprint)
+    footprint = _footprint(landing) if footprint is None else footprint
+    photo = _shrunk(photo, footprint, dtype)
     if render is None:
         return Warped(read_at(photo, landing, size, visibility, interpolation), visibility)
-    render = _shrunk(render.to(dtype), footprint * render.shape[-1] / size[1])
+    render = _shrunk(render, footprint * render.shape[-1] / size[1], dtype)
     colour, rendered = read_both(photo, render, landing, size, visibility, interpolation)
     return Warped(colour, visibility, rendered)
+
+
+def footprint_between(target: Camera, depth: Float[Tensor, "1 h w"], reference: Camera) -> float:
+    """The median distance in a reference, in its pixels, between pixels that are neighbours in the target.
+
+    Args:
+        target: camera of the grid.
+        depth: z of the target, > 0 and finite.
+        reference: camera of the photo, of its size.
+    """
+    return _footprint(land(ReferenceProjection.between(target, reference, depth), depth))
 
 
 def _footprint(landing: Landing) -> float:
@@ -141,9 +156,11 @@ def _footprint(landing: Landing) -> float:
     return float(area.detach().median().sqrt()) if area.numel() else 1.0
 
 
-def _shrunk(photo: Float[Tensor, "3 _ _"], footprint: float) -> Float[Tensor, "3 _ _"]:
-    """The photo at the resolution at which it is read, antialiased; as it is where that is about its own."""
-    if footprint < 1.2:
-        return photo
+def _shrunk(
+    photo: Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"], footprint: float, dtype: torch.dtype
+) -> Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"]:
+    """The photo at the resolution at which it is read, antialiased. Where that is about its own, 8 bits stay."""
+    if footprint < FINER:
+        return photo if photo.dtype == torch.uint8 else photo.to(dtype)
     size = [max(1, round(side / footprint)) for side in photo.shape[-2:]]
-    return F.interpolate(photo[None], size=size, mode="bilinear", antialias=True, align_corners=False)[0]
+    return F.interpolate(photo[None].to(dtype), size=size, mode="bilinear", antialias=True, align_corners=False)[0]

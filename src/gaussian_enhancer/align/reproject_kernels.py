@@ -74,8 +74,8 @@ def read(image, columns, rows, across, down, where, result):
                 x1, y1 = min(x0 + 1, wide - 1), min(y0 + 1, high - 1)
                 fx, fy = u - _F(x0), v - _F(y0)
                 for c in range(channels):
-                    top = image[c, y0, x0] + fx * (image[c, y0, x1] - image[c, y0, x0])
-                    bottom = image[c, y1, x0] + fx * (image[c, y1, x1] - image[c, y1, x0])
+                    p, q, r, t = _F(image[c, y0, x0]), _F(image[c, y0, x1]), _F(image[c, y1, x0]), _F(image[c, y1, x1])
+                    top, bottom = p + fx * (q - p), r + fx * (t - r)
                     result[c, y, x] = top + fy * (bottom - top)
             else:
                 for c in range(channels):

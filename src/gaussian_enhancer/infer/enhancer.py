@@ -74,7 +74,8 @@ class SetEnhancer:
         device: where the network runs; None is the processor.
         precision: of the network's convolutions; "auto" is bfloat16 on processors and float16 on graphics cards
             that compute in it, float32 elsewhere.
-        tile: side of the tiles that larger images are cut into, a multiple of 16.
+        tile: side of the tiles that larger images are cut into, a multiple of 16. Super-resolution, which computes its
+            finer scales in parts of its own, takes tiles twice as large.
         halo: width in pixels of the border of a tile that is computed and discarded, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         temporal_smoothing: for frames of a path: share of the change that each target takes over from the one before
@@ -261,7 +262,8 @@ class SetEnhancer:
             if kept is not None and max(views.render.shape[-2:]) <= self.tile:
                 enhanced = kept.network(views, kept(views, names))
             else:
-                enhanced = enhance_tiled(self.network, views, self.tile, self.halo, scale=self.network.scale)
+                tile = self.tile if self.network.scale == 1 else 2 * self.tile
+                enhanced = enhance_tiled(self.network, views, tile, self.halo, scale=self.network.scale)
         enhanced = enhanced.float()
         if isinstance(self.reference_config.warp, Reprojected) and self.network.scale == 1:
             if self.colour_clamping:
@@ -273,6 +275,8 @@ class SetEnhancer:
         if self.strength < 1:
             start = upsampled(views.render, self.network.scale)
             enhanced = start + self.strength * (enhanced - start)
+        if self.network.scale > 1:  # no part of the input
+            return enhanced.clamp_(0, 1).cpu()
         return enhanced.clamp(0, 1).cpu()
 
 

@@ -123,11 +123,8 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
 
 
 def cut_camera(camera: Camera, region: Region) -> Camera:
-    """Crop a camera to a region: the principal point moves by the region's corner."""
-    K = camera.K.clone()
-    K[0, 2] -= region.left
-    K[1, 2] -= region.top
-    return replace(camera, K=K, height=region.bottom - region.top, width=region.right - region.left)
+    """Crop a camera to a region."""
+    return camera.cut(region.top, region.left, region.bottom, region.right)
 
 
 def _runs(filled: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -47,19 +47,14 @@ def enhance_tiled(
     if height <= tile and width <= tile:
         return network(views)
     result = views.render.new_zeros(len(views.render), 3, scale * height, scale * width)
-    total = result.new_zeros(1, 1, scale * height, scale * width)
-    for top, bottom in _spans(height, tile, halo, blend):
-        for left, right in _spans(width, tile, halo, blend):
-            rows, columns = (
-                _ramp(*(scale * side for side in sides)).to(result)
-                for sides in ((top, bottom, height, halo, blend), (left, right, width, halo, blend))
-            )
-            weight = rows[:, None] * columns
-            enhanced = network(_crop(views, top, bottom, left, right))
-            place = (..., slice(scale * top, scale * bottom), slice(scale * left, scale * right))
-            result[place] += weight * enhanced
-            total[place] += weight
-    return result / total
+    grid = scale * tile, scale * halo, scale * blend
+    columns = list(_weighted_spans(scale * width, *grid))
+    for top, bottom, down in _weighted_spans(scale * height, *grid):
+        for left, right, across in columns:
+            enhanced = network(_crop(views, *(side // scale for side in (top, bottom, left, right))))
+            weight = (down[:, None] * across).to(result)
+            result[..., top:bottom, left:right].addcmul_(weight, enhanced.to(result))
+    return result
 
 
 def check_tiles(tile: int, halo: int = 64, blend: int = 32, stride: int = 16) -> None:
@@ -84,6 +79,17 @@ def _spans(length: int, tile: int, halo: int, blend: int) -> Iterator[tuple[int,
         if end == length:
             return
         start += step
+
+
+def _weighted_spans(length: int, tile: int, halo: int, blend: int) -> Iterator[tuple[int, int, Float[Tensor, " n"]]]:
+    """The tiles along one axis with the weight of each of their pixels; over all tiles a pixel's weights sum to 1."""
+    spans = list(_spans(length, tile, halo, blend))
+    ramps = [_ramp(start, end, length, halo, blend) for start, end in spans]
+    total = torch.zeros(length)
+    for (start, end), ramp in zip(spans, ramps, strict=True):
+        total[start:end] += ramp
+    for (start, end), ramp in zip(spans, ramps, strict=True):
+        yield start, end, ramp / total[start:end]
 
 
 def _ramp(start: int, end: int, length: int, halo: int, blend: int) -> Float[Tensor, " n"]:

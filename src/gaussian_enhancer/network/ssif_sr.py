@@ -23,6 +23,10 @@ from gaussian_enhancer.network.stem import Choice, Gather
 from gaussian_enhancer.types import NetworkInput
 
 UPSCALE = (2, 4)
+TILE = 384
+"""Side of the parts in which the finer scales of large images are computed without gradients, in the render's pixels."""
+MARGIN = 14
+"""Pixels of the render beyond a part that all but its residual blocks read."""
 
 
 class SSIFSR(CachesReferences):
@@ -77,7 +81,8 @@ class SSIFSR(CachesReferences):
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
         views = padded(views, self.stride)
-        return self._encode(views, pooled(views))
+        photos, seen = fine_references(views)
+        return self.gather.encode(views), self.middle.encode(halved(photos), seen)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
@@ -85,24 +90,60 @@ class SSIFSR(CachesReferences):
         """Enhanced images of 1, 2 and 4 times the render's size; without fine references, from the render alone."""
         height, width = views.render.shape[-2:]
         views = padded(views, self.stride)
-        fine = pooled(views)
-        known = self._encode(views, fine) if encoded is None else encoded
-        fused, trust = self.gather(views, known[0])
+        fused, trust = self.gather(views, None if encoded is None else encoded[0])
         features = self.decode.features(fused)
-        images = [self.output(self.decode.outputs(features), views, trust)]
-        seen, twice = _seen(views, fine)
-        features, decoded, trust = self.middle(F.pixel_shuffle(self.grow(features), 2), known[1], seen)
-        base = upsampled(images[0], 2)
-        images.append(self.output(decoded, *merged(base, fine[1], fine[0], seen, trust)))
-        base = upsampled(images[0], 4) + upsampled(images[1] - base, 2)
-        trust = _bilinear(trust) * (twice > 0)
-        only, trust = merged(base, fine[2], fine[1], twice, trust)
-        decoded = self.tail(F.pixel_shuffle(self.grow_again(features), 2), only, trust)
-        images.append(self.output(decoded, only, trust))
+        image = self.output(self.decode.outputs(features), views, trust)
+        known = image, features, *fine_references(views), *(() if encoded is None else encoded[1:])
+        if torch.is_grad_enabled() or torch.compiler.is_compiling() or max(views.render.shape[-2:]) <= TILE:
+            images = image, *self._finer(*known)
+        else:
+            images = image, *self._finer_tiled(known)
         return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *UPSCALE), images, strict=True))
 
-    def _encode(self, views: NetworkInput, fine: Sequence[Tensor]) -> tuple[Tensor, ...]:
-        return self.gather.encode(views), self.middle.encode(fine[1], _seen(views, fine)[0])
+    def _finer(
+        self,
+        image: Float[Tensor, "b 3 h w"],
+        features: Float[Tensor, "b c i j"],
+        photos: Float[Tensor, "b r 3 H W"],
+        seen: Float[Tensor, "b r 1 h w"],
+        encoded: Float[Tensor, "b r c h w"] | None = None,
+    ) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
+        """S2 and S4 of the whole image, or of a part of it.
+
+        Args:
+            image: S1.
+            features: T1's.
+            photos: the references at 4x.
+            seen: their visibility.
+            encoded: their features at 2x, where they are known already.
+        """
+        half = halved(photos)
+        encoded = self.middle.encode(half, seen) if encoded is None else encoded
+        features, decoded, trust = self.middle(F.pixel_shuffle(self.grow(features), 2), encoded, seen)
+        base = upsampled(image, 2)
+        second = self.output(decoded, *merged(base, half, halved(half), seen, trust))
+        twice = _repeated(seen, 2)
+        base = upsampled(image, 4) + upsampled(second - base, 2)
+        only, trust = merged(base, photos, half, twice, _bilinear(trust) * (twice > 0))
+        decoded = self.tail(F.pixel_shuffle(self.grow_again(features), 2), only, trust)
+        return second, self.output(decoded, only, trust)
+
+    def _finer_tiled(self, known: tuple[Tensor, ...]) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
+        """`_finer` part by part, so that no features of the whole image are in memory; equal up to rounding."""
+        batch, _, height, width = known[0].shape
+        halo = MARGIN + 3 * len(self.tail.blocks)
+        halo += halo % 2
+        second, fourth = (known[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
+        for top in range(0, height, TILE):
+            for left in range(0, width, TILE):
+                bottom, right = min(top + TILE, height), min(left + TILE, width)
+                first = max(top - halo, 0), max(left - halo, 0)
+                last = min(bottom + halo, height), min(right + halo, width)
+                parts = self._finer(*(_cut(image, image.shape[-1] / width, first, last) for image in known))
+                inner = (top - first[0], left - first[1]), (bottom - first[0], right - first[1])
+                for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
+                    _cut(result, n, (top, left), (bottom, right)).copy_(_cut(part, n, *inner))
+        return second, fourth
 
 
 class Middle(nn.Module):
@@ -194,17 +235,22 @@ class Tail(nn.Module):
         return F.pixel_shuffle(self.head(self.blocks(features + x)), 2)
 
 
-def pooled(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], ...]:
-    """The fine references at 1, 2 and 4 times the render's size, averaged over squares; none where there are none.
+def fine_references(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 1 h w"]]:
+    """The references at 4 times the render's size, none where they are not given, and their visibility.
 
-    Visibility is of the render's pixels, so that no square holds what is visible and what is not.
+    Visibility is of the render's pixels, so that no square that is averaged holds what is visible and what is not.
     """
     fine = views.fine_references
-    if fine is None or fine.shape[1] == 0:
+    if fine is None:
         batch, _, height, width = views.render.shape
-        return tuple(views.render.new_zeros(batch, 0, 3, n * height, n * width) for n in (1, *UPSCALE))
-    half = halved(fine)
-    return halved(half), half, fine
+        fine = views.render.new_zeros(batch, 0, 3, 4 * height, 4 * width)
+    return fine, views.visibility[:, : fine.shape[1]]
+
+
+def _cut(image: Tensor, finer: float | int, first: tuple[int, int], last: tuple[int, int]) -> Tensor:
+    """A part of an image whose grid is finer than the render's, given by the render's pixels; the last is exclusive."""
+    rows, columns = (slice(int(finer * a), int(finer * b)) for a, b in zip(first, last, strict=True))
+    return image[..., rows, columns]
 
 
 def merged(
@@ -246,12 +292,6 @@ def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h
     for i in range(1, photos.shape[1]):
         total = torch.addcmul(total, weight[:, i], photos[:, i])
     return total
-
-
-def _seen(views: NetworkInput, fine: Sequence[Float[Tensor, "b r 3 _ _"]]) -> tuple[Float[Tensor, "b r 1 _ _"], ...]:
-    """Visibility of the fine references at half of the finer scales' resolutions."""
-    visibility = views.visibility[:, : fine[0].shape[1]]
-    return visibility, _repeated(visibility, 2)
 
 
 def _computed(image: Tensor) -> torch.dtype:

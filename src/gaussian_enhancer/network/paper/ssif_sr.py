@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Deformable
+from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.paper.stages import (
     ADJACENT,
@@ -24,7 +25,7 @@ from gaussian_enhancer.network.paper.stages import (
     halved_visibility,
 )
 from gaussian_enhancer.network.pyramid import padded, upsampled
-from gaussian_enhancer.network.ssif_sr import pooled
+from gaussian_enhancer.network.ssif_sr import fine_references
 from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput
 
@@ -76,9 +77,11 @@ class PaperSSIFSR(CachesReferences):
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references: F[G] at 1x, then F[HG] at 1x, 2x and 4x."""
         views = padded(views, self.stride)
+        finest, _ = fine_references(views)
+        half = halved(finest)
         fine = (
             cast(ImageEncoder, encoder).each(photos.to(views.render.dtype) - 0.5)
-            for encoder, photos in zip(self.encode_fine, pooled(views), strict=True)
+            for encoder, photos in zip(self.encode_fine, (halved(half), half, finest), strict=True)
         )
         return self.encode_reference.each(views.references - 0.5), *fine
 
