@@ -24,7 +24,7 @@ from gaussian_enhancer.types import NetworkInput
 
 UPSCALE = (2, 4)
 TILE = 384
-"""Side of the parts in which the finer scales of large images are computed without gradients, in the render's pixels."""
+"""Side of the parts in which finer scales of large images are computed without gradients, in the render's pixels."""
 MARGIN = 14
 """Pixels of the render beyond a part that all but its residual blocks read."""
 
