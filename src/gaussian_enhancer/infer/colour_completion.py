@@ -15,6 +15,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.align.projection import array, compiled
 from gaussian_enhancer.types import NetworkInput
 
 GRID = 100
@@ -53,18 +54,56 @@ def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> 
         F.interpolate(image.float(), cells, mode="area") for image in (views.render, enhanced - views.render, seen)
     )
     matrix, offset = _colour_model(render, change, weight)
-    unseen = 1 - F.interpolate(_blurred(weight, EDGE), size, mode="bilinear", align_corners=False)
-    unseen = unseen * (seen.flatten(1).amax(1) > 0)[:, None, None, None]
-    if views.alpha is not None:
-        unseen = unseen * (views.alpha / OPAQUE).clamp(max=1)
-    smooth = _blurred(change, SMOOTH)
-    completed = []
+    unseen = (1 - _blurred(weight, EDGE)) * (seen.flatten(1).amax(1) > 0)[:, None, None, None]
+    model = torch.cat([matrix.flatten(1, 2), offset - _blurred(change, SMOOTH), unseen], dim=1)
+    opaque = torch.ones_like(seen) if views.alpha is None else (views.alpha / OPAQUE).clamp(max=1)
+    how = completed_compiled if compiled(enhanced, views.render, opaque, model) else completed
+    return how(enhanced, views.render, opaque, model)
+
+
+def completed(
+    enhanced: Float[Tensor, "b 3 h w"],
+    render: Float[Tensor, "b 3 h w"],
+    opaque: Float[Tensor, "b 1 h w"],
+    model: Float[Tensor, "b 13 i j"],
+) -> Float[Tensor, "b 3 h w"]:
+    """Enhanced + unseen x opaque x (matrix render + offset), the model linear between its cells' centres.
+
+    Readable twin of the compiled kernel, on any device.
+
+    Args:
+        enhanced: what the network made of the render.
+        render: the render.
+        opaque: share of the completion that a pixel takes.
+        model: the matrix's nine values by rows, the three offsets, and how far a cell is unseen.
+    """
+    size = enhanced.shape[-2:]
+    unseen = F.interpolate(model[:, 12:], size, mode="bilinear", align_corners=False) * opaque
+    images = []
     for channel in range(3):  # one by one, so that large images need little memory
-        model = torch.cat([matrix[:, channel], offset[:, channel, None], smooth[:, channel, None]], dim=1)
-        fine = F.interpolate(model, size, mode="bilinear", align_corners=False)
-        predicted = (fine[:, :3] * views.render).sum(1) + fine[:, 3]
-        completed.append(enhanced[:, channel] + unseen[:, 0] * (predicted - fine[:, 4]))
-    return torch.stack(completed, dim=1)
+        planes = torch.cat([model[:, 3 * channel : 3 * channel + 3], model[:, 9 + channel, None]], dim=1)
+        fine = F.interpolate(planes, size, mode="bilinear", align_corners=False)
+        change = (fine[:, :3] * render).sum(1) + fine[:, 3]
+        images.append(enhanced[:, channel] + unseen[:, 0] * change)
+    return torch.stack(images, dim=1)
+
+
+def completed_compiled(
+    enhanced: Float[Tensor, "b 3 h w"],
+    render: Float[Tensor, "b 3 h w"],
+    opaque: Float[Tensor, "b 1 h w"],
+    model: Float[Tensor, "b 13 i j"],
+) -> Float[Tensor, "b 3 h w"]:
+    """The same by a compiled kernel."""
+    from gaussian_enhancer.infer.colour_completion_kernels import complete
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    result = torch.empty_like(enhanced, memory_format=torch.contiguous_format)
+    with kernel_lock:
+        for b, image in enumerate(result):
+            given = array(enhanced[b]), array(render[b]), array(opaque[b, 0]), array(model[b])
+            complete(*given, image.numpy())
+    return result
 
 
 def _colour_model(

@@ -1,0 +1,52 @@
+"""Compiled completion of a change of colour: what `colour_completion` does at every pixel, in one pass over memory.
+
+Axes: h height, w width, i j cells of the coarse grid; images are (channels, height, width) float32.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from gaussian_enhancer.splat.compiled import inner, kernel
+
+_F = np.float32
+_ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
+
+
+@kernel
+@no_type_check
+def complete(enhanced, render, opaque, model, result):
+    """Write enhanced + unseen x opaque x (matrix render + offset), the model being linear between its cells' centres.
+
+    model (13, i, j) holds the matrix's nine values by rows, the three offsets, and how far a cell is unseen.
+    """
+    _, height, width = render.shape
+    planes, rows, columns = model.shape
+    for y in prange(height):
+        above, below, down = _between(y, height, rows)
+        row = np.empty((planes, columns), np.float32)
+        for k in range(planes):
+            for j in range(columns):
+                row[k, j] = model[k, above, j] + down * (model[k, below, j] - model[k, above, j])
+        fine = np.empty((planes, width), np.float32)
+        for x in range(width):
+            left, right, across = _between(x, width, columns)
+            for k in range(planes):
+                fine[k, x] = row[k, left] + across * (row[k, right] - row[k, left])
+        for x in range(width):
+            share = fine[12, x] * opaque[y, x]
+            for c in range(3):
+                change = fine[9 + c, x]
+                for k in range(3):
+                    change += fine[3 * c + k, x] * render[k, y, x]
+                result[c, y, x] = enhanced[c, y, x] + share * change
+
+
+@inner
+@no_type_check
+def _between(position, count, cells):
+    """The two cells whose centres lie around a pixel's, and how far along; the outermost beyond them."""
+    place = max((_F(position) + _HALF) * _F(cells) / _F(count) - _HALF, _ZERO)
+    first = min(int(place), cells - 1)
+    return first, min(first + 1, cells - 1), min(place - _F(first), _ONE)
