@@ -17,7 +17,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
 from ablations.study.rows import with_gains
 from gaussian_enhancer.align.references import read_target
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -239,11 +240,17 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: weights or runs cannot be used.
     """
-    pretrained = load_weights(cfg.weights)
-    enhancer = EnhancementOptions(strength=cfg.strength).enhancer(pretrained, pretrained.reference_config, device)
-    weights = f"{Path(cfg.weights).name}, strength {enhancer.strength:g}"
+
+    @cache
+    def made() -> tuple[str, SetEnhancer]:
+        """What records say of the weights, and the enhancer; needed where something is measured alone."""
+        found = load_weights(cfg.weights)
+        enhancer = EnhancementOptions(strength=cfg.strength).enhancer(found, found.reference_config, device)
+        digest = checkpoint_digest(find_checkpoint(cfg.weights))
+        return f"{Path(cfg.weights).name} {digest}, strength {enhancer.strength:g}", enhancer
 
     def measure(fit: Path) -> Iterator[Record]:
+        weights, enhancer = made()
         cameras = path_cameras(fit, cfg.cameras, cfg.frames)
         photos = exact_photos(fit, cameras)
         drawn = path_renders(fit, cameras)

@@ -7,6 +7,7 @@ w what would make the render equal to its photo in the render's exposure.
 """
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import torch
@@ -17,6 +18,7 @@ from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.align.exposure import in_exposure_of
 from gaussian_enhancer.align.references import Pool, join, read_target
+from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -54,16 +56,20 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: a pattern names no finished run.
     """
-    found = load_weights(cfg.weights)
-    enhancer = EnhancementOptions(strength=1.0, confidence=cfg.confidence).enhancer(
-        found, found.reference_config, device
-    )
+
+    @cache
+    def made() -> tuple[str, SetEnhancer]:
+        """The digest of the weights, and the enhancer; needed where something is measured alone."""
+        found = load_weights(cfg.weights)
+        options = EnhancementOptions(strength=1.0, confidence=cfg.confidence)
+        enhancer = options.enhancer(found, found.reference_config, device)
+        return checkpoint_digest(find_checkpoint(cfg.weights)), enhancer
 
     def measure(run: Path) -> Iterator[dict[str, object]]:
-        step = run_steps(run)[-1]
+        (digest, enhancer), step = made(), run_steps(run)[-1]
         rendered, scene = read_run(run, step), scene_of(run)
         pool = Pool(rendered.references)
-        about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step}
+        about = {"role": role_of(scene), "scene": scene, "run": run.name, "step": step, "weights": digest}
         for side, views in (("held out", rendered.targets), ("training", rendered.references)):
             for view in views[:: cfg.every]:
                 yield {**about, "side": side, **measured(view, pool, enhancer)}

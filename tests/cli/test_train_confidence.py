@@ -42,10 +42,9 @@ def test_weights_get_a_confidence_and_stay_the_same_otherwise(plane_run, tmp_pat
 
 def test_the_warp_of_what_is_written_and_judged_may_be_another(plane_run, tmp_path):
     save_weights(tmp_path / "a.safetensors", trained(), ReferenceConfig(), {"name": "a"})
-    changes = "+warp.tolerance=0.3", "+warp.photo_consistency=0.01", "candidates=3"
-    run(job(plane_run, tmp_path / "a.safetensors", tmp_path, *changes))
+    run(job(plane_run, tmp_path / "a.safetensors", tmp_path, "+warp.tolerance=0.3", "+warp.photo_consistency=0.01"))
     found = load_weights(tmp_path / "out/weights.safetensors")
-    assert found.reference_config == ReferenceConfig(Reprojected(tolerance=0.3, photo_consistency=0.01), candidates=3)
+    assert found.reference_config == ReferenceConfig(Reprojected(tolerance=0.3, photo_consistency=0.01))
     assert found.card["reference_config"] == reference_config_of(found.reference_config)
     assert found.card["confidence"]["warp"] == {"tolerance": 0.3, "photo_consistency": 0.01}
     other = tmp_path / "other"

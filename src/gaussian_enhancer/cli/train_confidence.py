@@ -41,7 +41,7 @@ def run(cfg: DictConfig) -> None:
     before = load_weights(cfg.weights)
     if before.network.scale > 1 or not before.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
-    reference_config = _changed(before.reference_config, cfg.candidates, plain(cfg.warp))
+    reference_config = _warped_by(before.reference_config, plain(cfg.warp))
     whole = EnhancementOptions(strength=1.0, confidence=False)
     enhancers = {cfg.weights: whole.enhancer(before, reference_config, device)}
     for fold in cfg.folds:
@@ -64,7 +64,6 @@ def run(cfg: DictConfig) -> None:
         "views": count,
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
         "warp": plain(cfg.warp),
-        "candidates": reference_config.candidates,
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
     card = {**before.card, "reference_config": reference_config_of(reference_config), "confidence": learnt}
@@ -74,16 +73,15 @@ def run(cfg: DictConfig) -> None:
     console.print(f"{weights}: learnt from {count} views", highlight=False, soft_wrap=True)
 
 
-def _changed(config: ReferenceConfig, candidates: int | None, options: dict[str, Any]) -> ReferenceConfig:
-    """The reference configuration with another number of candidates, and some options of its warp replaced.
+def _warped_by(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:
+    """The reference configuration with some options of its warp replaced.
 
     Raises:
-        InputError: its warp has no such option, or refuses the value, or there are too few candidates.
+        InputError: its warp has no such option, or refuses the value.
     """
     values = reference_config_of(config)
     refuse_unknown("warp", options, values["warp"].keys() - {"kind"})
-    candidates = config.candidates if candidates is None else candidates
     try:
-        return build_reference_config({**values, "candidates": candidates, "warp": {**values["warp"], **options}})
+        return build_reference_config({**values, "warp": {**values["warp"], **options}})
     except ValueError as error:
         raise InputError("warp", f"is {options} ({error})", "give values as conf/alignment has them") from None
