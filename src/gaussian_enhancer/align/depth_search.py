@@ -64,7 +64,7 @@ DepthKind = Literal["surface", "expected", "exact"]
 """What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
-    "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=3, inconsistency=1.0, photo_consistency=0.1),),
+    "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
