@@ -23,7 +23,7 @@ from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.scene import image_files
 
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
-    "read": ((enhancer, "read_target"), (Pool, "_read")),
+    "read": ((enhancer, "read_target"), (Pool, "_read"), (Pool, "_read_fine")),
     "plan": ((Planner, "__call__"),),
     "search depth": ((alignment, "refine_depth"), (alignment, "fill_depth")),
     "warp": ((alignment, "reproject"),),
