@@ -65,6 +65,18 @@ def test_reading_agrees(channels):
     assert 0.1 < (read[1][0] == 0).double().mean() < 0.9
 
 
+def test_eight_bits_are_read_as_numbers():
+    image = (torch.rand(3, 31, 45) * 255).byte()
+    landing = land(*maps(torch.float32, SMALL))
+    how = landing, (SMALL.height, SMALL.width), landing.inside
+    torch.testing.assert_close(read_at(image, *how), read_at(image.float(), *how), rtol=0, atol=1e-3)
+    double = Landing(landing.x.double(), landing.y.double(), landing.inside.double())
+    twin = read_at(image, double, how[1], double.inside)
+    torch.testing.assert_close(read_at(image, *how).double(), twin, rtol=0, atol=0.05)
+    with pytest.raises(ValueError, match="bilinearly"):
+        read_at(image, *how, "bicubic")
+
+
 @pytest.mark.parametrize("sides", [(31, 45), (16, 20)])
 def test_two_images_are_read_as_each_is_alone(sides):
     image, other = torch.rand(3, 31, 45), torch.rand(3, *sides)

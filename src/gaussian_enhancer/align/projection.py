@@ -168,18 +168,19 @@ def read_at(
     """Read an image where pixels land; beyond it the border's colours, and 0 where they do not count.
 
     Args:
-        image: what is read.
+        image: what is read; what is read bilinearly may have 8 bits, whose values stay in [0, 255].
         landing: positions, in pixels of the reference.
         size: height and width of the reference, in those pixels; the image may be of another size.
         where: > 0 where pixels count.
         interpolation: "bilinear", or "bicubic" (cubic convolution, kept within [0, 1]), which blurs less.
     """
     down, across = image.shape[-2] / size[0], image.shape[-1] / size[1]
-    bytes_ = image.dtype == torch.uint8
-    if not (compiled(landing.x, where) and (compiled(image) or (bytes_ and interpolation == "bilinear"))):
-        found = look_up(image.to(landing.x) if bytes_ else image, landing.x * across, landing.y * down, interpolation)[
-            0
-        ]
+    eight_bit = image.dtype == torch.uint8
+    if eight_bit and interpolation != "bilinear":
+        raise ValueError("8-bit images are read bilinearly")
+    if not ((eight_bit or compiled(image)) and compiled(landing.x, where)):
+        values = image.to(landing.x) if eight_bit else image
+        found = look_up(values, landing.x * across, landing.y * down, interpolation)[0]
         return (found if interpolation == "bilinear" else found.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import read, read_cubic
     from gaussian_enhancer.splat.compiled import kernel_lock
