@@ -18,10 +18,6 @@ WINDOW = 7
 """Side of the squares over which references are compared with the render, in pixels."""
 
 
-SPARSE = 2
-"""Every so many rows and columns of pixels are looked at to rank references."""
-
-
 def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     """Indices of the references that together show most of the target, best first.
 
@@ -34,14 +30,14 @@ def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     """
     if not worth:
         return []
-    looked = torch.stack([one[..., ::SPARSE, ::SPARSE] for one in worth]).flatten(1)
+    shown = torch.stack(list(worth)).flatten(1)
     order: list[int] = []
-    best = torch.zeros_like(looked[0])
+    best = torch.zeros_like(shown[0])
     while len(order) < min(keep, len(worth)):
-        gain = (looked - best).clamp_min(0).mean(1) + 0.1 * looked.mean(1)
+        gain = (shown - best).clamp_min(0).mean(1) + 0.1 * shown.mean(1)
         gain[order] = -1
         order.append(int(gain.argmax()))
-        best = torch.maximum(best, looked[order[-1]])
+        best = torch.maximum(best, shown[order[-1]])
     return order
 
 
