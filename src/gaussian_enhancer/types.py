@@ -38,6 +38,35 @@ class Movable:
 
 
 @dataclass(frozen=True)
+class Region:
+    """A rectangle of pixels; ``bottom`` and ``right`` are exclusive."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+    @property
+    def area(self) -> int:
+        """Number of pixels."""
+        return (self.bottom - self.top) * (self.right - self.left)
+
+    def grown(self, margin: int, height: int, width: int) -> "Region":
+        """The region with a margin on every side, clipped to the image."""
+        top, left = max(0, self.top - margin), max(0, self.left - margin)
+        return Region(top, left, min(height, self.bottom + margin), min(width, self.right + margin))
+
+    def within(self, outer: "Region") -> "Region":
+        """The same pixels in the coordinates of a region around them."""
+        return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
+
+    def cut(self, image: Tensor, scale: int = 1) -> Tensor:
+        """Crop an image (..., scale height, scale width) to the region."""
+        rows, columns = (slice(scale * a, scale * b) for a, b in ((self.top, self.bottom), (self.left, self.right)))
+        return image[..., rows, columns]
+
+
+@dataclass(frozen=True)
 class Camera(Movable):
     """A pinhole camera: its intrinsics, its pose and the size of its image.
 
@@ -107,12 +136,12 @@ class Camera(Movable):
         """Unit viewing direction in the world."""
         return self.rotation[2]
 
-    def cut(self, top: int, left: int, bottom: int, right: int) -> "Camera":
-        """The camera of a part of the image: the principal point moves by the part's corner. Ends are exclusive."""
+    def cut(self, region: "Region") -> "Camera":
+        """The camera of a part of the image: the principal point moves by the part's corner."""
         K = self.K.clone()
-        K[0, 2] -= left
-        K[1, 2] -= top
-        return dataclasses.replace(self, K=K, height=bottom - top, width=right - left)
+        K[0, 2] -= region.left
+        K[1, 2] -= region.top
+        return dataclasses.replace(self, K=K, height=region.bottom - region.top, width=region.right - region.left)
 
     def resized(self, height: int, width: int) -> "Camera":
         """The same view sampled on another pixel grid (the field of view is kept)."""

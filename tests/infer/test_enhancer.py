@@ -14,7 +14,6 @@ from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
-from gaussian_enhancer.infer.regions import Region
 from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.colour_clamping import clamp_to_references
 from gaussian_enhancer.network.deform import Deformable
@@ -23,6 +22,7 @@ from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
+from gaussian_enhancer.types import Region
 
 
 def test_untrained_network_returns_every_render(plane_run):

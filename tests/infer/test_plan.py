@@ -6,7 +6,7 @@ import pytest
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Plan, PlanItem, Rules, ViewPlan
-from gaussian_enhancer.infer.regions import Region
+from gaussian_enhancer.types import Region
 
 AUTO = Rules("auto", "auto", "auto", share=0.1)
 PLAN = Plan(

@@ -11,10 +11,10 @@ from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.infer.regions import Region
 from gaussian_enhancer.network.pyramid import upsampled
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Region
 from support.synthetic_runs import plane_camera, plane_view
 
 AUTO = Rules("auto", "auto", "auto")

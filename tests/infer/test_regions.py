@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.infer.regions import BLOCK, Region, background_blocks, cut_camera, cut_pixels, regions_of
+from gaussian_enhancer.infer.regions import BLOCK, background_blocks, cut_pixels, regions_of
+from gaussian_enhancer.types import Region
 from support.synthetic_runs import plane_camera, plane_view
 
 WHITE = (1.0, 1.0, 1.0)
@@ -58,7 +59,7 @@ def test_far_apart_things_get_regions_of_their_own_and_near_ones_share():
 
 def test_a_cut_camera_sees_what_the_whole_one_sees_there():
     camera, region = plane_camera(2, 48, 64), Region(8, 16, 40, 64)
-    cut = cut_camera(camera, region)
+    cut = camera.cut(region)
     point = torch.tensor([0.3, -0.2, 4.0])
     whole, part = (one.K @ (one.rotation @ point + one.world_to_camera[:3, 3]) for one in (camera, cut))
     torch.testing.assert_close(whole[:2] / whole[2] - torch.tensor([16.0, 8.0]), part[:2] / part[2])

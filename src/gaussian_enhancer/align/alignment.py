@@ -20,9 +20,9 @@ from gaussian_enhancer.align.projection import Interpolation
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
-from gaussian_enhancer.types import Camera, precise
+from gaussian_enhancer.types import Camera, Region, precise
 
-UNMOVED = "name", "camera", "read_fine"
+NOT_IMAGES = "name", "camera", "read_fine"
 """Fields of `Pixels` that hold no image."""
 STRIP = 256
 """Rows of a fine grid that are warped at once, so that large images need little memory."""
@@ -67,7 +67,7 @@ class Pixels:
 
     def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
         """The view with changed images; the same object, with its cached values, if nothing changes."""
-        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in UNMOVED}
+        images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_IMAGES}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
             return self
@@ -118,10 +118,8 @@ class Unwarped:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        reads = [reference.read_fine for reference in chosen]
-        fine = None
-        if chosen and all(read is not None for read in reads):
-            fine = torch.stack([resize(_read(read, target) / 255, 4 * height, 4 * width) for read in reads])
+        photos = [read().to(target.image.device) / 255 for read in _fine_reads(chosen)]
+        fine = torch.stack([resize(photo, 4 * height, 4 * width) for photo in photos]) if photos else None
         return _aligned(target, warped, [reference.name for reference in chosen], fine)
 
 
@@ -209,20 +207,19 @@ class Reprojected:
             warped.append(one)
             worth.append(worth_of(one, difference, self.softness))
         order = rank(worth, keep)
-        fine = None
-        if order and all(references[i].read_fine is not None for i in order):
+        reads, fine = _fine_reads([references[i] for i in order]), None
+        if reads:
             fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
-            for i, result in zip(order, fine, strict=True):
-                photo = _read(references[i].read_fine, target)
+            for i, read, result in zip(order, reads, fine, strict=True):
+                photo = read().to(target.image.device)
                 _warp_finely(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
 
-def _read(read: Callable[[], Tensor] | None, target: Pixels) -> UInt8[Tensor, "3 _ _"]:
-    """A reference's fine photo on the target's device."""
-    if read is None:
-        raise ValueError("the reference has no fine photo")
-    return read().to(target.image.device)
+def _fine_reads(references: Sequence[Pixels]) -> list[Callable[[], UInt8[Tensor, "3 _ _"]]]:
+    """Readers of the references' fine photos; none unless all have one."""
+    reads = [reference.read_fine for reference in references if reference.read_fine is not None]
+    return reads if len(reads) == len(references) else []
 
 
 def _warp_finely(
@@ -258,7 +255,7 @@ def _warp_finely(
         rows = slice(top, min(top + STRIP, height))
         coarse = slice(top // 4, -(-rows.stop // 4))
         shown = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
-        strip = fine.cut(top, 0, rows.stop, width)
+        strip = fine.cut(Region(top, 0, rows.stop, width))
         finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=shown, footprint=step)
         # At the photo's border the coarse grid may see what the fine one does not.
         colour = F.interpolate(warped.colour[None, :, coarse], scale_factor=4)[0]

@@ -140,7 +140,7 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
 
 def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
     """The same by a compiled kernel."""
-    from gaussian_enhancer.infer.change_confidence_kernels import multiply
+    from gaussian_enhancer.infer.change_confidence_kernels import block_products as kernel
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     batch, count, _, height, width = views.references.shape
@@ -153,7 +153,7 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     with kernel_lock:
         for b in range(batch):
             written = (one[b].numpy() for one in (means, details, seen, change))
-            multiply(*(array(one[b]) for one in given), np.float32(drawn), BLOCK, STEP, *written)
+            kernel(*(array(one[b]) for one in given), np.float32(drawn), BLOCK, STEP, *written)
     return means, details, seen, change
 
 

@@ -16,7 +16,7 @@ _ZERO, _ONE, _THREE = _F(0), _F(1), _F(3)
 
 @kernel
 @no_type_check
-def multiply(enhanced, render, photos, renders, visibility, drawn, block, step, means, details, seen, change):
+def block_products(enhanced, render, photos, renders, visibility, drawn, block, step, means, details, seen, change):
     """Write mean products (v, v, i, j) of every two vectors' means and of the rest, seen shares, and mean changes.
 
     Images are (3, h, w), those of references (r, 3, h, w); ``renders`` are read if ``drawn`` is positive. Of each block

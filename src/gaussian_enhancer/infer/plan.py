@@ -12,9 +12,9 @@ from typing import Any
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.regions import Region
 from gaussian_enhancer.scene.json_file import member, read_json
 from gaussian_enhancer.typed import check_fields
+from gaussian_enhancer.types import Region
 
 CHOICES = {"references": ("all", "auto"), "depth": ("all", "auto", "none"), "tiles": ("all", "auto")}
 

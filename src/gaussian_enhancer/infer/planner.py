@@ -14,8 +14,9 @@ from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
 from gaussian_enhancer.align.coarse_visibility import coarse, coarse_visibility, shares
 from gaussian_enhancer.align.references import Pool, ReferenceConfig
 from gaussian_enhancer.infer.plan import Rules, ViewPlan
-from gaussian_enhancer.infer.regions import Region, background_blocks, regions_of
+from gaussian_enhancer.infer.regions import background_blocks, regions_of
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
+from gaussian_enhancer.types import Region
 
 WHOLE = 0.9
 """Share of the image above which regions with their margins cost as much as the whole image."""

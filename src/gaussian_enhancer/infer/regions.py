@@ -4,7 +4,7 @@ Axes: h height, w width, i = ceil(h / BLOCK), j = ceil(w / BLOCK) blocks.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch.nn.functional as F
@@ -12,39 +12,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.types import Camera
+from gaussian_enhancer.types import Region
 
 BLOCK = 16
 """Side of a block in pixels: networks halve their grid at multiples of it, so that a cut moves no pixel's phase."""
-
-
-@dataclass(frozen=True)
-class Region:
-    """A rectangle of pixels; ``bottom`` and ``right`` are exclusive."""
-
-    top: int
-    left: int
-    bottom: int
-    right: int
-
-    @property
-    def area(self) -> int:
-        """Number of pixels."""
-        return (self.bottom - self.top) * (self.right - self.left)
-
-    def grown(self, margin: int, height: int, width: int) -> "Region":
-        """The region with a margin on every side, clipped to the image."""
-        top, left = max(0, self.top - margin), max(0, self.left - margin)
-        return Region(top, left, min(height, self.bottom + margin), min(width, self.right + margin))
-
-    def within(self, outer: "Region") -> "Region":
-        """The same pixels in the coordinates of a region around them."""
-        return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
-
-    def cut(self, image: Tensor, scale: int = 1) -> Tensor:
-        """Crop an image (..., scale height, scale width) to the region."""
-        rows, columns = (slice(scale * a, scale * b) for a, b in ((self.top, self.bottom), (self.left, self.right)))
-        return image[..., rows, columns]
 
 
 def background_blocks(
@@ -116,15 +87,10 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
     return replace(
         target,
         image=region.cut(target.image),
-        camera=None if target.camera is None else cut_camera(target.camera, region),
+        camera=None if target.camera is None else target.camera.cut(region),
         depth=None if target.depth is None else region.cut(target.depth),
         alpha=None if target.alpha is None else region.cut(target.alpha),
     )
-
-
-def cut_camera(camera: Camera, region: Region) -> Camera:
-    """Crop a camera to a region."""
-    return camera.cut(region.top, region.left, region.bottom, region.right)
 
 
 def _runs(filled: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -20,7 +20,7 @@ from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
 from gaussian_enhancer.network.pyramid import padded, upsampled
 from gaussian_enhancer.network.stem import Choice, Gather
-from gaussian_enhancer.types import NetworkInput
+from gaussian_enhancer.types import NetworkInput, Region
 
 UPSCALE = (2, 4)
 TILE = 384
@@ -93,6 +93,7 @@ class SSIFSR(CachesReferences):
         fused, trust = self.gather(views, None if encoded is None else encoded[0])
         features = self.decode.features(fused)
         image = self.output(self.decode.outputs(features), views, trust)
+        features = F.pixel_shuffle(self.grow(features), 2)
         known = image, features, *fine_references(views), *(() if encoded is None else encoded[1:])
         if torch.is_grad_enabled() or torch.compiler.is_compiling() or max(views.render.shape[-2:]) <= TILE:
             images = image, *self._finer(*known)
@@ -103,7 +104,7 @@ class SSIFSR(CachesReferences):
     def _finer(
         self,
         image: Float[Tensor, "b 3 h w"],
-        features: Float[Tensor, "b c i j"],
+        features: Float[Tensor, "b c h w"],
         photos: Float[Tensor, "b r 3 H W"],
         seen: Float[Tensor, "b r 1 h w"],
         encoded: Float[Tensor, "b r c h w"] | None = None,
@@ -112,14 +113,14 @@ class SSIFSR(CachesReferences):
 
         Args:
             image: S1.
-            features: T1's.
+            features: T1's, enlarged.
             photos: the references at 4x.
             seen: their visibility.
             encoded: their features at 2x, where they are known already.
         """
         half = halved(photos)
         encoded = self.middle.encode(half, seen) if encoded is None else encoded
-        features, decoded, trust = self.middle(F.pixel_shuffle(self.grow(features), 2), encoded, seen)
+        features, decoded, trust = self.middle(features, encoded, seen)
         base = upsampled(image, 2)
         second = self.output(decoded, *merged(base, half, halved(half), seen, trust))
         twice = _repeated(seen, 2)
@@ -132,17 +133,14 @@ class SSIFSR(CachesReferences):
         """`_finer` part by part, so that no features of the whole image are in memory; equal up to rounding."""
         batch, _, height, width = known[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
-        halo += halo % 2
         second, fourth = (known[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
         for top in range(0, height, TILE):
             for left in range(0, width, TILE):
-                bottom, right = min(top + TILE, height), min(left + TILE, width)
-                first = max(top - halo, 0), max(left - halo, 0)
-                last = min(bottom + halo, height), min(right + halo, width)
-                parts = self._finer(*(_cut(image, image.shape[-1] / width, first, last) for image in known))
-                inner = (top - first[0], left - first[1]), (bottom - first[0], right - first[1])
+                inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
+                outer = inner.grown(halo, height, width)
+                parts = self._finer(*(outer.cut(image, image.shape[-1] // width) for image in known))
                 for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
-                    _cut(result, n, (top, left), (bottom, right)).copy_(_cut(part, n, *inner))
+                    inner.cut(result, n).copy_(inner.within(outer).cut(part, n))
         return second, fourth
 
 
@@ -245,12 +243,6 @@ def fine_references(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], Fl
         batch, _, height, width = views.render.shape
         fine = views.render.new_zeros(batch, 0, 3, 4 * height, 4 * width)
     return fine, views.visibility[:, : fine.shape[1]]
-
-
-def _cut(image: Tensor, finer: float | int, first: tuple[int, int], last: tuple[int, int]) -> Tensor:
-    """A part of an image whose grid is finer than the render's, given by the render's pixels; the last is exclusive."""
-    rows, columns = (slice(int(finer * a), int(finer * b)) for a, b in zip(first, last, strict=True))
-    return image[..., rows, columns]
 
 
 def merged(
