@@ -15,6 +15,10 @@ from PIL import Image
 from torch import Tensor
 
 from ablations.benchmarks.networks import example
+from gaussian_enhancer.align.projection import Landing, read_at, read_both
+from gaussian_enhancer.infer.change_confidence import block_products, products_compiled
+from gaussian_enhancer.infer.colour_completion import completed, completed_compiled
+from gaussian_enhancer.network.colour_clamping import clamped, clamped_compiled
 from gaussian_enhancer.network.halving import halved, unshuffled
 from gaussian_enhancer.network.output_head import OUTPUTS, compose
 from gaussian_enhancer.scene.image_files import RUN_LENGTHS
@@ -79,12 +83,51 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
         lambda: composed_before(decoded, views, trust),
         lambda: compose(decoded, views, trust),
     )
+    yield from _compiled(views)
     picture = Image.fromarray(np.ascontiguousarray((photo * 255).round().byte().permute(1, 2, 0).numpy()))
     yield Trial(
         "PNG compressed by run lengths alone",
         "a fifth of the time, somewhat larger files: no search for matches",
         lambda: picture.save(io.BytesIO(), "PNG"),
         lambda: picture.save(io.BytesIO(), "PNG", compress_type=RUN_LENGTHS),
+    )
+
+
+def _compiled(views: NetworkInput) -> Iterator[Trial]:
+    """Parts of a view in compiled kernels, beside their twins on tensors."""
+    height, width = views.render.shape[-2:]
+    image, opaque, seen = torch.rand(1, 3, height, width), torch.ones(1, 1, height, width), torch.ones(1, height, width)
+    yield Trial(
+        "colours clamped by a compiled kernel, a row at a time",
+        "a third of the time: a window's limits stay in the cache instead of six passes a channel",
+        lambda: clamped(image, views, 1),
+        lambda: clamped_compiled(image, views, 1),
+    )
+    cells = torch.rand(1, 13, 75, 100)
+    yield Trial(
+        "colours completed by a compiled kernel",
+        "half of the time: the model's twelve planes are never written at full size",
+        lambda: completed(image, views.render, opaque, cells),
+        lambda: completed_compiled(image, views.render, opaque, cells),
+    )
+    yield Trial(
+        "products of a block for the confidence by a compiled kernel",
+        "half of the time: blocks are gathered once, and pairs multiplied once",
+        lambda: block_products(image, views),
+        lambda: products_compiled(image, views),
+    )
+    rows, columns = torch.meshgrid(torch.arange(height) + 0.8, torch.arange(width) + 0.7, indexing="ij")
+    landing = Landing(columns[None], rows[None], torch.ones(1, height, width))
+    photo, render = views.references[0, 0], views.references[0, 1]
+
+    def read(one: Tensor) -> Tensor:
+        return read_at(one, landing, (height, width), seen, "bicubic")
+
+    yield Trial(
+        "photo and render of a reference read together",
+        "two thirds of the time: places and weights are computed once",
+        lambda: (read(photo), read(render)),
+        lambda: read_both(photo, render, landing, (height, width), seen, "bicubic"),
     )
 
 

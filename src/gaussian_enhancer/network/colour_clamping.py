@@ -35,32 +35,41 @@ def clamp_to_references(
         InputError: the window has no middle.
     """
     check_window(window)
-    hidden = views.visibility <= 0
-    shown = ~hidden.flatten(1).all(1)
+    shown = (views.visibility > 0).flatten(1).any(1)
     if not bool(shown.any()):
         return image
-    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
     given = image, views.render, views.references, views.visibility
-    if compiled(*given):
-        _clamp_compiled(*given, window // 2, kept)
-        return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
-    for channel in range(3):  # one by one, so that large images need little memory
-        low, high = _limits(views, hidden, channel, window // 2)
-        kept[:, channel] = image[:, channel].clamp(low, high)
+    kept = (clamped_compiled if compiled(*given) else clamped)(image, views, window // 2)
     return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
 
 
-def _clamp_compiled(
-    image: Tensor, render: Tensor, photos: Tensor, visibility: Tensor, reach: int, kept: Tensor
-) -> None:
-    """Write the clamped images by a compiled kernel."""
+def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+    """The image within the limits of its windows. Readable twin of the compiled kernel, on any device.
+
+    Args:
+        image: enhanced.
+        views: render and warped references of the same size.
+        reach: pixels from a window's middle to its border.
+    """
+    hidden = views.visibility <= 0
+    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
+    for channel in range(3):  # one by one, so that large images need little memory
+        low, high = _limits(views, hidden, channel, reach)
+        kept[:, channel] = image[:, channel].clamp(low, high)
+    return kept
+
+
+def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+    """The same by a compiled kernel."""
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
     from gaussian_enhancer.splat.compiled import kernel_lock
 
+    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:
-        for one in range(len(image)):
-            given = (array(images[one]) for images in (image, render, photos, visibility))
-            clamp(*given, reach, kept[one].numpy())
+        for one, result in enumerate(kept):
+            given = (array(images[one]) for images in (image, views.render, views.references, views.visibility))
+            clamp(*given, reach, result.numpy())
+    return kept
 
 
 @torch.no_grad()
