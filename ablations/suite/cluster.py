@@ -151,6 +151,8 @@ def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[No
         try:
             if work.job == "fit":
                 runs.fitted(work.fit)
+            elif work.job == "train_generator" and work.seed is not None:
+                runs.simulator(work.seed)
             elif work.job == "train":
                 runs.weights(one, work.method, work.seed)
             elif work.cell is not None:

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import StudyCell, composed, images_of, measure_now
-from gaussian_enhancer.cli import train
+from gaussian_enhancer.cli import train, train_generator
 from gaussian_enhancer.cli.pipeline import finished_fit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -28,8 +28,11 @@ from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest
+from gaussian_enhancer.train.trainer import alike
 
 T = TypeVar("T")
+
+WEIGHTS = "weights.safetensors"
 
 
 def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]:
@@ -93,10 +96,69 @@ class Runs:
         job = compose_job("train", self.cfg, [*experiment.table.methods[method].train, f"seed={seed}"])
         for side, fits in self.pairs(experiment.learns[method]).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
-        job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
+        job.card = self._card()
         job.study = experiment.table.name
+        if self.own_simulator(job):
+            run = self.simulator_job(seed)
+            job.generator.weights = (
+                f"{self.cfg.runs}/train_generator/{run.label}-{self.simulator_digest(seed)}/{WEIGHTS}"
+            )
         require(job)
         return job
+
+    def own_simulator(self, job: DictConfig) -> bool:
+        """Whether a training learns from a second stage that the scale trains again for its seed.
+
+        Args:
+            job: configuration of the job train.
+        """
+        own = self.cfg.scale.get("simulator") is not None
+        return own and float(job.data.simulation.share) > 0 and bool(job.generator.get("weights"))
+
+    def simulator_job(self, seed: int) -> DictConfig:
+        """Configuration of the job train_generator for a seed: on the fits of one of the scale's trainings.
+
+        Raises:
+            InputError: it is refused, or leaves a mandatory value open.
+        """
+        chosen = self.cfg.scale.simulator
+        job = compose_job("train_generator", self.cfg, [*map(str, chosen.train), f"seed={seed}"])
+        for side, fits in self.pairs(str(chosen.learns)).items():
+            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
+        job.card = self._card()
+        require(job)
+        return job
+
+    def simulator_digest(self, seed: int) -> str:
+        """The digest of a seed's second stage."""
+        return self._digest(("train_generator", seed), lambda: alike(self.simulator_job(seed)))
+
+    def simulator(self, seed: int) -> Run:
+        """A seed's second stage, trained now where it is missing, its fits before it.
+
+        Raises:
+            InputError: it is missing and shall not be trained, or cannot be.
+            KeyboardInterrupt: the user stopped the training.
+        """
+        return self._tried(self.simulator_digest(seed), lambda: self._simulator(seed))
+
+    def _simulator(self, seed: int) -> Run:
+        job = self.simulator_job(seed)
+        found = find_run(alike(job), "train_generator")
+        if found is None or not found.done:
+            if not self.cfg.train_missing:
+                remedy = f"gaussian-enhancer tables scale={self.cfg.scale.name}"
+                raise InputError(f"the simulator of seed {seed}", "is not trained yet", remedy)
+            self._fit_all(str(self.cfg.scale.simulator.learns))
+            with status.attempt():
+                train_generator.run(job)
+            found = find_run(alike(job), "train_generator")
+        if found is None or not found.done:
+            raise KeyboardInterrupt
+        return found
+
+    def _card(self) -> dict[str, str]:
+        return {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
 
     def train_digest(self, experiment: Experiment, method: str, seed: int) -> str:
         """The digest of a method's training."""
@@ -138,7 +200,7 @@ class Runs:
             found = self._tried(
                 self.train_digest(experiment, method, seed), lambda: self._trained(experiment, method, job)
             )
-        return str(found.folder / "weights.safetensors")
+        return str(found.folder / WEIGHTS)
 
     def make(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
         """Make a method's records in a cell, with all that they need, where they are missing.
@@ -210,15 +272,21 @@ class Runs:
         return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
     def _trained(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
-        """A finished training, its fits before it."""
-        for overrides in (one for fits in self.pairs(experiment.learns[method]).values() for one in fits):
-            self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
+        """A finished training, its fits and its simulator before it."""
+        self._fit_all(experiment.learns[method])
+        if self.own_simulator(job):
+            self.simulator(int(job.seed))
         with status.attempt():
             train.run(job)
         found = find_run(train.with_effect(job), "train")
         if found is None or not found.done:
             raise KeyboardInterrupt
         return found
+
+    def _fit_all(self, training: str) -> None:
+        """Make the fits of a training that are missing."""
+        for overrides in (one for fits in self.pairs(training).values() for one in fits):
+            self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
 
     def _tried(self, digest: str, make: Callable[[], T]) -> T:
         """What a run gives; one that failed is not tried again by every method that needs it."""

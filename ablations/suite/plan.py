@@ -18,8 +18,9 @@ from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
+from gaussian_enhancer.train.trainer import alike
 
-JOBS = ("fit", "train", "row", "cost")
+JOBS = ("fit", "train_generator", "train", "row", "cost")
 """Kinds of runs, in the order in which they are made."""
 
 
@@ -28,7 +29,7 @@ class Work:
     """What makes a run, as words that another process understands.
 
     Args:
-        job: "fit", "train", "row" (enhanced and measured) or "cost".
+        job: "fit", "train_generator", "train", "row" (enhanced and measured) or "cost".
         table: who needs it.
         fit: overrides of a fit.
         method: of a training, or of what is measured.
@@ -150,11 +151,32 @@ class _Plan:
 
     def training(self, one: Experiment, method: str, seed: int) -> str:
         """The training of a method and the fits before it; its name."""
-        fits = [self.fit(one, own) for side in self.runs.pairs(one.learns[method]).values() for own in side]
+        inputs = self.fits(one, one.learns[method])
         work, key = Work("train", one.table.name, method=method, seed=seed), train_key(one, method, seed)
+        if self._simulated(one, method, seed):
+            inputs.append(self.simulator(one, seed))
         return self._add(
-            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, method, seed)), tuple(fits), key=key
+            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, method, seed)), tuple(inputs), key=key
         )
+
+    def simulator(self, one: Experiment, seed: int) -> str:
+        """The training of a seed's simulator and the fits before it; its name."""
+        inputs = self.fits(one, str(self.cfg.scale.simulator.learns))
+        work, key = Work("train_generator", one.table.name, seed=seed), ("train_generator", seed)
+        return self._add(work, f"seed{seed}", lambda: alike(self.runs.simulator_job(seed)), tuple(inputs), key=key)
+
+    def _simulated(self, one: Experiment, method: str, seed: int) -> bool:
+        """Whether a training learns from its seed's own simulator; False where its configuration cannot be had yet."""
+        if self.cfg.scale.get("simulator") is None:
+            return False
+        try:
+            return self.runs.own_simulator(self.runs.train_job(one, method, seed))
+        except InputError:
+            return False
+
+    def fits(self, one: Experiment, training: str) -> list[str]:
+        """The fits of one of the scale's trainings; their names."""
+        return [self.fit(one, own) for side in self.runs.pairs(training).values() for own in side]
 
     def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
         """A fit; its name."""
@@ -216,7 +238,7 @@ class _Plan:
             state = state_of(None if found is None else found.folder)
             done = state.name == "done"
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
-            label = f"{cfg.label}-{label}" if job == "train" else label
+            label = f"{cfg.label}-{label}" if job.startswith("train") else label
             name = f"{label}-{digest}" if found is None else found.folder.name
             lacks = "" if done else _lacks(job, cfg, self.metrics)
             step = PlannedRun(work, digest, name, state, inputs, minutes, lacks, ())
@@ -240,7 +262,7 @@ def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
 
     if job == "fit":
         yield from (f"{path} does not exist; {remedy}" for path, remedy in missing_inputs(cfg.scene))
-    if job == "train":
+    if job.startswith("train"):
         gates = (cfg.get("gate") or {}).get("file")
         for pattern in [gates] if isinstance(gates, str) else gates or ():
             if not glob.glob(pattern):

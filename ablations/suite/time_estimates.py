@@ -32,7 +32,7 @@ class Estimates:
         """Minutes that a run is likely to take.
 
         Args:
-            job: "fit", "train", "row" or "cost".
+            job: "fit", "train_generator", "train", "row" or "cost".
             cfg: its configuration.
             finer: whether a method is measured against photos 4 times as fine.
         """
@@ -40,6 +40,8 @@ class Estimates:
             published = published_fit_minutes(cfg.scene)
             usual = float(self.scale.minutes.fit) / 1000 if published is None else published / FIT_STEPS
             return self.fits.get(_fit_kind(cfg), usual) * float(cfg.settings.steps)
+        if job == "train_generator":
+            return float(self.scale.minutes.train_generator) / 1000 * (int(cfg.paired.steps) + int(cfg.diffused.steps))
         if job == "train":
             usual = float(self.scale.minutes.train) / 1000
             return self.trainings.get(_training_kind(cfg), usual) * float(cfg.trainer.max_steps)

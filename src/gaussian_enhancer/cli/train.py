@@ -182,7 +182,15 @@ def _named(cfg: DictConfig) -> DictConfig:
     digests = {name: checkpoint_digest(find_checkpoint(one)) for name, one in _begun_with(same).items()}
     if digests:  # what they hold, wherever they are
         same.initial = digests.get("", digests)
+    if same.get("generator") and same.generator.get("weights"):
+        same.generator.weights = _content(str(same.generator.weights))
     return same
+
+
+def _content(weights: str) -> str:
+    """What stands for a second stage's weights in a run's name: the run that they are of, made or not, or a digest."""
+    run = Path(weights).parent
+    return run.name if run.parent.name == "train_generator" else checkpoint_digest(find_checkpoint(weights))
 
 
 def _without_idle(cfg: DictConfig) -> DictConfig:

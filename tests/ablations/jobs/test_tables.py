@@ -94,12 +94,35 @@ def test_equal_runs_of_different_tables_are_one(made, monkeypatch) -> None:
     assert {"object_2000-2dgs", "ge", "gepp_lr", "object-2dgs-raw", "object-2dgs-ge", "object-2dgs-gepp"} <= shared
 
 
+def test_every_seed_has_a_simulator_of_its_own_that_its_trainings_learn_from(made, monkeypatch) -> None:
+    (simulator,) = made.glob("runs/train_generator/*/done")
+    name = simulator.parent.name
+    learnt = {
+        folder.parent.name.rsplit("-", 1)[0]: OmegaConf.load(folder).generator.get("weights")
+        for folder in made.glob("runs/train/*/config.yaml")
+    }
+    assert {method for method, weights in learnt.items() if weights} == {
+        *("ge_tsds", "gepp_lr", "paper_ge_tsds", "paper_gepp_lr")
+    }
+    assert {weights for weights in learnt.values() if weights} == {name}
+    monkeypatch.chdir(made)
+    steps = plan("table=7", "scale.seeds=[0,1]")
+    own = [step for step in steps if step.work.job == "train_generator"]
+    assert [(step.work.seed, step.state.name) for step in own] == [(0, "done"), (1, "not started")]
+    for step in (one for one in steps if one.work.job == "train"):
+        assert own[step.work.seed or 0].name in step.inputs
+        assert own[1 - (step.work.seed or 0)].name not in step.inputs
+    shipped = plan("table=7", "scale.simulator=null")
+    assert not any(step.work.job == "train_generator" for step in shipped)
+    assert not {one.digest for one in shipped if one.work.job == "train"} & {one.digest for one in steps}
+
+
 def test_a_dry_run_writes_and_computes_nothing_and_knows_what_is_done(tmp_path, made, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     started("table=10", "dry_run=true")
     told = capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    assert "20 runs: 20 not started" in told
+    assert "21 runs: 21 not started" in told
     assert "about 0 minutes" not in told
     monkeypatch.chdir(made)
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
