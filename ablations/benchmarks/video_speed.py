@@ -123,7 +123,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     load = os.getloadavg()[0]
     composed = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
     filmed = film(composed, device)
-    output = read_output(composed, filmed.path.fps)
+    output = read_output(composed, filmed.path)
     frames = len(filmed.path.cameras)
 
     def measure(run: str) -> Iterator[dict[str, object]]:

@@ -10,16 +10,20 @@ import torch
 
 from gaussian_enhancer.cli import video as job
 from gaussian_enhancer.cli.video import run
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.video.film import Film
 from support.bright_weights import write_bright_weights
+from support.clips import heard, write_clip
 from support.job_config import QUIET, job_config
 from support.synthetic_runs import plane_camera
 
 av = pytest.importorskip("av", reason="PyAV is in the dependency group `test`")
 FRAMES = 5
+FLIPPED = torch.diag(torch.tensor([1.0, -1, -1, 1]))
+"""From a camera of OpenGL to one of OpenCV."""
 
 
 def configured(*overrides: str):
@@ -117,8 +121,7 @@ def test_a_splat_and_its_capture_along_a_path_of_nerfstudio(sheet_run, weights, 
     )
     capture = Scene("capture", photos, tuple(range(len(photos))), ())
     monkeypatch.setattr("gaussian_enhancer.runs.splat_source.build", lambda _: capture)
-    flipped = torch.diag(torch.tensor([1.0, -1, -1, 1]))
-    poses = [torch.linalg.inv(plane_camera(index, 48, 64).world_to_camera) @ flipped for index in range(3)]
+    poses = [torch.linalg.inv(plane_camera(index, 48, 64).world_to_camera) @ FLIPPED for index in range(3)]
     entries = [{"camera_to_world": pose.flatten().tolist(), "fov": 50, "aspect": 1.5} for pose in poses]
     content = {"render_height": 33, "render_width": 40, "fps": 12, "camera_path": entries}
     (tmp_path / "path.json").write_text(json.dumps(content))
@@ -161,3 +164,50 @@ def test_the_latest_splat_of_original_output_is_taken(tmp_path):
         file.parent.mkdir(parents=True)
         file.write_bytes(b"")
     assert splat_file(tmp_path).parent.name == "iteration_30000"
+
+
+def test_a_video_that_was_rendered_elsewhere_is_enhanced_and_keeps_its_sound(sheet_run, weights, tmp_path, capsys):
+    """Its frames take the place of the splat's renders; those without a camera stay as they are."""
+    whole = tmp_path / "whole"
+    common = f"run={sheet_run}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "colour_clamping=0"
+    path = tmp_path / "path.json"
+    entries = [
+        {"camera_to_world": (torch.linalg.inv(plane_camera(i, 48, 64).world_to_camera) @ FLIPPED).flatten().tolist()}
+        | {"fov": 50, "aspect": 64 / 48}
+        for i in range(3)
+    ]
+    path.write_text(json.dumps({"render_height": 48, "render_width": 64, "camera_path": entries}))
+    run(configured(*common, f"path={path}", "layout=render", f"output={whole}", "format=frames"))
+    renders = images(whole)
+    shown = [(0.5 * one.permute(1, 2, 0) * 255).round().byte().numpy() for one in renders.values()]
+    clip = write_clip(tmp_path / "clip.mp4", "aac", [*shown, shown[0], shown[1]])
+    made = tmp_path / "made.mp4"
+    words = (*common, f"path={path}", f"input={clip}")
+    capsys.readouterr()
+    run(configured(*words, f"output={made}"))
+    assert "2 of 5 frames of the input have no camera and stay as they are" in capsys.readouterr().err
+    assert heard(made) == heard(clip)
+    before, after = decoded(clip), decoded(made)
+    assert len(after) == 5
+    changes = [float((b - a).mean()) for a, b in zip(before, after, strict=True)]
+    assert min(changes[:3]) > 0.02
+    assert max(map(abs, changes[3:])) < 0.01
+    with av.open(str(made)) as source:
+        assert source.streams.video[0].average_rate == 10
+    run(configured(*words, "format=frames", "layout=side_by_side", f"output={tmp_path / 'beside'}"))
+    assert len(images(tmp_path / "beside")) == 5
+
+    for more, told in (
+        (("frames=3",), "frames: is given, and the input states it"),
+        (("path=orbit",), "give path=FILE"),
+        ((f"input={tmp_path / 'none.mp4'}",), "does not exist"),
+        (("format=webm", f"output={tmp_path / 'made.webm'}"), "cannot hold sound in aac"),
+    ):
+        with pytest.raises(InputError, match=told):
+            run(configured(*words, *more))
+    short = write_clip(tmp_path / "short.mp4", None, shown[:2])
+    with pytest.raises(InputError, match="has 2 frames for 3 cameras"):
+        run(configured(*words, f"input={short}"))
+    square = write_clip(tmp_path / "square.mp4", None, [one[:, :48].copy() for one in shown])
+    with pytest.raises(InputError, match="has frames of 48x48"):
+        run(configured(*words, f"input={square}"))

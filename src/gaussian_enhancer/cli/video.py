@@ -3,19 +3,22 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from jaxtyping import Float
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from torch import Tensor
 
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.runs.video import VideoOutput, film, read_output, ready, run_configuration
+from gaussian_enhancer.runs.video import CameraPath, VideoOutput, film, read_output, ready, run_configuration
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder, frame_name
+from gaussian_enhancer.video.layout import Layout
 
 STOPPED = 130
 """Exit code of a program that Ctrl-C ended."""
@@ -36,8 +39,8 @@ def run(cfg: DictConfig) -> None:
     device = start(cfg.runtime)
     cfg = within_budget(cfg, ready, device, console)
     filmed = film(cfg, device)
-    output = read_output(cfg, filmed.path.fps)
-    for line in filter(None, (filmed.task.note, *filmed.found.lacks)):
+    output = read_output(cfg, filmed.path)
+    for line in filter(None, (filmed.task.note, *filmed.found.lacks, filmed.path.note)):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     rendered = filmed.task.rendered
     job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
@@ -46,7 +49,7 @@ def run(cfg: DictConfig) -> None:
     frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)
     hidden = not (cfg.runtime.progress and console.is_terminal)
     try:
-        written = _write(frames, output, job.folder, console, hidden)
+        written = _write(frames, filmed.path, output, job.folder, console, hidden)
     except KeyboardInterrupt:
         made = sum(folder.has(index) for index in range(len(rendered.targets)))
         told = f"stopped with {made} of {len(rendered.targets)} frames made; the same command goes on from there"
@@ -54,31 +57,42 @@ def run(cfg: DictConfig) -> None:
         raise SystemExit(STOPPED) from None
     job.finish()
     height, width = output.layout.size(*frames.size)
-    told = f"{len(rendered.targets)} frames of {width}x{height}"
+    told = f"{filmed.path.count} frames of {width}x{height}"
     if output.encoding is not None:
-        told += f", {len(rendered.targets) / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
+        told += f", {filmed.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
     fresh = frames.stored.count(False)
     kept = "" if fresh == len(rendered.targets) else f"; {fresh} were made now, the others before"
     console.print(f"{written}: {told}{kept}", highlight=False, soft_wrap=True)
 
 
-def _write(frames: Film, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
+def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
     """Write all frames as they are made, and return the video, or the folder of images."""
-    layout, count = output.layout, len(frames.stored)
+    layout = output.layout
+    shown = _shown(frames, path, layout, console, hidden)
     if output.encoding is None:
         place = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
-        for frame in _made(frames, console, hidden):
-            if place != frames.folder.folder:
-                shown = layout(frames.shown_render(frame), frame.enhanced, frame.index / count)
-                write_image(place / frame_name(frame.index), shown)
+        for index, image in enumerate(shown):
+            if place != frames.folder.folder or index >= len(frames.stored):
+                write_image(place / frame_name(index), image)
         return place
     container = output.encoding.container
     with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*frames.size)) as writer:
-        for frame in _made(frames, console, hidden):
-            writer.write(layout(frames.shown_render(frame), frame.enhanced, frame.index / count))
+        for image in shown:
+            writer.write(image)
     place = output.place or folder / f"{layout.kind}.{container}"
-    writer.finish(place)
+    writer.finish(place, output.sound)
     return place
+
+
+def _shown(
+    frames: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
+) -> Iterator[Float[Tensor, "3 h w"]]:
+    """What the video shows: every frame of the path, then those of a clip that have no camera, as they are."""
+    for frame in _made(frames, console, hidden):
+        yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
+    for index in range(len(path.cameras), path.count):
+        kept = frames.enlarged(path.frame(index))
+        yield layout(kept, kept, index / path.count)
 
 
 def _made(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:

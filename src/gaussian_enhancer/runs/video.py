@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import get_args
 
 import torch
+from jaxtyping import Float
 from omegaconf import DictConfig, open_dict
+from torch import Tensor
 
 from gaussian_enhancer.checkpoint import find_checkpoint
 from gaussian_enhancer.errors import InputError
@@ -31,6 +33,7 @@ from gaussian_enhancer.scene.camera_path import (
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.path_files import read_path
 from gaussian_enhancer.types import Camera
+from gaussian_enhancer.video.clip import Clip
 from gaussian_enhancer.video.encode import CODECS, Encoding
 from gaussian_enhancer.video.frames import frame_name
 from gaussian_enhancer.video.layout import Layout
@@ -38,6 +41,8 @@ from gaussian_enhancer.video.layout import Layout
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 FRAMES, FPS = 240, 30.0
 FORMATS = (*CODECS, "frames")
+SHAPE_TOLERANCE = 0.02
+"""How far the shape of a clip's frames may differ from that of its cameras: sides are rounded."""
 SHOWN = ("format", "layout", "wipe", "fps", "quality")
 """Keys that change how frames are shown and not what they are: another choice uses the frames that are there."""
 
@@ -49,12 +54,38 @@ class CameraPath:
     Args:
         name: short name, used in folders.
         cameras: one a frame, all of one size with even sides.
-        fps: frames a second that the path's file states; None where it does not.
+        fps: frames a second that the path's file, or the clip, states; None where neither does.
+        clip: a video rendered along the path, whose frames take the place of the splat's renders.
     """
 
     name: str
     cameras: tuple[Camera, ...]
     fps: float | None = None
+    clip: Clip | None = None
+
+    @property
+    def count(self) -> int:
+        """Frames of the video; those of a clip that have no camera follow those that have one."""
+        return len(self.cameras) if self.clip is None else self.clip.count
+
+    def frame(self, index: int) -> Float[Tensor, "3 h w"]:
+        """A frame of the clip.
+
+        Args:
+            index: 0 for the first.
+
+        Raises:
+            InputError: there is none.
+        """
+        if self.clip is None:
+            raise InputError(f"frame {index}", "is of no clip", "give input=VIDEO")
+        return self.clip.frame(index)
+
+    @property
+    def note(self) -> str:
+        """What a user must know of the path; empty where there is nothing."""
+        left = self.count - len(self.cameras)
+        return f"{left} of {self.count} frames of the input have no camera and stay as they are" if left else ""
 
 
 @dataclass(frozen=True)
@@ -84,19 +115,21 @@ class VideoOutput:
         encoding: of a video; None writes images.
         layout: what a frame shows.
         place: the file, or for images the folder; None for the run's own folder.
+        sound: a video whose sound is copied; None where there is none.
     """
 
     encoding: Encoding | None
     layout: Layout
     place: Path | None
+    sound: Path | None = None
 
 
-def read_output(cfg: DictConfig, fps: float | None = None) -> VideoOutput:
+def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
     """How frames are written; whatever would fail at the end fails here.
 
     Args:
         cfg: configuration of the job ``video``.
-        fps: frames a second that the path's file states.
+        path: what is filmed, where it is known.
 
     Raises:
         InputError: an option is out of range, the encoder is missing, or the output cannot be written under its name.
@@ -116,10 +149,10 @@ def read_output(cfg: DictConfig, fps: float | None = None) -> VideoOutput:
     if place is not None and ending != chosen:
         received = f"does not end in .{chosen}, which is the format"
         raise InputError(place, received, f"name it .{chosen}, or give format={' or '.join(FORMATS)}")
-    rate = cfg.fps if cfg.fps is not None else FPS if fps is None else fps
-    encoding = Encoding(chosen, rate, cfg.quality)
-    encoding.check()
-    return VideoOutput(encoding, layout, place)
+    stated, clip = (None, None) if path is None else (path.fps, path.clip)
+    encoding = Encoding(chosen, cfg.fps if cfg.fps is not None else stated or FPS, cfg.quality)
+    encoding.check(() if clip is None else clip.sound)
+    return VideoOutput(encoding, layout, place, clip.path if clip is not None and clip.sound else None)
 
 
 def film(cfg: DictConfig, device: torch.device) -> Filmed:
@@ -164,6 +197,8 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     task = Task(rendered, depth="surface" if device == "cpu" else "expected")
     task = InputPaths(attach_fine=partial(attach_fine, cfg)).with_fine_photos(task, fine)
     targets = tuple(renderer.target(f"path {frame_name(i)}", camera) for i, camera in enumerate(path.cameras))
+    if path.clip is not None:
+        targets = tuple(replace(view, read=partial(path.frame, i)) for i, view in enumerate(targets))
     return path, replace(task, rendered=replace(task.rendered, targets=targets, own_depth=True))
 
 
@@ -178,7 +213,7 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
         InputError: there is no such path, it cannot be laid, or it leaves the capture.
     """
     asked, subject, height = str(cfg.path), f"path={cfg.path}", _whole(cfg, "height")
-    name, fps = asked, None
+    name, fps, clip = asked, None, None if cfg.input is None else _clip(cfg)
     laid: Sequence[Camera]
     if asked in SHAPES:
         frames = FRAMES if cfg.frames is None else cfg.frames
@@ -190,7 +225,38 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
         if cfg.frames is not None:
             laid = smooth_path(laid, PathSettings(cfg.frames).frames, even_speed=True)
     refuse_outside(laid, cameras, subject)
-    return CameraPath(name, even_sized(laid, height), fps)
+    if clip is None:
+        return CameraPath(name, even_sized(laid, height), fps)
+    _refuse_other_path(clip, laid, asked)
+    return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in laid), clip.fps, clip)
+
+
+def _clip(cfg: DictConfig) -> Clip:
+    """The video whose frames are enhanced.
+
+    Raises:
+        InputError: it cannot be read, or options contradict it.
+    """
+    given = [key for key in ("frames", "height", "fps") if cfg[key] is not None]
+    if given:
+        raise InputError(given[0], "is given, and the input states it", f"leave out {given[0]}")
+    if str(cfg.path) in SHAPES:
+        received = f"comes with path={cfg.path}, which is not how it was rendered"
+        raise InputError("input", received, "give path=FILE with the cameras of its frames")
+    clip = Clip(cfg.input)
+    if clip.height % 2 or clip.width % 2:
+        raise InputError(clip.path, f"has frames of {clip.width}x{clip.height}", "give a video of even sides")
+    return clip
+
+
+def _refuse_other_path(clip: Clip, cameras: Sequence[Camera], file: str) -> None:
+    """Refuse cameras that a video cannot have been rendered with: more than its frames, or of another shape."""
+    remedy, shape = "give the path that it was rendered along", cameras[0].width / cameras[0].height
+    if len(cameras) > clip.count:
+        raise InputError(clip.path, f"has {clip.count} frames for {len(cameras)} cameras of {file}", remedy)
+    if abs(clip.width / clip.height / shape - 1) > SHAPE_TOLERANCE:
+        received = f"has frames of {clip.width}x{clip.height} for cameras of {cameras[0].width}x{cameras[0].height}"
+        raise InputError(clip.path, received, remedy)
 
 
 def run_configuration(filmed: Filmed) -> DictConfig:
@@ -202,8 +268,10 @@ def run_configuration(filmed: Filmed) -> DictConfig:
     cfg, kept = filmed.cfg, with_effect(filmed.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else given_file(cfg.gaussians)
     made_of = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
+    if filmed.path.clip is not None:
+        made_of["input"] = file_digest(filmed.path.clip.path)
     with open_dict(kept):
-        for name in SHOWN:
+        for name in (*SHOWN, "input"):  # the content of the input counts
             kept.pop(name, None)
         kept.update({"output": None, "made_of": {**made_of, "weights": file_digest(find_checkpoint(cfg.weights))}})
     return kept

@@ -3,6 +3,10 @@
 Axes: h height, w width.
 """
 
+import heapq
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -51,20 +55,28 @@ class Encoding:
         if not whole or not 0 <= self.quality <= most:
             raise InputError("quality", f"is {self.quality!r}", f"give a whole number from 0 (best) to {most}")
 
-    def check(self) -> None:
-        """Look for the encoder before anything is rendered.
+    def check(self, sound: Sequence[str] = ()) -> None:
+        """Look for the encoder before anything is rendered, and whether the container holds sound as it is.
+
+        Args:
+            sound: the codecs of sound that is to be copied into the video.
 
         Raises:
-            InputError: PyAV is not installed, or its FFmpeg has no such encoder.
+            InputError: PyAV is not installed, its FFmpeg has no such encoder, or the container holds no such sound.
         """
-        library = _library()
+        library = pyav()
         name = CODECS[self.container]
+        other = ", ".join(one for one in CODECS if one != self.container)
         try:
             library.codec.Codec(name, "w")
         except (ValueError, library.error.FFmpegError) as error:
-            other = ", ".join(one for one in CODECS if one != self.container)
             received = f"needs the encoder {name}, which this build of PyAV lacks"
             raise InputError(f"format={self.container}", received, f"choose format={other} or frames") from error
+        with library.open(io.BytesIO(), "w", format=self.container) as container:
+            held = container.supported_codecs
+        for name in (name for name in sound if name not in held):
+            received = f"cannot hold sound in {name}, which the input has"
+            raise InputError(f"format={self.container}", received, f"choose format={other} or frames")
 
 
 class VideoWriter:
@@ -85,7 +97,7 @@ class VideoWriter:
     """
 
     def __init__(self, path: Path, encoding: Encoding, height: int, width: int) -> None:
-        library = _library()
+        library = pyav()
         self.path, self.encoding = path, encoding
         options = {"flush_packets": "1"}  # to the file as they come: a fragment torn at its end would not play
         if encoding.container == "mp4":
@@ -126,35 +138,37 @@ class VideoWriter:
         values = np.ascontiguousarray((frame.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
         self._guarded(lambda: self._encode(values))
 
-    def finish(self, path: Path) -> None:
+    def finish(self, path: Path, sound: Path | None = None) -> None:
         """Make an ordinary, seekable file of the fragments, which are removed; after the block has ended.
 
         Args:
             path: the file to write, whole or not at all.
+            sound: a video whose sound is copied, as it is; None for a silent one.
 
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
-        library = _library()
+        library = pyav()
         options = {"movflags": "faststart"} if self.encoding.container == "mp4" else {}
         with whole_file(path) as temporary:
             try:
-                with (
-                    library.open(str(self.path)) as source,
-                    library.open(str(temporary), "w", format=self.encoding.container, options=options) as target,
-                ):
-                    given = source.streams.video[0]
-                    stream = target.add_stream_from_template(given)
-                    for packet in source.demux(given):
-                        if packet.dts is not None:
-                            packet.stream = stream
-                            target.mux(packet)
+                with ExitStack() as files:
+                    pictures = files.enter_context(library.open(str(self.path)))
+                    heard = () if sound is None else (files.enter_context(library.open(str(sound))),)
+                    target = files.enter_context(
+                        library.open(str(temporary), "w", format=self.encoding.container, options=options)
+                    )
+                    streams = (pictures.streams.video[0], *(one for file in heard for one in file.streams.audio))
+                    made = [(one, target.add_stream_from_template(one)) for one in streams]
+                    for packet, stream in heapq.merge(*(_packets(*one) for one in made), key=_moment):
+                        packet.stream = stream
+                        target.mux(packet)
             except OSError as error:
                 raise unwritable(path, error) from error
         self.path.unlink(missing_ok=True)
 
     def _encode(self, values: np.ndarray) -> None:
-        picture: Any = _library().VideoFrame.from_ndarray(values, format="rgb24")
+        picture: Any = pyav().VideoFrame.from_ndarray(values, format="rgb24")
         picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
         picture.pts, self._frames = self._frames, self._frames + 1
         self._container.mux(self._stream.encode(picture))
@@ -172,13 +186,26 @@ class VideoWriter:
             raise unwritable(self.path, error) from error
 
 
+def _packets(given: Any, stream: Any) -> Iterator[tuple[Any, Any]]:
+    """The packets of a stream, each with the stream that it is copied to."""
+    for packet in given.container.demux(given):
+        if packet.dts is not None:
+            yield packet, stream
+
+
+def _moment(one: tuple[Any, Any]) -> float:
+    """When a packet is decoded, in seconds."""
+    packet, _ = one
+    return float(packet.dts * packet.time_base)
+
+
 def _speed(container: str) -> dict[str, str]:
     """VP9's own defaults take seconds a frame."""
     return {"b:v": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"} if container == "webm" else {}
 
 
-def _library() -> Any:
-    """PyAV, which is an extra.
+def pyav() -> Any:
+    """PyAV, which is an extra and imported where it is used.
 
     Raises:
         InputError: it is not installed.

@@ -107,9 +107,11 @@ class Film:
 
     def shown_render(self, frame: Frame) -> Float[Tensor, "3 H W"] | None:
         """A frame's render at the enhanced view's size; enlarged bicubically where that is larger."""
-        if frame.render is None:
-            return None
-        return upsampled(frame.render[None], self.enhancer.network.scale)[0].clamp(0, 1)
+        return None if frame.render is None else self.enlarged(frame.render)
+
+    def enlarged(self, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 H W"]:
+        """An image at the enhanced view's size."""
+        return upsampled(image[None], self.enhancer.network.scale)[0].clamp(0, 1)
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in their order, written.
