@@ -37,9 +37,9 @@ class DistilSettings:
     steps: Annotated[int, Field(ge=1)] = 1500
     rounds: Annotated[int, Field(ge=1)] = 2
     views: Annotated[int, Field(ge=2)] = 48
-    share: Share = 0.5
+    share: Share = 0.7
     weight: Share = 1.0
-    around: Annotated[int | float, Field(ge=0, le=1)] = 0.25
+    around: Annotated[int | float, Field(ge=0, le=1)] = 0.75
     ssim_weight: Share = 0.2
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     rates: LearningRates = field(default_factory=_rates)
