@@ -135,12 +135,12 @@ def realism(session: nox.Session) -> None:
     """Measure how real simulated renders look: docs/results/simulator.md (needs the captures, and `renders` before)."""
     install(session)
     training = [f"runs/fit/{name}-*" for name in ("*_1000", "buddha")]
-    validation = [f"runs/fit/{name}-*" for name in ("*_1000", "banana")]
-    test = [f"runs/fit/{name}-*" for name in ("*_2000", "fox", "monstree")]
+    validation = [f"runs/fit/{name}-*" for name in ("banana", "plush", "copr", "cyprus", "flowerpot")]
+    test = [f"runs/fit/{name}-*" for name in ("fox", "monstree")]
     rows = ("naive", "all", "random", "adaptive", "tsds")
     generator = ("generator_weights=simulator", listed("rows", rows))
     results = Path("docs/results")
-    for name, learn, judge in (("validation", training, validation[1:]), ("test", [*training, validation[1]], test)):
+    for name, learn, judge in (("validation", training, validation), ("test", [*training, *validation], test)):
         options = (f"records={results}/realism_{name}.jsonl", *generator)
         session.run("gaussian-enhancer", "realism", listed("train", learn), listed("test", judge), *options)
     options = (f"records={results}/diversity.jsonl", *generator)
