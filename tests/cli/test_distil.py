@@ -13,16 +13,18 @@ from PIL import Image
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.cli.distil import run
 from gaussian_enhancer.cli.enhance import run as enhance
+from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
+from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.filters import smoothing_size
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
-from support.job_config import QUIET, job_config
+from support.job_config import QUIET, initialised, job_config
 from support.synthetic_runs import coloured_sheet, plane_camera
 
 STEPS = 40
@@ -90,6 +92,39 @@ def test_a_run_becomes_a_better_run_of_the_same_kind(plane_run, words, weights, 
     assert (len(rendered.targets), len(rendered.references)) == (2, 6)
     enhance(configured(f"run={tmp_path / 'better'}", f"weights={weights}", f"output={tmp_path / 'out'}", job="enhance"))
     assert len(list((tmp_path / "out").glob("*.png"))) == 2
+
+
+def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, monkeypatch):
+    settings = f"settings.steps={STEPS}", "settings.views=3"
+
+    def quick(name, cfg, **values):
+        return compose_job(name, cfg, (f"weights={weights}", *settings), **values)
+
+    monkeypatch.setattr("gaussian_enhancer.cli.enhance.compose_job", quick)
+    given = f"run={fitted}", f"weights={weights}", f"runs={tmp_path / 'runs'}", "distil=true"
+
+    def started(*more: str) -> None:
+        cfg = configured(*given, *more, job="enhance")
+        with initialised():
+            enhance(cfg)
+
+    started(f"output={tmp_path / 'once'}")
+    (made,) = (tmp_path / "runs/distil").iterdir()
+    assert (made / "done").is_file()
+    started(f"run={made}", "distil=false", f"output={tmp_path / 'twice'}")
+    monkeypatch.setattr("gaussian_enhancer.cli.distil.distil", lambda *_, **__: pytest.fail("was made again"))
+    started(f"output={tmp_path / 'again'}")
+    names = sorted(path.name for path in (tmp_path / "once").iterdir())
+    assert len(names) == 2
+    for name in names:
+        assert len({(tmp_path / folder / name).read_bytes() for folder in ("once", "twice", "again")}) == 1
+    for more, told in (
+        ("dry_run=true", "dry_run: comes with distil=true"),
+        ("step=3", "step: comes with distil=true"),
+        ("run=null", "distil: is asked for without a splat"),
+    ):
+        with pytest.raises(InputError, match=told):
+            started(more)
 
 
 def test_the_same_command_finds_the_finished_run(words, tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ from gaussian_enhancer.types import Gaussians
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Distil, unless the same is done already. The folder is as a fit's; step 0 is the splat that was given.
+    """Distil, unless the same is done already.
 
     Args:
         cfg: see ``conf/distil.yaml``.
@@ -31,6 +31,18 @@ def run(cfg: DictConfig) -> float | None:
 
     Raises:
         InputError: the input cannot be read, an option is out of range, or a file cannot be written.
+    """
+    return held_out_psnr(distilled(cfg).folder)[1]
+
+
+def distilled(cfg: DictConfig) -> Run:
+    """The finished run, made where it is missing. Its folder is as a fit's; step 0 is the splat that was given.
+
+    Args:
+        cfg: see ``conf/distil.yaml``.
+
+    Raises:
+        InputError: as `run`.
     """
     device = start(cfg.runtime)
     task = read_distil_task(cfg, device)
@@ -47,7 +59,7 @@ def run(cfg: DictConfig) -> float | None:
     before, after = held_out_psnr(job.folder)
     quality = "no view held out" if after is None else f"held-out PSNR {before:.2f} -> {after:.2f} dB"
     console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)
-    return after
+    return job
 
 
 def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console) -> None:

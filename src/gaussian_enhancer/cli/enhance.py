@@ -15,6 +15,7 @@ from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.metrics.records import write_records
+from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.enhancement import lost_references, process_count, ready, with_effect
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, keep_sources, write_enhanced
@@ -46,6 +47,8 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.output and Path(cfg.output).is_file():
         raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
     count = process_count(cfg)
+    if cfg.distil:
+        cfg = _of_distilled(cfg)
     cfg = within_budget(cfg, ready, start(cfg.runtime), console)
     enhancer, task, found = ready(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
@@ -83,6 +86,30 @@ def run(cfg: DictConfig) -> float | None:
     replace(plan, views=decided or plan.views).to_file(job.folder / "plan.json")
     job.finish()
     return _summarised(written, job.folder, console)
+
+
+def _of_distilled(cfg: DictConfig) -> DictConfig:
+    """The configuration with the distilled splat, made where it is missing, in the given one's place.
+
+    Raises:
+        InputError: there is no splat to distil, options contradict it, or it cannot be made.
+    """
+    from gaussian_enhancer.cli.distil import distilled  # learns, which nothing else here does
+
+    if cfg.run is None and cfg.gaussians is None:
+        raise InputError("distil", "is asked for without a splat", "give run=FOLDER, or gaussians=FILE with scene=...")
+    for name, given in (("dry_run", cfg.dry_run), ("step", cfg.step is not None)):
+        if given:
+            raise InputError(name, "comes with distil=true, which makes another splat", f"leave out {name} or distil")
+    same = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
+    scene = {"scene": cfg.scene} if "scene" in cfg else {}
+    folder = distilled(compose_job("distil", cfg, **same, **scene)).folder
+    made = cfg.copy()
+    if cfg.run is not None:
+        made.run = str(folder)
+    else:
+        made.gaussians = str(folder / "splat.ply")
+    return made
 
 
 def _print(lines: Sequence[str], console: Console) -> None:

@@ -121,6 +121,7 @@ class Enhance(Enhancing):
 
     scene: Group | None
     plan: Group
+    distil: bool
     dry_run: bool
     run: Place | None
     step: Size | None
@@ -150,6 +151,7 @@ class Video(Enhancing):
     invalid: str
     method: str
     path: Place
+    input: Place | None
     frames: Count | None
     cameras: Count | None
     turns: float | None

@@ -136,7 +136,7 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     """
     kept = copy.deepcopy(cfg)
     with open_dict(kept):
-        unset = {name: not kept.get(name) for name in ("budget_ms", "temporal_smoothing")}
+        unset = {name: not kept.get(name) for name in ("budget_ms", "temporal_smoothing", "distil")}
         brought = bool(cfg.get("recover_geometry")) and cfg.get("renders") is None
         idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": brought}
         for name, idle in idle_keys.items():
