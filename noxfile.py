@@ -114,8 +114,7 @@ def pairs(session: nox.Session) -> None:
 def simulator(session: nox.Session) -> None:
     """Train the simulator's second stage on the fits of `pairs`; the same command goes on where it was killed."""
     install(session)
-    captures = ("conch", "viking", "tumdesk", "panel17", "axe", "caliterra", "office", "boruszyn", "lewis")
-    scenes = (*captures, "object_12*", "outdoor_12*", "unbounded_12*", "indoor_12*")
+    scenes = ("unbounded_[0-2]", "outdoor_[0-2]", "indoor_[0-2]", "object_[0-2]", "panel17", "boruszyn", "lewis", "axe")
     if not any(Path("runs/gates").glob("*.json")):
         runs = sorted(str(run) for scene in scenes for run in Path("runs/fit").glob(f"{scene}-*"))
         session.run("gaussian-enhancer", "fingerprints", listed("runs", runs), "gates=runs/gates")
