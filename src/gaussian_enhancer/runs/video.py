@@ -21,6 +21,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.enhancement import options_of, prepared, with_effect
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
+from gaussian_enhancer.runs.path_surfaces import refuse_inside
 from gaussian_enhancer.runs.splat_source import given_file, open_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
@@ -193,6 +194,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     capture = open_capture(cfg, "video")
     path = lay_path(cfg, capture.cameras)
     renderer = capture.renderer(cfg, device)
+    refuse_inside(path.cameras, capture.cameras, renderer, f"path={cfg.path}")
     rendered = capture.rendered_by(renderer)
     task = Task(rendered, depth="surface" if device == "cpu" else "expected")
     task = InputPaths(attach_fine=partial(attach_fine, cfg)).with_fine_photos(task, fine)

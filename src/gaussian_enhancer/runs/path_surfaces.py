@@ -1,0 +1,63 @@
+"""Refusing camera paths that pass through surfaces, or that look past everything."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import torch
+
+from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.runs.rendered_capture import SplatRenderer
+from gaussian_enhancer.types import Camera
+
+T = TypeVar("T")
+
+LOOKS = 48
+"""Cameras of a path that are tried at most, evenly spread, and the longer side in pixels of their renders."""
+NEAR = 0.03
+"""Share of the capture's usual depth within which a surface is at the lens."""
+OPAQUE = 0.5
+"""Opacity from which a pixel shows a surface."""
+MOST, LEAST = 0.5, 0.05
+"""Share of a view at the lens from which on a camera counts as inside a surface; least share that shows anything."""
+
+
+def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: SplatRenderer, subject: object) -> None:
+    """Refuse a path of which a view is mostly filled by a surface at the lens, or shows nothing.
+
+    Args:
+        path: cameras of the path.
+        cameras: training cameras of the capture, which tell how far away its surfaces usually are.
+        renderer: renders the splat.
+        subject: what the path is called, in the error.
+
+    Raises:
+        InputError: a camera is inside a surface, or sees nothing of the splat.
+    """
+    usual = [depth for camera in _spread(cameras, 8) if (depth := _seen(camera, renderer)[0]) is not None]
+    if not usual:
+        return
+    typical = float(torch.stack([depth.median() for depth in usual]).median())
+    for number in _spread(range(len(path)), LOOKS):
+        depth, share = _seen(path[number], renderer)
+        where, remedy = f"frame {number + 1} of {len(path)}", "lay the path elsewhere"
+        if depth is None or share < LEAST:
+            raise InputError(subject, f"sees nothing of the splat at {where}", remedy)
+        close = share * float((depth < NEAR * typical).float().mean())
+        if close > MOST:
+            near = f"{close:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
+            raise InputError(subject, f"is inside a surface at {where}: {near}", remedy)
+
+
+def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
+    """Depths of a small view where it shows a surface, None where it shows none, and the share that does."""
+    scale = min(1.0, LOOKS / max(camera.height, camera.width))
+    drawn = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
+    there = drawn.alpha > OPAQUE
+    return (drawn.surface[there] if bool(there.any()) else None), float(there.float().mean())
+
+
+def _spread(items: Sequence[T], count: int) -> list[T]:
+    """At most so many of the items, evenly spread from the first to the last."""
+    if len(items) <= count:
+        return list(items)
+    return [items[round(i * (len(items) - 1) / (count - 1))] for i in range(count)]
