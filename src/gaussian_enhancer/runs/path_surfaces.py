@@ -39,7 +39,10 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
     typical = float(torch.stack([depth.median() for depth in usual]).median())
     for number in _spread(range(len(path)), LOOKS):
         depth, share = _seen(path[number], renderer)
-        where, remedy = f"frame {number + 1} of {len(path)}", "lay the path elsewhere"
+        where, remedy = (
+            f"frame {number + 1} of {len(path)}",
+            "lay the path elsewhere, an orbit or spiral with another radius=",
+        )
         if depth is None or share < LEAST:
             raise InputError(subject, f"sees nothing of the splat at {where}", remedy)
         close = share * float((depth < NEAR * typical).float().mean())
