@@ -26,7 +26,7 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
 
     Args:
         path: cameras of the path.
-        cameras: training cameras of the capture, which tell how far away its surfaces usually are.
+        cameras: those of the capture, which tell how far away its surfaces usually are.
         renderer: renders the splat.
         subject: what the path is called, in the error.
 
