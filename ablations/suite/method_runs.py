@@ -94,9 +94,7 @@ class Runs:
             InputError: it is refused, or leaves a mandatory value open.
         """
         job = compose_job("train", self.cfg, [*experiment.table.methods[method].train, f"seed={seed}"])
-        for side, fits in self.pairs(experiment.learns[method]).items():
-            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
-        job.card = self._card()
+        self._learn_from(job, experiment.learns[method])
         job.study = experiment.table.name
         if self.own_simulator(job):
             run = self.simulator_job(seed)
@@ -123,9 +121,7 @@ class Runs:
         """
         chosen = self.cfg.scale.simulator
         job = compose_job("train_generator", self.cfg, [*map(str, chosen.train), f"seed={seed}"])
-        for side, fits in self.pairs(str(chosen.learns)).items():
-            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
-        job.card = self._card()
+        self._learn_from(job, str(chosen.learns))
         require(job)
         return job
 
@@ -157,8 +153,11 @@ class Runs:
             raise KeyboardInterrupt
         return found
 
-    def _card(self) -> dict[str, str]:
-        return {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
+    def _learn_from(self, job: DictConfig, training: str) -> None:
+        """Let a job learn from exactly the fits of one of the scale's trainings, and say so on its card."""
+        for side, fits in self.pairs(training).items():
+            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
+        job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
 
     def train_digest(self, experiment: Experiment, method: str, seed: int) -> str:
         """The digest of a method's training."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TypeVar
 
+import numpy as np
 import torch
 
 from gaussian_enhancer.errors import InputError
@@ -11,14 +12,17 @@ from gaussian_enhancer.types import Camera
 
 T = TypeVar("T")
 
-LOOKS = 48
-"""Cameras of a path that are tried at most, evenly spread, and the longer side in pixels of their renders."""
+OF_PATH, OF_CAPTURE = 48, 8
+"""Views that are rendered at most, evenly spread."""
+SIDE = 48
+"""Longer side of these views in pixels."""
 NEAR = 0.03
 """Share of the capture's usual depth within which a surface is at the lens."""
 OPAQUE = 0.5
 """Opacity from which a pixel shows a surface."""
 MOST, LEAST = 0.5, 0.05
 """Share of a view at the lens from which on a camera counts as inside a surface; least share that shows anything."""
+REMEDY = "lay the path elsewhere, an orbit or spiral with another radius="
 
 
 def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: SplatRenderer, subject: object) -> None:
@@ -33,27 +37,24 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
     Raises:
         InputError: a camera is inside a surface, or sees nothing of the splat.
     """
-    usual = [depth for camera in _spread(cameras, 8) if (depth := _seen(camera, renderer)[0]) is not None]
+    usual = [depth for camera in _spread(cameras, OF_CAPTURE) if (depth := _seen(camera, renderer)[0]) is not None]
     if not usual:
         return
     typical = float(torch.stack([depth.median() for depth in usual]).median())
-    for number in _spread(range(len(path)), LOOKS):
+    for number in _spread(range(len(path)), OF_PATH):
         depth, share = _seen(path[number], renderer)
-        where, remedy = (
-            f"frame {number + 1} of {len(path)}",
-            "lay the path elsewhere, an orbit or spiral with another radius=",
-        )
+        where = f"frame {number + 1} of {len(path)}"
         if depth is None or share < LEAST:
-            raise InputError(subject, f"sees nothing of the splat at {where}", remedy)
+            raise InputError(subject, f"sees nothing of the splat at {where}", REMEDY)
         close = share * float((depth < NEAR * typical).float().mean())
         if close > MOST:
             near = f"{close:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
-            raise InputError(subject, f"is inside a surface at {where}: {near}", remedy)
+            raise InputError(subject, f"is inside a surface at {where}: {near}", REMEDY)
 
 
 def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
     """Depths of a small view where it shows a surface, None where it shows none, and the share that does."""
-    scale = min(1.0, LOOKS / max(camera.height, camera.width))
+    scale = min(1.0, SIDE / max(camera.height, camera.width))
     drawn = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
     there = drawn.alpha > OPAQUE
     return (drawn.surface[there] if bool(there.any()) else None), float(there.float().mean())
@@ -61,6 +62,4 @@ def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None,
 
 def _spread(items: Sequence[T], count: int) -> list[T]:
     """At most so many of the items, evenly spread from the first to the last."""
-    if len(items) <= count:
-        return list(items)
-    return [items[round(i * (len(items) - 1) / (count - 1))] for i in range(count)]
+    return [items[round(i)] for i in np.linspace(0, len(items) - 1, min(count, len(items)))]

@@ -41,8 +41,7 @@ class Clip:
                 self.count = sum(packet.size > 0 for packet in source.demux(stream))
         except (OSError, IndexError, TypeError, ValueError) as error:
             raise InputError(self.path, f"cannot be read as a video ({error})", REMEDY) from error
-        self._frames: Iterator[Any] = iter(())
-        self._next = self.count + 1
+        self._frames, self._next = self._decoded(), 0
 
     def frame(self, index: int) -> Float[Tensor, "3 h w"]:
         """The colours of a frame, [0, 1].

@@ -72,6 +72,8 @@ class Encoding:
         except (ValueError, library.error.FFmpegError) as error:
             received = f"needs the encoder {name}, which this build of PyAV lacks"
             raise InputError(f"format={self.container}", received, f"choose format={other} or frames") from error
+        if not sound:
+            return
         with library.open(io.BytesIO(), "w", format=self.container) as container:
             held = container.supported_codecs
         for name in (name for name in sound if name not in held):
