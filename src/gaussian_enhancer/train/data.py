@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from multiprocessing import current_process
 from typing import Any
 
 from lightning import LightningDataModule
@@ -26,7 +27,8 @@ class Loading:
 
     Args:
         batch_size: crops in a step, of all processes together.
-        workers: processes that load crops, for each that trains; threads that prepare samples, at least one.
+        workers: processes that load crops, for each that trains; threads that prepare samples, at least one. A daemonic
+            process, as one of the suite's is, may start none: it loads the same crops itself.
         seed: of crops and their order.
     """
 
@@ -91,7 +93,7 @@ class RunsData(LightningDataModule):
         pairs = [sum(sample.held_out for sample in source) for source in self.sources]
         photos = [len(source) - count for source, count in zip(self.sources, pairs, strict=True)]
         simulated = never if self.simulation is None else self.simulation.drawn
-        size, workers = self.loading.batch_size, self.loading.workers
+        size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
         count = size * self.steps_per_epoch
         draw = BalancedDraw(pairs, count, self.loading.seed, photos, simulated, self._drawn)
         collate = Collate(self.samples.reference_config.references, self.augmentation, self.simulation)
