@@ -1,5 +1,6 @@
 """The Python API: forms of images, kept references, refusals, and equality with the command line."""
 
+import shutil
 import subprocess
 import sys
 import warnings
@@ -12,9 +13,20 @@ import torch
 from PIL import Image, ImageChops
 
 import gaussian_enhancer
-from gaussian_enhancer import Camera, Enhancer, InputError, Reference, enhance_folder, load_weights, read_splat, render
+from gaussian_enhancer import (
+    Camera,
+    Enhancer,
+    InputError,
+    Reference,
+    distil_splat,
+    enhance_folder,
+    load_weights,
+    read_splat,
+    render,
+)
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
+from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.plan import AUTO, Rules
 from gaussian_enhancer.infer.weights import Pretrained, save_weights
@@ -26,12 +38,14 @@ from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians
 from support.job_config import QUIET, job_config
+from support.synthetic_runs import coloured_sheet
 
 NAMES = (
     "Camera",
     "Enhancer",
     "InputError",
     "Reference",
+    "distil_splat",
     "enhance_folder",
     "load_weights",
     "read_splat",
@@ -388,6 +402,43 @@ def test_runs_and_splats_with_their_scene_are_enhanced(plane_run, tmp_path):
         gaussians=tmp_path / "splat.ply", scene=scene, output=tmp_path / "splat", weights=weights, device="cpu"
     )
     assert Image.open(written).size == (64, 48)
+
+
+def test_a_splat_is_distilled_as_by_the_command(plane_run, tmp_path, monkeypatch):
+    from gaussian_enhancer.cli.distil import run
+
+    fitted = shutil.copytree(plane_run, tmp_path / "plane")
+    write_ply(fitted / "splat.ply", coloured_sheet(24))
+    save_weights(tmp_path / "a.safetensors", SIF((8, 8, 8), (1, 1, 1)), ReferenceConfig(), {"strength": 1.0})
+    given = {"run": fitted, "weights": tmp_path / "a.safetensors"}
+    words = [f"{name}={value}" for name, value in given.items()]
+    few = DistilSettings(steps=20, views=3)
+    run(job_config("distil", *words, "settings.steps=20", "settings.views=3", f"output={tmp_path / 'job'}", *QUIET))
+
+    def distilled(**other: object) -> Path:
+        asked = {"settings": few, "output": tmp_path / "api", "device": "cpu", "progress": False, **given, **other}
+        return distil_splat(**asked)
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("gaussian_enhancer.distil.distil.EnhancedViews.make", killed)
+        with pytest.raises(KeyboardInterrupt):
+            distilled()
+    with pytest.raises(InputError, match="belongs to a fit with other settings"):
+        distilled(strength=0.5)
+    assert distilled() == tmp_path / "api/splat.ply"
+    assert (tmp_path / "api/splat.ply").read_bytes() == (tmp_path / "job/splat.ply").read_bytes()
+    assert sorted(path.name for path in (tmp_path / "api").iterdir()) == ["cfg_args", "splat.ply"]
+    for told, other in (
+        ("holds a splat already", {}),
+        ("was given no splat", {"run": None, "output": tmp_path / "new"}),
+        ("comes without its capture", {"run": None, "gaussians": tmp_path / "x.ply", "output": tmp_path / "new"}),
+    ):
+        with pytest.raises(InputError, match=told):
+            distilled(**other)
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("module", ["api.enhancer", "api.rendering", "types"])

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,11 +15,13 @@ import torch
 from PIL import Image
 
 from gaussian_enhancer import Camera, render
+from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.types import Gaussians
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/python.md"
+FOLDERS = ("enhanced", "enhanced_run", "enhanced_views", "best_views")
 GL = torch.diag(torch.tensor([1.0, -1, -1, 1]))
 CAMERA = {"fl_x": 64, "fl_y": 64, "cx": 32, "cy": 24, "w": 64, "h": 48}
 
@@ -82,7 +85,9 @@ def scene(plane_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> d
     shutil.copy(plane_run / "cameras.json", "cameras.json")
     shutil.copytree(plane_run, "runs/fit/garden")
     write_capture(tmp_path / "garden", plane_run)
-    write_ply(tmp_path / "point_cloud.ply", gaussians)
+    for splat_file in ("point_cloud.ply", "runs/fit/garden/splat.ply"):
+        write_ply(tmp_path / splat_file, gaussians)
+    monkeypatch.setattr("gaussian_enhancer.api.splats.DistilSettings", partial(DistilSettings, steps=4, views=2))
     target = rendered.targets[0]
 
     def outputs(cameras: NerfstudioCameras) -> dict[str, torch.Tensor]:
@@ -141,11 +146,11 @@ def test_every_snippet_runs(scene: dict[str, Any], capsys: pytest.CaptureFixture
     for line, text in snippets():
         exec(compile("\n" * line + text, str(PAGE), "exec"), names)
         shapes.append(tuple(names["image"].shape))
-    assert len(shapes) == 12
+    assert len(shapes) == 13
     assert set(shapes) == {(48, 64, 3), (3, 48, 64)}
     assert names["video"].shape == (2, 48, 64, 3)
     assert torch.allclose(torch.as_tensor(names["world_to_camera"]).float(), scene["camera"].world_to_camera, atol=1e-6)
-    assert [len(list(Path(folder).iterdir())) for folder in ("enhanced", "enhanced_run", "enhanced_views")] == [2, 2, 1]
+    assert [len(list(Path(folder).iterdir())) for folder in FOLDERS] == [2, 2, 1, 1]
     printed = capsys.readouterr().out
     assert printed.startswith("render 0: has references but no camera to reproject them by")
 

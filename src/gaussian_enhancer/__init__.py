@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from gaussian_enhancer.api.folders import enhance_folder
     from gaussian_enhancer.api.references import Reference
     from gaussian_enhancer.api.rendering import render
+    from gaussian_enhancer.api.splats import distil_splat
     from gaussian_enhancer.errors import InputError
     from gaussian_enhancer.infer.weights import load_weights
     from gaussian_enhancer.splat.io.open import read_splat
@@ -22,6 +23,7 @@ __all__ = [
     "Enhancer",
     "InputError",
     "Reference",
+    "distil_splat",
     "enhance_folder",
     "load_weights",
     "read_splat",
@@ -33,6 +35,7 @@ _MODULES = {
     "Enhancer": "api.enhancer",
     "InputError": "errors",
     "Reference": "api.references",
+    "distil_splat": "api.splats",
     "enhance_folder": "api.folders",
     "load_weights": "infer.weights",
     "read_splat": "splat.io.open",

@@ -112,7 +112,7 @@ def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, m
     (made,) = (tmp_path / "runs/distil").iterdir()
     assert (made / "done").is_file()
     started(f"run={made}", "distil=false", f"output={tmp_path / 'twice'}")
-    monkeypatch.setattr("gaussian_enhancer.cli.distil.distil", lambda *_, **__: pytest.fail("was made again"))
+    monkeypatch.setattr("gaussian_enhancer.distil.task.distil", lambda *_, **__: pytest.fail("was made again"))
     started(f"output={tmp_path / 'again'}")
     names = sorted(path.name for path in (tmp_path / "once").iterdir())
     assert len(names) == 2
@@ -129,7 +129,7 @@ def test_enhance_distils_first_where_it_is_asked_to(fitted, weights, tmp_path, m
 
 def test_the_same_command_finds_the_finished_run(words, tmp_path, monkeypatch):
     first = run(configured(*words))
-    monkeypatch.setattr("gaussian_enhancer.cli.distil.distil", lambda *_, **__: pytest.fail("was made again"))
+    monkeypatch.setattr("gaussian_enhancer.distil.task.distil", lambda *_, **__: pytest.fail("was made again"))
     assert run(configured(*words)) == first
     assert len(list((tmp_path / "runs/distil").iterdir())) == 1
 

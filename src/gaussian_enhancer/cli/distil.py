@@ -1,23 +1,26 @@
 """The job ``distil``: a better splat from enhanced views, from pruning, or from both."""
 
-import dataclasses
 import time
 
 from omegaconf import DictConfig
 from rich.console import Console
 
-from gaussian_enhancer.distil.distil import distil
-from gaussian_enhancer.distil.prune import prune
-from gaussian_enhancer.distil.task import DistilTask, read_distil_task, read_enhancer, run_configuration
+from gaussian_enhancer.distil.task import (
+    DistilTask,
+    better_splat,
+    read_distil_task,
+    read_enhancer,
+    run_configuration,
+)
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.io.small_files import ENDINGS, write_small
-from gaussian_enhancer.types import Gaussians
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -64,25 +67,16 @@ def distilled(cfg: DictConfig) -> Run:
 
 def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console) -> None:
     begun = time.monotonic()
-    gaussians, step = _pruned(task, console), 1
-    if task.settings is not None:
-        step = task.settings.steps
-        renderer = dataclasses.replace(task.renderer, gaussians=gaussians)
-        gaussians = distil(task.capture, renderer, enhancer, job.folder, task.settings, progress=cfg.runtime.progress)
+    gaussians, removed = better_splat(task, enhancer, job.folder, progress=cfg.runtime.progress)
     seconds = time.monotonic() - begun
+    if removed is not None:
+        console.print(str(removed), highlight=False, soft_wrap=True)
+    step = 1 if task.settings is None else task.settings.steps
     for number, splat in ((0, task.renderer.gaussians), (step, gaussians)):
         export_views(job.folder, task.capture, splat, task.renderer.method, number)
     export_splat(job.folder, task.capture, gaussians)
     if cfg.format != "ply":
         write_small(job.folder / f"splat{ENDINGS[cfg.format]}", gaussians, cfg.format)
-    (job.folder / "checkpoint.pt").unlink(missing_ok=True)
+    discard_checkpoint(job.folder)
     write_fit_records(job, task.capture, task.renderer.method.name, (0, step), seconds, len(gaussians))
     job.finish()
-
-
-def _pruned(task: DistilTask, console: Console) -> Gaussians:
-    if task.prune is None:
-        return task.renderer.gaussians
-    found = prune(task.renderer, task.capture.train_photos, task.prune)
-    console.print(str(found), highlight=False, soft_wrap=True)
-    return task.renderer.gaussians[found.kept]

@@ -44,6 +44,7 @@ def distil(
     *,
     checkpoint_seconds: float = 60.0,
     progress: bool = True,
+    made_of: str = "",
     stop_after: int | None = None,
 ) -> Gaussians:
     """Distil enhanced views into a splat. A folder with a checkpoint of the same run is continued.
@@ -60,12 +61,14 @@ def distil(
         settings: choices.
         checkpoint_seconds: time between checkpoints.
         progress: show a progress bar.
+        made_of: tells this splat, these weights and their options from others, for folders that are not named by them:
+            a checkpoint of others is refused.
         stop_after: end after this step with a checkpoint, as if killed; for tests.
 
     Raises:
         InputError: photos, checkpoint or disk do not allow it.
     """
-    work = _Work(capture.with_split(capture.train, ()), start, enhancer, folder, settings)
+    work = _Work(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
     last = settings.steps if stop_after is None else min(stop_after, settings.steps)
     saved = time.monotonic()
     while work.step < last:
@@ -95,8 +98,10 @@ class _Work:
         enhancer: SetEnhancer | None,
         folder: Path,
         settings: DistilSettings,
+        made_of: str,
     ) -> None:
         self.capture, self.enhancer, self.folder, self.settings = capture, enhancer, folder, settings
+        self.made_of = made_of
         self.first = start
         self.photos = TrainingPhotos(capture, self.first.gaussians.means.device)
         self.views: EnhancedViews | None = None
@@ -187,4 +192,4 @@ class _Work:
 
     def _identity(self) -> str:
         """What a checkpoint must agree on to be continued."""
-        return f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
+        return f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}{self.made_of}"

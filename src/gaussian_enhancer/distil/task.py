@@ -1,6 +1,7 @@
-"""From the configuration of the job ``distil`` to the splat, its capture, and what enhances its views."""
+"""From what the job ``distil`` or `distil_splat` is given to the splat, its capture, and what enhances its views."""
 
 import copy
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,8 @@ import torch
 from omegaconf import DictConfig, open_dict
 
 from gaussian_enhancer.checkpoint import find_checkpoint
-from gaussian_enhancer.distil.prune import PruneSettings
+from gaussian_enhancer.distil.distil import distil
+from gaussian_enhancer.distil.prune import Pruned, PruneSettings, prune
 from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -24,6 +26,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.small_files import check_format
+from gaussian_enhancer.types import Gaussians
 
 ENHANCING = (
     "weights",
@@ -59,36 +62,26 @@ class DistilTask:
 
 
 def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
-    """Read the splat and its capture.
+    """Read the splat and its capture, as the job's configuration names them.
 
     Args:
         cfg: configuration of the job ``distil``.
         device: where the splat is rendered.
 
     Raises:
-        InputError: no splat or several were given, the input cannot be read, or an option is out of range.
+        InputError: as `distil_task`, or an option is out of range.
     """
-    given = [name for name in ("run", "gaussians") if cfg[name] is not None]
-    if len(given) != 1:
-        received = f"was given {' and '.join(given)}" if given else "was given no splat"
-        raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
     settings: DistilSettings = build(cfg.settings)
     evidence: PruneSettings = build(cfg.evidence)
-    splat, capture = _of_run(Path(cfg.run)) if cfg.run is not None else _of_splat(cfg)
-    training = [photo.camera for photo in capture.train_photos if photo.camera is not None]
-    if len(training) < len(capture.train) or len(training) < 2:
-        received = f"has {len(training)} training photos with a camera of {len(capture.train)}"
-        raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
-    renderer = open_renderer(splat, training, capture.background, cfg.method, device.type, cfg.invalid)
-    if cfg.format != "ply":
-        check_format(cfg.format, renderer.gaussians)
-    renderer(training[0].resized(8, 8))  # refuses what cannot be rendered before anything is written
+    splat, capture = given_splat(cfg.run, cfg.gaussians, build(cfg.scene) if cfg.get("scene") else None)
     further = None if cfg.prune_only else settings
-    return DistilTask(capture, splat, renderer, further, evidence if cfg.prune or cfg.prune_only else None)
+    pruning = evidence if cfg.prune or cfg.prune_only else None
+    how = {"method": cfg.method, "device": device, "invalid": cfg.invalid, "kind": cfg.format}
+    return distil_task(splat, capture, further, pruning, **how)
 
 
 def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> SetEnhancer | None:
-    """What enhances new views; None where there are none.
+    """What enhances new views, as the job's configuration says; None where there are none.
 
     Args:
         cfg: configuration of the job ``distil``.
@@ -96,16 +89,91 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
         device: where the network runs.
 
     Raises:
-        InputError: there are no such weights, they enlarge or use no photos, or an option is out of range.
+        InputError: as `enhancer_of_new_views`.
     """
     if task.settings is None or task.settings.share == 0:
         return None
-    pretrained = load_weights(cfg.weights)
-    if pretrained.network.scale > 1 or pretrained.reference_config.references == 0:
-        received = "enlarge what they enhance" if pretrained.network.scale > 1 else "use no photos"
-        raise InputError(cfg.weights, received, "choose weights for the render's own size that use photos")
     kept = (cfg.max_references, cfg.depth_kind, cfg.strength, cfg.colour_clamping)
     options = EnhancementOptions(*kept, 0.0, cfg.precision, cfg.tile, "full", cfg.colour_completion, cfg.confidence)
+    return enhancer_of_new_views(task, cfg.weights, options, device)
+
+
+def given_splat(run: str | Path | None, gaussians: str | Path | None, capture: Scene | None) -> tuple[Path, Scene]:
+    """A splat's file and its capture: of a run, or as they were given.
+
+    Args:
+        run: folder of a fitted run, ours or original 3DGS output.
+        gaussians: instead: file of a splat, which needs a capture.
+        capture: photos and cameras of ``gaussians``.
+
+    Raises:
+        InputError: no splat or several were given, a splat without its capture, or the run cannot be read.
+    """
+    if run is not None and gaussians is None:
+        return _of_run(Path(run))
+    if gaussians is None or run is not None:
+        received = "was given no splat" if gaussians is None else "was given run and gaussians"
+        raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
+    if capture is None:
+        raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
+    return given_file(gaussians), capture
+
+
+def distil_task(
+    splat: Path,
+    capture: Scene,
+    settings: DistilSettings | None,
+    pruning: PruneSettings | None,
+    *,
+    method: str,
+    device: torch.device,
+    invalid: str = "refuse",
+    kind: str = "ply",
+) -> DistilTask:
+    """Read the splat and try to render it, so that nothing is written for input that cannot be used.
+
+    Args:
+        splat: the splat's file.
+        capture: photos, their cameras and their split.
+        settings: of the further steps; None where there are none.
+        pruning: what counts as evidence of empty space; None where nothing is removed.
+        method: how the splat is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
+        device: where it is rendered.
+        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        kind: format of the result: "ply", "compressed" or "spz".
+
+    Raises:
+        InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored so.
+    """
+    training = [photo.camera for photo in capture.train_photos if photo.camera is not None]
+    if len(training) < len(capture.train) or len(training) < 2:
+        received = f"has {len(training)} training photos with a camera of {len(capture.train)}"
+        raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
+    renderer = open_renderer(splat, training, capture.background, method, device.type, invalid)
+    if kind != "ply":
+        check_format(kind, renderer.gaussians)
+    renderer(training[0].resized(8, 8))
+    return DistilTask(capture, splat, renderer, settings, pruning)
+
+
+def enhancer_of_new_views(
+    task: DistilTask, weights: str | Path, options: EnhancementOptions, device: torch.device
+) -> SetEnhancer:
+    """What enhances renders of the task's splat with its training photos.
+
+    Args:
+        task: what is distilled.
+        weights: a shipped name or a ``.safetensors`` file.
+        options: of the enhancement.
+        device: where the network runs.
+
+    Raises:
+        InputError: there are no such weights, they enlarge or use no photos, or an option is out of range.
+    """
+    pretrained = load_weights(weights)
+    if pretrained.network.scale > 1 or pretrained.reference_config.references == 0:
+        received = "enlarge what they enhance" if pretrained.network.scale > 1 else "use no photos"
+        raise InputError(weights, received, "choose weights for the render's own size that use photos")
     if options.max_references == 0:
         raise InputError("max_references", "is 0", "give at least 1: views are weighed by what photos show")
     asked = options.reference_config(pretrained, "surface" if device.type == "cpu" else "expected")
@@ -114,6 +182,32 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     rendered = RenderedSet(task.capture.name, (one,), tuple(map(task.renderer.reference, photos)), own_depth=True)
     found = validate_inputs(rendered, asked, options.rules)
     return options.enhancer(pretrained, found.reference_config, device)
+
+
+def better_splat(
+    task: DistilTask, enhancer: SetEnhancer | None, folder: Path, *, progress: bool, made_of: str = ""
+) -> tuple[Gaussians, Pruned | None]:
+    """Prune and distil, each where the task says so; a folder with a checkpoint of the same work is continued.
+
+    Args:
+        task: what is distilled.
+        enhancer: of new views; None where there are none.
+        folder: holds the checkpoint and the enhanced views.
+        progress: show progress bars.
+        made_of: as in `distil`.
+
+    Returns:
+        The splat, and what was removed from it before; None where nothing was to be removed.
+
+    Raises:
+        InputError: as `distil`.
+    """
+    found = None if task.prune is None else prune(task.renderer, task.capture.train_photos, task.prune)
+    gaussians = task.renderer.gaussians if found is None else task.renderer.gaussians[found.kept]
+    if task.settings is not None:
+        renderer = dataclasses.replace(task.renderer, gaussians=gaussians)
+        gaussians = distil(task.capture, renderer, enhancer, folder, task.settings, progress=progress, made_of=made_of)
+    return gaussians, found
 
 
 def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
@@ -155,9 +249,3 @@ def _of_run(run: Path) -> tuple[Path, Scene]:
 def _photos(views: Sequence[RenderedView], prefix: str) -> list[Photo]:
     """The photos of a side; views without one can neither be learnt from nor measured."""
     return [Photo(prefix + view.name, view.camera, view.read_photo) for view in views if view.read_photo is not None]
-
-
-def _of_splat(cfg: DictConfig) -> tuple[Path, Scene]:
-    if not cfg.get("scene"):
-        raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-    return given_file(cfg.gaussians), build(cfg.scene)

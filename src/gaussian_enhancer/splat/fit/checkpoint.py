@@ -51,3 +51,12 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
     if values["identity"] != identity:
         raise InputError(path, "belongs to a fit with other settings", "choose another folder, or delete it")
     return values
+
+
+def discard_checkpoint(folder: Path) -> None:
+    """Remove the checkpoint, since the work is done.
+
+    Args:
+        folder: of the run.
+    """
+    (folder / NAME).unlink(missing_ok=True)

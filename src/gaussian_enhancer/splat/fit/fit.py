@@ -17,7 +17,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
 from gaussian_enhancer.splat.filters import smoothing_size
-from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint, load_checkpoint, save_checkpoint
 from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
 from gaussian_enhancer.splat.fit.geometry import camera_extent
@@ -93,7 +93,7 @@ def fit(
     gaussians = work.splat()
     if last == settings.steps:
         export_splat(folder, scene, gaussians)
-        (folder / "checkpoint.pt").unlink(missing_ok=True)
+        discard_checkpoint(folder)
     return gaussians
 
 
