@@ -1,6 +1,6 @@
 """``gaussian-enhancer fresh``: which committed pages are older than what they were made with.
 
-A page's records state the commit that they were made at. The page is stale where a file that it hangs on (weights,
+A page's records state the commit that they were made at. The page is stale where a file that it depends on (weights,
 networks, splats, training) changed since. It is false where it also says "as shipped" and a shipped file has changed.
 """
 
@@ -27,7 +27,7 @@ class CommittedPage:
     Args:
         path: of the page, from the repository's root.
         records: its files of records, each line a JSON object with a ``commit``.
-        inputs: what its numbers hang on, by name, as git's pathspecs.
+        inputs: what its numbers depend on, by name, as git's pathspecs.
     """
 
     path: str

@@ -1,4 +1,4 @@
-"""``gaussian-enhancer status``: what became of every run, or of those that tables need."""
+"""``gaussian-enhancer status``: state of every run, or of those that tables need."""
 
 from collections.abc import Iterator
 from pathlib import Path

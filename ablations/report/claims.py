@@ -26,7 +26,7 @@ Finding = tuple[bool | None, str]
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim and what became of it.
+    """A claim and its verdict.
 
     Args:
         text: what the paper says.

@@ -1,6 +1,6 @@
-"""``gaussian-enhancer already_good``: whether blocks that are good already can be told before they are enhanced.
+"""``gaussian-enhancer already_good``: can blocks that need no change be recognised before enhancement?
 
-What tells them is the references' own errors. For each view the whole image is enhanced. Then blocks of 16x16 are
+The references' own errors are the predictor. For each view the whole image is enhanced. Then blocks of 16x16 are
 passed through in the order of a predicted error, and the loss of PSNR against the enhanced image is counted. The
 predicted error of a block is the mean difference between a reference's photo and the splat's render of the same view,
 brought to the target on a coarse grid; blocks that no reference sees come last. The order by the gain itself, which

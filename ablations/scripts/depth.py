@@ -1,4 +1,4 @@
-"""``gaussian-enhancer depth``: how much hangs on depth.
+"""``gaussian-enhancer depth``: gain with seven kinds of depth.
 
 The same weights enhance with references warped through seven kinds of it: through the splat's expected depth and
 through its surface (median depth), each as it is and searched as its kind asks for (`enhance.depth`). The surface is

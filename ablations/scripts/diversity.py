@@ -1,4 +1,4 @@
-"""``gaussian-enhancer diversity``: how much simulated renders of one view differ from seed to seed.
+"""``gaussian-enhancer diversity``: spread of simulated renders of one view over seeds.
 
 They are held against real renders of it from fit to fit, which come from runs of the same scene: other methods,
 training views, snapshots. Each of them has a simulated counterpart with a seed of its own, so that both spreads are

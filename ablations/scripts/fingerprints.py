@@ -1,4 +1,4 @@
-"""``gaussian-enhancer fingerprints``: how much larger errors of held-out views are than those of fitted ones.
+"""``gaussian-enhancer fingerprints``: ratio of errors of held-out to training views, for the gate.
 
 For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The line
 fitted to both in the logarithms is what `gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` states. ``gates`` also

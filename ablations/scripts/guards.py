@@ -1,6 +1,6 @@
-"""``gaussian-enhancer guards``: what keeps an enhancer from doing harm, and what that costs.
+"""``gaussian-enhancer guards``: gain and harm with each limit to the change left out.
 
-Gains on validation runs by the limits that it is held to. ``guard`` is ``photo_consistency`` (how far a reference may
+A limit to the change guards a view against harm. ``guard`` is ``photo_consistency`` (how far a reference may
 differ from the render, `Reprojected.photo_consistency`), ``colour_clamping`` (the window whose colours a pixel stays
 within, `SetEnhancer`) or ``strength`` (the share of the change that is applied). Runs must be validation runs
 (docs/data.md): limits that were chosen on test scenes would be worth nothing.

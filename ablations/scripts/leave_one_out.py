@@ -1,4 +1,4 @@
-"""``gaussian-enhancer leave_one_out``: whether a splat's training views tell how much of a change to apply.
+"""``gaussian-enhancer leave_one_out``: can training views tell how much of a change to apply?
 
 Strength could be chosen for each splat by its own training views: each is enhanced with the photos of the others, and
 compared with its own photo. That works only if the share of the change that is best there is also best on held-out

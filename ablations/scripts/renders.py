@@ -1,4 +1,4 @@
-"""``gaussian-enhancer renders``: which training renders make the better enhancer.
+"""``gaussian-enhancer renders``: gain of enhancers trained on real, simulated and mixed renders.
 
 Gains of the rows of conf/ablation/renders on the same views.
 Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the

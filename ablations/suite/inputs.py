@@ -78,7 +78,7 @@ def _values(file: Path) -> Mapping[str, Any]:
 
 
 def _path(scene: DictConfig) -> tuple[Path | None, str]:
-    """The scene's folder, and the environment variable that it hangs on where that is not set (then ``$NAME/...``)."""
+    """The scene's folder, and the environment variable behind it where that is not set (then ``$NAME/...``)."""
     values = OmegaConf.to_container(scene, resolve=False)
     if not isinstance(values, dict):
         raise InputError("scene", "is no mapping", "compose it from conf/scene")

@@ -41,7 +41,7 @@ def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]
 
 
 def with_backbones(cfg: DictConfig) -> DictConfig:
-    """Name the data folder's LPIPS backbones where none are given: the names of measured runs hang on them."""
+    """Name the data folder's LPIPS backbones where none are given: the names of measured runs depend on them."""
     beside = data_backbones()
     if cfg.backbones is None and beside is not None:
         with open_dict(cfg):

@@ -53,7 +53,7 @@ class PlannedRun:
         work: what makes it.
         digest: its own; empty where its configuration cannot be had yet.
         name: its label and digest.
-        state: what became of it.
+        state: not started, running, stopped, failed or done.
         inputs: the runs that come before it.
         minutes: what it is likely to cost; 0 where it is done.
         missing: what it lacks that no run makes; empty where it lacks nothing.

@@ -134,7 +134,7 @@ def _file(place: Path) -> Path:
 
 
 def _acquired(lock: FileLock, folder: Path, place: Path) -> bool:
-    """Take a lock; False where whoever held it wrote nothing and took the folder away meanwhile."""
+    """Take a lock; False where its holder wrote nothing and removed the folder meanwhile."""
     folder.mkdir(parents=True, exist_ok=True)
     with suppress(FileNotFoundError):
         try:

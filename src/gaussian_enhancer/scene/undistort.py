@@ -32,7 +32,7 @@ LEAST_FOCAL, LARGEST_FOCAL, FARTHEST_CENTRE = 1e-3, 1e5, 100.0
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, which is heavy, and give SIGTERM back to whoever had it.
+    """Import pycolmap, which is heavy, and restore the handler of SIGTERM.
 
     glog, inside pycolmap, sets a handler for SIGTERM that prints a stack trace and allocates memory. A process that is
     asked to end while it allocates memory itself would wait for its own lock for ever.

@@ -96,7 +96,7 @@ def _shown(loggers: list[Any]) -> list[Any]:
 
 
 def alike(cfg: DictConfig) -> DictConfig:
-    """The configuration as it determines a training: whoever watches or shares it, whatever bad samples it forgives.
+    """The part of the configuration that determines the result: no logger, profiler, devices or limit on bad samples.
 
     Runs that differ in these alone have one folder, so that a training may go on under another logger, or shared.
 
