@@ -13,54 +13,53 @@ from gaussian_enhancer.metrics.records import Record, read_records
 Row = Mapping[str, Any]
 
 ABOUT = """\
-What happens to files that are damaged, to jobs that are killed, to disks that are full and to numbers that are extreme.
-Every number here is counted from a committed record. A case is *handled* where nothing wrong comes of it: a file is
-refused in one line or read rightly, a job comes to the result of one that was not disturbed, a number stays within its
-tolerance or is refused. Everything else has *failed*.
+This page counts what happens with damaged files, killed jobs, full disks and extreme inputs. Every number is counted
+from a committed record. A case is *handled* if the file is read correctly or refused with a one-line message, if the
+job ends with the result of an undisturbed job, or if the result is within its tolerance or the input is refused. All
+other cases have *failed*.
 """
 
 FUZZ = """\
-A seeded generator damages small real files: bytes are cut, flipped, deleted, repeated and filled, fields of known
-formats are set to extremes, words and values are replaced. Each case runs with limits of time and memory. *Read* means
-that everything which must hold of a file holds of what was read. `nox -s fuzz` runs all of it, a slice runs with the
-tests.
+A seeded generator damages small real files: it cuts, flips, deletes, repeats and fills bytes, sets fields of known
+formats to extreme values, and replaces words and values. Each case has a limit of time and memory. *Read* means that
+what was read satisfies all checks of its format. `nox -s fuzz` runs all cases; the tests run a sample.
 
 Not covered: damage that leaves a plausible file, such as a camera moved by a centimetre. Image codecs are Pillow's own.
 """
 
 COVERAGE = """\
-A fuzzer that is guided by coverage (atheris, libFuzzer) keeps inputs that reach new code and changes them further. It
-begins with the same real files. Inputs are those that were tried, edges the branches of the code that they reached.
+A coverage-guided fuzzer (atheris, libFuzzer) keeps inputs that reach new code and mutates them further. It starts from
+the same real files. The table counts the inputs that were tried and the edges (branches of the code) that they reached.
 `nox -s fuzz -- --coverage` runs it.
 
-Not covered: compiled code inside NumPy, Pillow, zstandard and safetensors, which is not watched.
+Not covered: compiled code inside NumPy, Pillow, zstandard and safetensors, which is not instrumented.
 """
 
 KILL = """\
-Jobs at the smallest scale get a signal at seeded moments, then the same command runs again. Half of the moments are
-writes: files opened, moved and removed. The others are shares of the processor's time. The result must be that of a job
-which was not disturbed, bit for bit but for times, on one thread. In between, no file that can be seen may be cut, and
-no run may be marked as done that is not. `nox -s kill` runs all of it, a slice runs with the tests.
+Jobs at the smallest scale receive a signal at seeded moments, and the same command is run again. Half of the moments
+are file operations: a file is opened, moved or removed. The other moments are fractions of the processor time. On one
+thread, the result must equal that of an undisturbed job bit for bit, except for times. After the signal, no visible
+file may be truncated, and no unfinished run may be marked as done. `nox -s kill` runs all cases; the tests run a sample.
 
-Not covered: a machine that loses power, where the system itself may lose what was written. GPUs. Trainings on several
-processes and tables on several workers have tests of their own. Jobs that write no run: `report`, `dashboard`.
+Not covered: loss of power, where the system itself may lose what was written; GPUs; and jobs that write no run
+(`report`, `dashboard`). Trainings on several processes and tables on several workers are tested separately.
 """
 
 TWO = """\
-One process is stopped in the middle of its writes, another begins in the same folder, then the first goes on. The
-second must wait, or be refused in one line.
+One process is paused while it writes, a second one starts in the same folder, and then the first one continues. The
+second process must wait, or be refused with a one-line message.
 """
 
 FULL = """\
-From the first write of each sort of file onwards, the system lets no file grow. The job must end in one line, leave
-nothing that is cut, and come to the same result once there is room. A sort of file is a path without its numbers and
-without the names of a suite's runs: each sort is tried at the first run that writes it.
+From the first write of each kind of file onwards, the system refuses to let any file grow. The job must end with a
+one-line message, leave no truncated file, and produce the same result once there is space. Paths that differ only in
+numbers or in the names of a suite's runs are of one kind; each kind is tried at the first run that writes it.
 
 Not covered: a disk that fails to read.
 """
 
 STABILITY = """\
-Extreme inputs in five precisions against float64, forward and backward: [the matrix](results/stability.md).
+Extreme inputs are computed in five precisions and compared with float64, forward and backward: [the matrix](results/stability.md).
 """
 
 
