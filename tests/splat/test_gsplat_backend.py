@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib.util
-import math
 import sys
 import types
 from typing import Any
@@ -60,13 +59,10 @@ class StandIn(types.ModuleType):
         radii = torch.full((1, count, 2), 7, dtype=torch.int32)
         radii[0, 0] = 0
         means2d = arguments["means"][None, :, :2] * 1.0
-        meta = {"radii": radii, "means2d": means2d, "conics": torch.tensor([0.25, 0.0, 1.0]).expand(1, count, 3)}
-        return planes + 0 * means2d.sum(), alphas, meta
+        return planes + 0 * means2d.sum(), alphas, {"radii": radii, "means2d": means2d}
 
     def rasterization(self, **arguments: Any) -> tuple[Tensor, Tensor, dict[str, Any]]:
-        planes, alphas, meta = self._common(arguments)
-        meta["means2d"].absgrad = torch.full((1, len(arguments["means"]), 2), 3.0)
-        return planes, alphas, meta
+        return self._common(arguments)
 
     def rasterization_2dgs(self, **arguments: Any) -> tuple[Any, ...]:
         planes, alphas, meta = self._common(arguments)
@@ -91,7 +87,6 @@ def test_tensors_are_handed_over_as_gsplat_wants_them(method: Method, library: S
     expected = {"width": WIDTH, "height": HEIGHT, "sh_degree": 2, "near_plane": 0.05, "render_mode": "RGB+ED"}
     assert {name: called[name] for name in expected} == expected
     assert called["packed"] is False
-    assert called["absgrad"] is False
     assert called["means"] is splat.means
     assert called["quats"] is splat.quaternions
     assert called["colors"] is splat.sh
@@ -133,22 +128,13 @@ def test_statistics_are_filled_by_forward_and_backward(method: Method, library: 
     screen = ScreenStatistics()
     view = render_gsplat(splat, camera(), method, screen=screen)
     assert screen.visible is not None
-    assert screen.radius is not None
     assert screen.visible.sum() == 49
-    assert screen.radius[0] == 0
-    assert screen.radius[1].item() == pytest.approx(7 * 3 / 3.33 if isinstance(method, TwoDGS) else 6.0)
     assert screen.gradient is None
     loss = view.colour.sum()
     del view
     loss.backward()
     assert screen.gradient is not None
     assert screen.gradient.shape == (50,)
-    if isinstance(method, TwoDGS):
-        assert screen.absolute_gradient is None
-    else:
-        assert library.called["absgrad"] is True
-        assert screen.absolute_gradient is not None
-        assert screen.absolute_gradient[0].item() == pytest.approx(3 * math.sqrt(2))
 
 
 def test_missing_library_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:

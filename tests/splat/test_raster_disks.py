@@ -97,13 +97,9 @@ def test_screen_gradient_is_that_of_moving_the_image_under_the_disk() -> None:
     twin = render_oracle(splat.to(torch.float64), dataclasses.replace(eye.to(torch.float64), K=K), TwoDGS(), BACKGROUND)
     (gradient,) = torch.autograd.grad((twin.colour * colour.double()).sum(), K)
     assert screen.gradient is not None
-    assert screen.absolute_gradient is not None
     assert screen.visible is not None
-    assert screen.radius is not None
     assert screen.gradient.item() == pytest.approx(gradient[:2, 2].norm().item(), rel=1e-3)
-    assert screen.absolute_gradient.item() > screen.gradient.item()
     assert screen.visible.tolist() == [True]
-    assert screen.radius.item() > 3
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 40), (33, 1), (16, 16), (17, 15)])

@@ -43,7 +43,6 @@ class Disks(NamedTuple):
         peaks: log2 of the opacity.
         depths: z of the centres.
         normals: unit, in camera axes, towards the camera.
-        radii: three standard deviations of the longer axis at the centre in pixels, 0 where culled.
     """
 
     footprints: Float64[np.ndarray, "n 6"]
@@ -51,7 +50,6 @@ class Disks(NamedTuple):
     peaks: Float32[np.ndarray, " n"]
     depths: Float32[np.ndarray, " n"]
     normals: Float32[np.ndarray, "n 3"]
-    radii: Float32[np.ndarray, " n"]
 
 
 def project_disks(shape: Shape, view: View) -> Disks:
@@ -151,8 +149,7 @@ def _footprint(x, y, a, b, w, square):  # type: ignore[no-untyped-def]
 def _project(shape, view):  # type: ignore[no-untyped-def]
     n = len(shape.means)
     footprints, geometry = np.zeros((n, 6)), np.zeros((n, 9))
-    peaks, depths, radii = np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32)
-    normals = np.zeros((n, 3), np.float32)
+    peaks, depths, normals = np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros((n, 3), np.float32)
     for g in prange(n):
         z = camera_point(shape.means, g, view)[2]
         depths[g] = z
@@ -176,11 +173,7 @@ def _project(shape, view):  # type: ignore[no-untyped-def]
             towards = -1.0 if axes[0][2] * p[0] + axes[1][2] * p[1] + axes[2][2] * p[2] > 0.0 else 1.0
             for r in range(3):
                 normals[g, r] = towards * axes[r][2]
-            xx, yy = a[0] * a[0] + a[1] * a[1], b[0] * b[0] + b[1] * b[1]
-            half, xy = 0.5 * (xx - yy), a[0] * b[0] + a[1] * b[1]
-            widest = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
-            radii[g] = 3.0 * math.sqrt(max(widest, 0.5))
-    return footprints, geometry, peaks, depths, normals, radii
+    return footprints, geometry, peaks, depths, normals
 
 
 @inner

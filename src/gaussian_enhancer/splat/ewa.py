@@ -68,13 +68,11 @@ class Projection(NamedTuple):
         whitening: (a, b, c, d, l): alpha = 2^(l - u^2 - v^2) with u = a dx + b dy along the footprint's minor axis and
             v = c dx + d dy along its major one, dx and dy in pixels from its centre.
         depths: centre z.
-        radii: three standard deviations of the longer axis in pixels, 0 where culled.
     """
 
     footprints: Float64[np.ndarray, "n 6"]
     whitening: Float64[np.ndarray, "n 5"]
     depths: Float32[np.ndarray, " n"]
-    radii: Float32[np.ndarray, " n"]
 
 
 class ShapeGradient(NamedTuple):
@@ -218,7 +216,7 @@ def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
 
 @inner
 def whitening_of(xx, yy, xy, det):  # type: ignore[no-untyped-def]
-    """Rows W of the map to unit variance, minor axis first, and the major axis' variance. cov^-1 = W^T W."""
+    """Rows W of the map to unit variance, minor axis first: cov^-1 = W^T W."""
     half = 0.5 * (xx - yy)
     root = math.sqrt(half * half + xy * xy)
     major = 0.5 * (xx + yy) + root
@@ -226,7 +224,7 @@ def whitening_of(xx, yy, xy, det):  # type: ignore[no-untyped-def]
     length = math.sqrt(x * x + y * y)
     x, y = (x / length, y / length) if length > 0.0 else (1.0, 0.0)
     steep, flat = math.sqrt(major / det), 1.0 / math.sqrt(major)
-    return -y * steep, x * steep, x * flat, y * flat, major
+    return -y * steep, x * steep, x * flat, y * flat
 
 
 @kernel
@@ -235,7 +233,6 @@ def _project(shape, view, dilation, mip):  # type: ignore[no-untyped-def]
     footprints = np.zeros((n, 6))
     whitening = np.zeros((n, 5))
     depths = np.zeros(n, np.float32)
-    radii = np.zeros(n, np.float32)
     for g in prange(n):
         z = camera_point(shape.means, g, view)[2]
         depths[g] = z
@@ -250,9 +247,8 @@ def _project(shape, view, dilation, mip):  # type: ignore[no-untyped-def]
                 footprints[g, 3] = r * math.sqrt(yy) + 1e-9
                 footprints[g, 4] = xy / xx
                 footprints[g, 5] = r * math.sqrt(det / xx)
-                a, b, c, d, major = whitening_of(xx, yy, xy, det)
+                a, b, c, d = whitening_of(xx, yy, xy, det)
                 whitening[g, 0], whitening[g, 1] = _WHITE * a, _WHITE * b
                 whitening[g, 2], whitening[g, 3] = _WHITE * c, _WHITE * d
                 whitening[g, 4] = math.log2(opacity)
-                radii[g] = 3.0 * math.sqrt(major)
-    return footprints, whitening, depths, radii
+    return footprints, whitening, depths

@@ -49,13 +49,12 @@ def project_backward(
 
 def screen_gradients(
     whitening: Float64[np.ndarray, "n 5"], image: Float32[np.ndarray, "n 16"]
-) -> tuple[Float32[np.ndarray, "n 2"], Float32[np.ndarray, "n 2"]]:
-    """Gradient with respect to the 2D mean in pixels, and the same with every pixel's share taken absolute (AbsGS)."""
+) -> Float32[np.ndarray, "n 2"]:
+    """Gradient with respect to the 2D mean in pixels."""
     a, b, c, d = whitening[:, :4].T
     hu, hv = image[:, 5], image[:, 6]
-    signed = np.stack([a * hu + c * hv, b * hu + d * hv], axis=1) * (2.0 * math.log(2.0))
-    absolute = image[:, 10:12] * (2.0 * math.log(2.0))
-    return signed.astype(np.float32), absolute.astype(np.float32)
+    gradients = np.stack([a * hu + c * hv, b * hu + d * hv], axis=1) * (2.0 * math.log(2.0))
+    return gradients.astype(np.float32)
 
 
 @inner
@@ -126,7 +125,7 @@ def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignor
             point, tangents, _, (unit, length, R), (s, wide, p1, p2), (m1, m2, normal), covariance, _ = ellipse_of(
                 shape, g, view, dilation, mip
             )
-            a, b, c, d, _ = whitening_of(covariance[0], covariance[1], covariance[2], covariance[4])
+            a, b, c, d = whitening_of(covariance[0], covariance[1], covariance[2], covariance[4])
             h = np.float64(image[g, 4])
             logits[g] = h / (1.0 + math.exp(np.float64(shape.opacity_logits[g])))
             uu, uv, vv = _NATURAL * image[g, 7], _NATURAL * image[g, 8], _NATURAL * image[g, 9]

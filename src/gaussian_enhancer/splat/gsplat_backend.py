@@ -3,16 +3,14 @@
 Axes: n Gaussians, h height, w width. Where gsplat differs from `splat.oracle`:
     - disks: depths are the z of the centres, not of the intersections; shares are capped at 0.999 instead of 0.99
       before version 1.6; the low-pass sits at the middle of the projected disk's box; intersections are not clipped
-      at the near plane; absolute gradients cover the low-pass only and are therefore not handed on;
+      at the near plane;
     - Mip-Splatting: from version 1.6 the factor on opacity is at least 0.005.
 """
 
 import math
-import weakref
 from typing import Any
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
@@ -22,7 +20,6 @@ from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 _COVERED = 1e-3
-_BOX_DEVIATIONS = 3.33  # gsplat's half box of a disk in standard deviations
 
 
 def render_gsplat(
@@ -51,7 +48,6 @@ def render_gsplat(
         raise InputError("splat", f"has dtype {gaussians.means.dtype}", "use float32 on CUDA")
     gsplat = _library()
     arguments = _arguments(gaussians, camera, method, near)
-    arguments["absgrad"] = screen is not None and not isinstance(method, TwoDGS)
     median = normals = None
     if isinstance(method, TwoDGS):
         planes, alphas, world_normals, _, _, medians, meta = gsplat.rasterization_2dgs(**arguments)
@@ -109,35 +105,13 @@ def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float
 
 def _fill(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks: bool) -> None:
     """Fill what the forward knows, and have the backward fill the gradients."""
-    radii = meta["radii"][0]
-    screen.visible = (radii > 0).all(-1)
-    if disks:
-        widest = radii.amax(-1) * (3.0 / _BOX_DEVIATIONS)
-    else:
-        widest = 3.0 * _deviation(meta["conics"][0].detach())
-    screen.radius = torch.where(screen.visible, widest, 0.0)
-    screen.gradient = screen.absolute_gradient = None
-    means2d = meta["means2d"]
-    source = meta["gradient_2dgs"] if disks else means2d
+    screen.visible = (meta["radii"][0] > 0).all(-1)
+    screen.gradient = None
+    source = meta["gradient_2dgs" if disks else "means2d"]
     if not (source.requires_grad and planes.grad_fn):
         return
-    # gsplat puts the absolute gradient on the tensor that the hook is on. A hook that owned its tensor might never be
-    # freed, so that the graph owns it instead.
-    held = weakref.ref(means2d)
-    planes.grad_fn.metadata["means2d"] = means2d  # type: ignore[index]
 
     def fill(gradient: Tensor) -> None:
         screen.gradient = gradient[0].norm(dim=-1)
-        tensor = held()
-        if not disks and tensor is not None:
-            screen.absolute_gradient = tensor.absgrad[0].norm(dim=-1)
 
     source.register_hook(fill)
-
-
-def _deviation(conics: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-    """Standard deviation of the longer axis in pixels, from inverse covariances (xx, xy, yy)."""
-    xx, xy, yy = conics.unbind(-1)
-    middle = (xx + yy) / 2
-    largest = middle + ((xx - yy).square() / 4 + xy.square()).sqrt()
-    return (largest / (xx * yy - xy.square()).clamp_min(torch.finfo(conics.dtype).tiny)).sqrt()

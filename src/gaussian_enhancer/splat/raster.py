@@ -51,8 +51,8 @@ from gaussian_enhancer.splat.planes import (
 from gaussian_enhancer.splat.tiles import TileLists
 
 GATHERED = 16
-"""Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, |x|, |y|, four
-unused; h = dL/dalpha alpha."""
+"""Columns of `blend_backward`: colour (3), depth, h, h u, h v, h uu, h uv, h vv, six unused;
+h = dL/dalpha alpha."""
 
 
 class Splats(NamedTuple):
@@ -216,9 +216,9 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 @inner
 def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
     """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha)."""
-    a, b, c, d = slopes
+    _, b, _, d = slopes
     peak, red, green, blue = single[12], single[13], single[14], single[15]
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = s10 = s11 = spread(ZERO)
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = spread(ZERO)
     u, v = u + b * np.float32(rows[0]), v + d * np.float32(rows[0])
     for row in range(rows[0], rows[1]):
         p = row * TILE
@@ -241,9 +241,8 @@ def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # ty
         s0, s1, s2 = s0 + weight * by_red, s1 + weight * by_green, s2 + weight * by_blue
         s3, s4, s5, s6 = s3 + weight * by_depth, s4 + h, s5 + hu, s6 + hv
         s7, s8, s9 = s7 + hu * u, s8 + hu * v, s9 + hv * v
-        s10, s11 = s10 + magnitude(hu * a + hv * c), s11 + magnitude(hu * b + hv * d)
         u, v = u + b, v + d
-    store_sums(gathered, slot, (s0, s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11))
+    store_sums(gathered, slot, (s0, s1, s2, s3, s4, s5, s6, s7, s8, s9))
 
 
 @inner

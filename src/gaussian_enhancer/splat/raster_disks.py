@@ -49,7 +49,8 @@ from gaussian_enhancer.splat.tiles import TileLists
 
 GATHERED = 20
 """Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
-log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute."""
+log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute. Nothing reads the last two;
+without them the compiler sums the centre's x and y in another order, and gradients differ in the last bit."""
 
 _HALF_LOG2_E = np.float32(0.5 * np.log2(np.e))
 _FAINT = np.float32(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize

@@ -167,8 +167,7 @@ class _Ellipsoids(torch.autograd.Function):
         image = raster.blend(splats, lists, np.asarray(background, np.float32), camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
-            screen.radius = torch.from_numpy(projection.radii * visible)
-            screen.gradient = screen.absolute_gradient = None
+            screen.gradient = None
         colour, depth, alpha, median = (torch.from_numpy(plane) for plane in image[:4])
         ctx.save_for_backward(means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha)
         ctx.kept = _Kept(view, dilation, mip, filters, visible, splats, lists, image.median_depth, image.used, screen)
@@ -192,7 +191,6 @@ class _Ellipsoids(torch.autograd.Function):
             means, sh, kept.view.centre, kept.visible, kept.splats.colours, gathered, back.means
         )
         if kept.screen is not None:
-            signed, absolute = ewa_backward.screen_gradients(kept.splats.whitening, gathered)
-            kept.screen.gradient = torch.from_numpy(np.linalg.norm(signed, axis=1))
-            kept.screen.absolute_gradient = torch.from_numpy(np.linalg.norm(absolute, axis=1))
+            pulled = ewa_backward.screen_gradients(kept.splats.whitening, gathered)
+            kept.screen.gradient = torch.from_numpy(np.linalg.norm(pulled, axis=1))
         return *map(torch.from_numpy, (*back, by_sh)), None, None

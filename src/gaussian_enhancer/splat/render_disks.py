@@ -72,7 +72,6 @@ class _Disks(torch.autograd.Function):
         image = raster_disks.blend_disks(splats, lists, behind, camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
-            screen.radius = torch.from_numpy(projected.radii * visible)
         ctx.saved = shape, array(sh), view, visible, splats, lists, image, screen
         median = torch.from_numpy(image.median_depth)
         ctx.mark_non_differentiable(median)
@@ -91,6 +90,5 @@ class _Disks(torch.autograd.Function):
         by_sh = harmonics.shade_backward(shape.means, sh, view.centre, visible, splats.colours, by_colour, back.means)
         if screen is not None:
             screen.gradient = torch.from_numpy(np.linalg.norm(gathered[:, 3:5], axis=1))
-            screen.absolute_gradient = torch.from_numpy(np.linalg.norm(gathered[:, 18:20], axis=1))
         learnt = (back.means, back.log_scales, back.quaternions, back.opacity_logits, by_sh)
         return *(torch.from_numpy(gradient) for gradient in learnt), None

@@ -37,7 +37,7 @@ def stepped(gaussians: Gaussians) -> SplatOptimiser:
 def pulled(values: list[float]) -> Pull:
     pull = Pull(len(values))
     seen = torch.ones(len(values), dtype=torch.bool)
-    pull.add(ScreenStatistics(torch.ones(len(values)), seen, torch.tensor(values), torch.tensor(values)), 2, False)
+    pull.add(ScreenStatistics(seen, torch.tensor(values)), 2)
     return pull
 
 
@@ -114,14 +114,6 @@ def test_number_is_bounded_and_strongest_come_first(limit, growth, expected):
     if expected > 10:
         strongest = gaussians.means[10 - (expected - 10) :]
         assert torch.equal(found[10:].sort(0).values, strongest.sort(0).values)
-
-
-def test_reset_caps_opacity_and_forgets_its_moments():
-    optimiser = stepped(some_gaussians(5))
-    optimiser.cap_opacity(0.01)
-    assert optimiser.gaussians().opacity_logits.sigmoid().max().item() <= 0.01 + 1e-6
-    assert not optimiser.state()["opacity_logits.exp_avg"].any()
-    assert optimiser.state()["means.exp_avg"].any()
 
 
 def test_wrong_window_is_refused():

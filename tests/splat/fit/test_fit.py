@@ -112,15 +112,6 @@ def test_full_disk_is_an_input_error_and_leaves_nothing_half_written(scene, tmp_
     assert not (tmp_path / "splat.ply").exists()
 
 
-def test_random_background_needs_coverage(scene, tmp_path):
-    with pytest.raises(InputError, match="coverage"):
-        fit(scene, ThreeDGS(), tmp_path, **QUICK, random_background=True)
-    covered = tuple(
-        dataclasses.replace(photo, read_alpha=lambda: torch.ones(1, HEIGHT, WIDTH)) for photo in scene.photos
-    )
-    fit(dataclasses.replace(scene, photos=covered), ThreeDGS(), tmp_path, **QUICK, random_background=True)
-
-
 def broken(scene: Scene, **change: object) -> Scene:
     photos = (dataclasses.replace(scene.photos[0], **change), *scene.photos[1:])
     return dataclasses.replace(scene, photos=photos)

@@ -1,10 +1,10 @@
 """Adaptive density control: where the image pulls, Gaussians are added; where they show nothing, they go.
 
 Axes: n Gaussians, s scale axes.
-Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2; the pull may be measured by absolute shares as
-in Ye et al., AbsGS, ACM MM 2024. What differs: the number is bounded, the strongest pulls come first, and two Gaussians
-that replace one share its opacity, 1 - sqrt(1 - o) each (Rota Bulo et al., Revising Densification, ECCV 2024,
-equation 9), so that the picture does not jump.
+Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2. What differs: the number is bounded, the
+strongest pulls come first, opacities are never reset, and two Gaussians that replace one share its opacity,
+1 - sqrt(1 - o) each (Rota Bulo et al., Revising Densification, ECCV 2024, equation 9), so that the picture does not
+jump.
 """
 
 import dataclasses
@@ -34,12 +34,9 @@ class Densification:
         start: share of the fit after which changes begin.
         stop: share of the fit after which they end.
         pull: mean screen gradient above which a Gaussian is cloned or split, in units of half the image's longer side.
-        absolute: measure the pull by absolute shares of pixels (AbsGS) instead of their sum.
         small: largest scale of a Gaussian that is cloned rather than split, in camera extents.
         opacity: Gaussians below this opacity are removed.
         world_size: Gaussians with a larger scale are removed, in camera extents.
-        screen_size: Gaussians with a larger radius are removed, as a share of the image's longer side; 0 removes none.
-        reset_every: steps between opacity resets; 0 never resets.
         growth: largest share by which one change may increase the number.
     """
 
@@ -47,18 +44,15 @@ class Densification:
     start: float = 0.05
     stop: float = 0.6
     pull: float = 4e-4
-    absolute: bool = False
     small: float = 0.01
     opacity: float = 0.01
     world_size: float = 1.0
-    screen_size: float = 0.0
-    reset_every: int = 0
     growth: float = 0.2
 
     def __post_init__(self) -> None:
         check_fields(self, "densify.")
-        if self.every < 0 or self.reset_every < 0:
-            raise InputError("densify.every", f"is {min(self.every, self.reset_every)}", "give 0 or a number of steps")
+        if self.every < 0:
+            raise InputError("densify.every", f"is {self.every}", "give 0 or a number of steps")
         if not 0 <= self.start <= self.stop <= 1:
             raise InputError("densify.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
 
@@ -83,24 +77,18 @@ class Pull:
     def __init__(self, count: int, device: torch.device | None = None) -> None:
         self.total = torch.zeros(count, device=device)
         self.times = torch.zeros(count, device=device)
-        self.radius = torch.zeros(count, device=device)
 
-    def add(self, screen: ScreenStatistics, side: int, absolute: bool, drawn: Tensor | None = None) -> None:
+    def add(self, screen: ScreenStatistics, side: int) -> None:
         """Take in one render's statistics.
 
         Args:
             screen: filled by the render and its backward.
             side: the image's longer side in pixels.
-            absolute: take the absolute shares.
-            drawn: indices of the Gaussians that were rendered; all where None.
         """
-        gradient = screen.absolute_gradient if absolute else screen.gradient
-        if gradient is None or screen.visible is None or screen.radius is None:
+        if screen.gradient is None or screen.visible is None:
             raise ValueError("screen statistics are filled by a render and its backward; neither has run")
-        rows = slice(None) if drawn is None else drawn
-        self.total[rows] += gradient * screen.visible * (side / 2)
-        self.times[rows] += screen.visible
-        self.radius[rows] = torch.maximum(self.radius[rows], screen.radius.to(self.radius) / side)
+        self.total += screen.gradient * screen.visible * (side / 2)
+        self.times += screen.visible
 
     def mean(self) -> Float[Tensor, " n"]:
         """Mean pull; 0 for Gaussians that were never seen."""
@@ -108,11 +96,11 @@ class Pull:
 
     def state(self) -> dict[str, Tensor]:
         """All that is needed to go on later."""
-        return {"total": self.total, "times": self.times, "radius": self.radius}
+        return {"total": self.total, "times": self.times}
 
     def restore(self, values: dict[str, Tensor]) -> None:
         """Go on from what `state` returned."""
-        self.total, self.times, self.radius = (values[name].clone() for name in ("total", "times", "radius"))
+        self.total, self.times = values["total"].clone(), values["times"].clone()
 
 
 @torch.no_grad()
@@ -135,7 +123,7 @@ def densify(
         generator: source of randomness for the places of the halves.
     """
     old = optimiser.gaussians()
-    kept = ~_useless(old, pull, settings, extent)
+    kept = ~_useless(old, settings, extent)
     room = min(limit - int(kept.sum()), int(settings.growth * len(old)) + 1)
     wanted = kept & (pull.mean() > settings.pull)
     chosen = _strongest(pull.mean(), wanted, max(0, room))
@@ -155,13 +143,10 @@ def _shared(old: Gaussians) -> Float[Tensor, " n"]:
     return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
-def _useless(old: Gaussians, pull: Pull, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
+def _useless(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
     """Nearly transparent or far too large."""
     useless = old.opacity_logits.sigmoid() < settings.opacity
-    useless |= old.log_scales.exp().amax(1) > settings.world_size * extent
-    if settings.screen_size > 0:
-        useless |= pull.radius > settings.screen_size
-    return useless
+    return useless | (old.log_scales.exp().amax(1) > settings.world_size * extent)
 
 
 def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:

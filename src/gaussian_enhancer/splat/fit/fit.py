@@ -28,7 +28,7 @@ from gaussian_enhancer.splat.fit.settings import FitSettings
 from gaussian_enhancer.splat.fit.similarity import photometric_loss
 from gaussian_enhancer.splat.fit.start import starting_gaussians
 from gaussian_enhancer.splat.fit.stopwatch import Stopwatch
-from gaussian_enhancer.splat.fit.targets import Colour, TrainingPhotos
+from gaussian_enhancer.splat.fit.targets import TrainingPhotos
 from gaussian_enhancer.splat.methods import Method, MipSplatting
 from gaussian_enhancer.splat.near import near_plane
 from gaussian_enhancer.splat.render import render
@@ -147,14 +147,11 @@ class _Work:
         settings, watch = self.settings, self.watch
         number = self._photo_number()
         camera = self.photos.cameras[number]
-        background = self._background()
-        target = self.photos.target(number, background)
+        target = self.photos.target(number)
         screen = ScreenStatistics()
         with watch.phase("render"):
-            drawn = self._drawn()
-            gaussians = self._shown(drawn)
-            behind = background or self.scene.background
-            colour = render(gaussians, camera, self.method, behind, near=self.near, screen=screen).colour
+            drawn = render(self._shown(), camera, self.method, self.scene.background, near=self.near, screen=screen)
+            colour = drawn.colour
         with watch.phase("loss"):
             loss = photometric_loss(colour, target, settings.ssim_weight)
             total = loss + self._penalty()
@@ -162,8 +159,7 @@ class _Work:
             total.backward()
         with watch.phase("densify"):
             if isinstance(settings.densification, Densification):
-                side = max(camera.height, camera.width)
-                self.pull.add(screen, side, settings.densification.absolute, drawn)
+                self.pull.add(screen, max(camera.height, camera.width))
         with watch.phase("optimiser"):
             self.optimiser.step(self.step)
         self.step += 1
@@ -196,33 +192,15 @@ class _Work:
         self.optimiser = SplatOptimiser(gaussians, self.settings.rates, self.extent, self.settings.steps)
         self.pull = Pull(len(gaussians), self.device)
 
-    def _shown(self, drawn: Tensor | None) -> Gaussians:
+    def _shown(self) -> Gaussians:
         degree = min(self.settings.sh_degree, 3 * self.step * (self.settings.sh_degree + 1) // self.settings.steps)
-        gaussians = dataclasses.replace(self.optimiser.gaussians(degree), smoothing=self.smoothing)
-        if drawn is None:
-            return gaussians
-        made_up = (gaussians.opacity_logits[drawn].sigmoid() * (len(gaussians) / len(drawn))).clamp(max=0.999)
-        return dataclasses.replace(gaussians[drawn], opacity_logits=torch.logit(made_up))
-
-    def _drawn(self) -> Tensor | None:
-        """Indices of the Gaussians that take part in this step; None for all."""
-        share = self.settings.regularisation.dropout * self.step / self.settings.steps
-        if share <= 0:
-            return None
-        count = len(self.optimiser)
-        return (torch.rand(count, generator=self._generator(1)) >= share).nonzero()[:, 0].to(self.device)
+        return dataclasses.replace(self.optimiser.gaussians(degree), smoothing=self.smoothing)
 
     def _penalty(self) -> Float[Tensor, ""]:
-        weights = self.settings.regularisation
-        penalty = torch.zeros((), device=self.device)
-        if weights.opacity <= 0 and weights.scale <= 0:
-            return penalty
-        gaussians = self.optimiser.gaussians(0)
-        if weights.opacity > 0:
-            penalty = penalty + weights.opacity * gaussians.opacity_logits.sigmoid().mean()
-        if weights.scale > 0:
-            penalty = penalty + weights.scale * gaussians.log_scales.exp().mean() / self.extent
-        return penalty
+        weight = self.settings.regularisation.opacity
+        if weight <= 0:
+            return torch.zeros((), device=self.device)
+        return weight * self.optimiser.gaussians(0).opacity_logits.sigmoid().mean()
 
     def _change_number(self) -> None:
         settings, steps = self.settings.densification, self.settings.steps
@@ -236,11 +214,8 @@ class _Work:
             self._smooth()
             if len(self.optimiser) == 0:
                 raise InputError(f"fit of scene {self.scene.name}", "lost all Gaussians", "lower densification.opacity")
-        if isinstance(settings, Relocation):
-            if settings.noise > 0:
-                explore(self.optimiser, settings, self.extent, self.step - 1, self._generator(5))
-        elif settings.reset_every > 0 and self.step <= settings.stop * steps and self.step % settings.reset_every == 0:
-            self.optimiser.cap_opacity(2 * settings.opacity)
+        if isinstance(settings, Relocation) and settings.noise > 0:
+            explore(self.optimiser, settings, self.extent, self.step - 1, self._generator(5))
         if self.step % SMOOTHING_EVERY == 0 or self.step == steps:
             self._smooth()
 
@@ -254,12 +229,6 @@ class _Work:
         count = len(self.photos)
         order = torch.randperm(count, generator=_generator_of(self.settings.seed, self.step // count, 3))
         return int(order[self.step % count])
-
-    def _background(self) -> Colour | None:
-        if not self.settings.random_background:
-            return None
-        red, green, blue = torch.rand(3, generator=self._generator(4)).tolist()
-        return red, green, blue
 
     def _generator(self, purpose: int) -> torch.Generator:
         return _generator_of(self.settings.seed, self.step, purpose)

@@ -180,21 +180,6 @@ class SplatOptimiser:
         """The centres' learning rate at a step (counted from 0), in scene units."""
         return self._rate("means", number)[0]
 
-    def cap_opacity(self, limit: float) -> None:
-        """Bring every opacity down to a limit at most, and forget the opacities' moments (3DGS's reset).
-
-        Args:
-            limit: largest opacity left, in (0, 1).
-        """
-        ceiling = torch.logit(torch.tensor(limit)).item()
-
-        def capped(name: str, value: Tensor) -> Tensor:
-            if name == "opacity_logits":
-                return value.clamp(max=ceiling)
-            return torch.zeros_like(value) if name.startswith("opacity_logits.") else value
-
-        self._rewrite(capped)
-
     def state(self) -> dict[str, Any]:
         """All that is needed to go on later, as plain tensors; the colour in two parts."""
         values: dict[str, Any] = {}

@@ -20,15 +20,11 @@ class Regularisation:
     """What holds a splat back where few photos constrain it.
 
     Args:
-        opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11).
-        scale: weight of the mean scale, in camera extents (the same).
-        dropout: share of Gaussians left out of a step at the fit's end, rising linearly from 0; the others' opacity
-            rises to make up for them (Park et al., DropGaussian, CVPR 2025).
+        opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11; their penalty
+            on scales is not implemented).
     """
 
     opacity: Annotated[float, Field(ge=0)] = 0.01
-    scale: Annotated[float, Field(ge=0)] = 0.0
-    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "regularisation.")
@@ -47,7 +43,6 @@ class FitSettings:
         snapshots: shares of the fit after which views are rendered and kept.
         seed: of all randomness.
         ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
-        random_background: another colour behind the object at each step (photos with coverage only).
         rates: learning rates.
         densification: how Gaussians come and go: by gradients, or by relocation (3DGS-MCMC).
         regularisation: what holds the splat back.
@@ -62,7 +57,6 @@ class FitSettings:
     snapshots: Sequence[float] = (0.25, 0.5)
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     ssim_weight: Annotated[float, Field(ge=0, le=1)] = 0.2
-    random_background: bool = False
     rates: LearningRates = field(default_factory=LearningRates)
     densification: Densification | Relocation = field(default_factory=Densification)
     regularisation: Regularisation = field(default_factory=Regularisation)

@@ -14,8 +14,6 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.fit.similarity import PreparedPhoto, prepare
 from gaussian_enhancer.types import Camera
 
-Colour = tuple[float, float, float]
-
 
 class TrainingPhotos:
     """Training photos by number.
@@ -35,7 +33,6 @@ class TrainingPhotos:
             received = f"has {len(scene.train)} training photo{'s' * (len(scene.train) != 1)}"
             raise InputError(f"scene {scene.name}", received, "give at least two photos to fit to")
         self._photos = scene.train_photos
-        self._background = scene.background
         self._device = device
         self.cameras: list[Camera] = [_camera(photo) for photo in self._photos]
         for photo in scene.test_photos:  # a fit must not find out after an hour that it cannot be measured
@@ -55,24 +52,14 @@ class TrainingPhotos:
         """All photos on the CPU, read one by one."""
         return [self._read(number) for number in range(len(self))]
 
-    def target(self, number: int, background: Colour | None = None) -> PreparedPhoto:
+    def target(self, number: int) -> PreparedPhoto:
         """A photo prepared for the loss.
 
         Args:
             number: position among the training photos.
-            background: colour to put under the object instead of the scene's; needs photos with coverage.
         """
-        if background is None:
-            known = self._prepared.get(number)
-            return known if known is not None else prepare(self._read(number).to(self._device))
-        read_alpha = self._photos[number].read_alpha
-        if read_alpha is None:
-            received = "says nothing about the object's coverage"
-            raise InputError(f"photo {self._photos[number].name}", received, "set random_background=false")
-        pixels = self._prepared[number].photo if number in self._prepared else self._read(number)
-        change = torch.tensor(background) - torch.tensor(self._background)
-        moved = pixels.cpu() + (1 - read_alpha()) * change[:, None, None]
-        return prepare(moved.clamp(0, 1).to(self._device))
+        known = self._prepared.get(number)
+        return known if known is not None else prepare(self._read(number).to(self._device))
 
     def _read(self, number: int) -> Tensor:
         known = self._prepared.get(number)
