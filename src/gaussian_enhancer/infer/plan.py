@@ -1,6 +1,6 @@
 """The plan of an enhancement: what of a scene is used, and what is left out and why.
 
-It is plain data that is printed, saved and read back. `gaussian_enhancer.infer.planner` makes it.
+It is plain data that is printed and saved. `gaussian_enhancer.infer.planner` makes it.
 """
 
 import dataclasses
@@ -8,11 +8,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.scene.json_file import member, read_json
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Region
 
@@ -160,33 +158,3 @@ class Plan:
             InputError: the file cannot be written.
         """
         write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
-
-    @classmethod
-    def from_file(cls, path: Path) -> "Plan":
-        """Read what `to_file` wrote.
-
-        Raises:
-            InputError: the file is missing or malformed, lacks an entry, or holds one that is out of range.
-        """
-        record = read_json(path)
-        scene, rules, parts, views = (member(record, name, path) for name in ("scene", "rules", "parts", "views"))
-        try:
-            return cls(
-                str(scene),
-                Rules(**rules),
-                tuple(PlanItem(**part) for part in parts),
-                tuple(_view(one) for one in views),
-            )
-        except (TypeError, KeyError, ValueError, AttributeError) as error:
-            raise InputError(path, f"is no plan ({error})", "make it again with gaussian-enhancer enhance") from error
-
-
-def _view(values: dict[str, Any]) -> ViewPlan:
-    regions, references = values["regions"], values["references"]
-    return ViewPlan(
-        str(values["name"]),
-        (int(values["size"][0]), int(values["size"][1])),
-        None if regions is None else tuple(Region(**region) for region in regions),
-        None if references is None else tuple(map(str, references)),
-        {str(name): float(share) for name, share in values["left_out"].items()},
-    )
