@@ -58,13 +58,6 @@ def test_ranking_does_not_depend_on_scene_units(scale):
     assert rank_references(view("t.png", scaled(target, scale)), candidates, 5) == expected
 
 
-def test_published_distance_does_depend_on_units():
-    target, near, turned = camera_at(), camera_at(10.0), camera_at(turn=0.3)
-    candidates = [view("near.png", near), view("turned.png", turned)]
-    assert rank_references(view("t.png", target), candidates, 1, distance="published") == (1,)
-    assert rank_references(view("t.png", target), candidates, 1) == (0,)
-
-
 def test_target_is_never_its_own_reference():
     candidates = [view("t.png", camera_at()), view("a.png", camera_at(1.0)), view("b.png", camera_at(0.5))]
     assert rank_references(view("t.png", camera_at()), candidates, 5) == (2, 1)
@@ -84,8 +77,6 @@ def test_some_cameras_only_are_refused():
         rank_references(view("t.png", camera_at()), [view("a.png", camera_at()), view("b.png")], 2)
     with pytest.raises(InputError, match="count"):
         rank_references(view("t.png"), [view("a.png")], 0)
-    with pytest.raises(InputError, match="distance"):
-        rank_references(view("t.png"), [view("a.png")], 1, distance="far")
 
 
 def test_covisibility_by_hand():

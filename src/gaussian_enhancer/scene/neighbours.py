@@ -1,8 +1,8 @@
 """Choice of reference photos for a view.
 
 The pose cost is NeRFLiX's (Zhou et al., CVPR 2023, ``inference/pose_matching.py``): centre distance plus 50 times one
-minus the cosine between viewing directions. Scene units are arbitrary, so that by default distances are divided by
-the scene's median camera spacing. Where the target's depth is known, the cost is weighed by covisibility.
+minus the cosine between viewing directions. Scene units are arbitrary, so that distances are divided by the scene's
+median camera spacing. Where the target's depth is known, the cost is weighed by covisibility.
 Axes: h w the target's size, n candidates.
 """
 
@@ -82,7 +82,6 @@ def rank_references(
     candidates: Sequence[View],
     count: int,
     *,
-    distance: str = "relative",
     depth: Float[Tensor, "1 h w"] | None = None,
     kept: Collection[int] = (),
     hysteresis: float = 1.0,
@@ -100,19 +99,16 @@ def rank_references(
         target: the view that is to be enhanced.
         candidates: training views; test views do not belong here.
         count: how many to return at most.
-        distance: "relative" to the candidates' median camera spacing, or as "published" in scene units.
         depth: rendered z depth of the target.
         kept: indices of candidates that the frame before referred to.
         hysteresis: factor on the cost of these, in (0, 1]: another must be clearly better to take the place of one.
             Without cameras it has no effect.
 
     Raises:
-        InputError: ``count`` is below 1, only some candidates have cameras, or ``distance`` is unknown.
+        InputError: ``count`` is below 1, or only some candidates have cameras.
     """
     if count < 1:
         raise InputError("reference count", f"is {count}", "ask for at least 1")
-    if distance not in ("relative", "published"):
-        raise InputError("distance", f"is {distance!r}", 'give "relative" or "published"')
     others = [i for i, view in enumerate(candidates) if view.name != target.name]
     cameras = [camera for i in others if (camera := candidates[i].camera) is not None]
     if target.camera is None or not cameras:
@@ -120,8 +116,7 @@ def rank_references(
     if len(cameras) < len(others):
         bare = next(candidates[i].name for i in others if candidates[i].camera is None)
         raise InputError(f"reference {bare}", "has no camera while others have one", "give cameras for all or for none")
-    unit = camera_spacing(cameras) if distance == "relative" else 1.0
-    costs = pose_costs(target.camera, cameras, unit)
+    costs = pose_costs(target.camera, cameras, camera_spacing(cameras))
     if depth is not None:
         stride = max(4, math.isqrt(depth.shape[-2] * depth.shape[-1] // SAMPLED))
         costs = (1 + costs) / covisibility(depth, target.camera, cameras, stride=stride).clamp_min(1e-6)
