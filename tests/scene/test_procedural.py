@@ -150,8 +150,6 @@ def test_wrong_input_is_refused_by_name() -> None:
     assert all(name in str(caught.value) for name in FAMILIES)
     with pytest.raises(InputError, match="seed"):
         procedural_scene("object", -1)
-    with pytest.raises(InputError, match="field_of_view"):
-        procedural_scene("object", 0, field_of_view=200.0)
 
 
 @pytest.mark.slow

@@ -51,17 +51,15 @@ def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
     p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).placed(at), p("foliage"))
 
 
-def stone(p: Palette, at: Vector, size: float, material: str = "concrete 2") -> None:
+def stone(p: Palette, at: Vector, size: float) -> None:
     """A boulder."""
     rng = p.draft.rng
     radii = size * rng.uniform(0.5, 1.0, 3)
     part = shapes.ellipsoid((radii[0], radii[1], radii[2] * 0.8), 26, rng.normal(size=(7, 3)) * 3.0)
-    p.draft.add(part.placed(at, yaw=rng.uniform(0, 6.3)), p(material))
+    p.draft.add(part.placed(at, yaw=rng.uniform(0, 6.3)), p("concrete 2"))
 
 
-def grass(
-    p: Palette, count: int, inner: float, outer: float, height: float, centre: tuple[float, float] = (0.0, 0.0)
-) -> None:
+def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> None:
     """Blades in tufts over a ring on flat ground."""
     rng = p.draft.rng
     tufts = max(1, count // 14)
@@ -69,7 +67,7 @@ def grass(
     a = rng.uniform(0, 2 * np.pi, tufts)
     which = rng.integers(0, tufts, count)
     xy = np.stack([r * np.cos(a), r * np.sin(a)], axis=1)[which] + rng.normal(size=(count, 2)) * 0.07
-    roots = np.concatenate([xy + np.asarray(centre), np.full((count, 1), -0.01)], axis=1)
+    roots = np.concatenate([xy, np.full((count, 1), -0.01)], axis=1)
     p.draft.add(shapes.blades(rng, roots, height, 0.012), p("blades"), casts=False)
 
 
@@ -89,8 +87,8 @@ def hills(p: Palette, distance: float, height: float, material: str) -> None:
     p.draft.add(shapes.sheet(positions, uvs), p(material), casts=False)
 
 
-def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str, *, gable: bool = True) -> None:
-    """A house seen from some way off: walls, rows of framed windows, a roof."""
+def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
+    """A house seen from some way off: walls, rows of framed windows, a gable roof."""
     x, y, h = size
     parts, panes, frames = [shapes.box(size)], [], []
     for side, width, turn in ((y / 2, x, 0.0), (x / 2, y, np.pi / 2), (y / 2, x, np.pi), (x / 2, y, -np.pi / 2)):
@@ -113,19 +111,18 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str, *, gable:
     p.draft.add(joined(parts).placed(at, yaw=yaw), p(wall))
     p.draft.add(joined(panes).placed(at, yaw=yaw), p("glass"))
     p.draft.add(joined(frames).placed(at, yaw=yaw), p("plaster 3"))
-    if gable:
-        top, over = h + 0.45 * y, 0.4
-        slopes = [
-            shapes.quad(
-                (-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over),
-                (x + 2 * over, 0, 0),
-                (0, s * (y / 2 + over), top - h + 0.18 * y * over),
-            )
-            for s in (-1, 1)
-        ]
-        p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
-        gables = [shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, top)) for s in (-1, 1)]
-        p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
+    top, over = h + 0.45 * y, 0.4
+    slopes = [
+        shapes.quad(
+            (-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over),
+            (x + 2 * over, 0, 0),
+            (0, s * (y / 2 + over), top - h + 0.18 * y * over),
+        )
+        for s in (-1, 1)
+    ]
+    p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
+    gables = [shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, top)) for s in (-1, 1)]
+    p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
 
 
 def lamp_post(p: Palette, at: Vector, height: float) -> None:

@@ -48,7 +48,7 @@ def _wood(d: Draft) -> int:
 
 def _brick(d: Draft) -> int:
     colour = d.pick(muted(d.rng, (0.35, 0.6), (0.4, 0.65), (0.0, 0.06)), earthy(d.rng, (0.5, 0.75)))
-    texture = textures.brick(d.rng, colour, earthy(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])), 4)  # type: ignore[arg-type]
+    texture = textures.brick(d.rng, colour, earthy(d.rng, (0.5, 0.75)), int(d.rng.choice([10, 12, 14])))  # type: ignore[arg-type]
     return d.material(texture, d.rng.uniform(0.9, 1.3), relief=0.012)
 
 

@@ -25,17 +25,17 @@ def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number]
     return SurfacePart(positions, np.tile(normal, (4, 1)), uvs, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def box(size: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> SurfacePart:
+def box(size: Vector) -> SurfacePart:
     """A box standing on the origin: centred in x and y, from 0 to its height in z."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     return joined(
         [
-            quad((-x, -y, h), (2 * x, 0, 0), (0, 0, -h), uv0),
-            quad((x, y, h), (-2 * x, 0, 0), (0, 0, -h), uv0),
-            quad((x, -y, h), (0, 2 * y, 0), (0, 0, -h), uv0),
-            quad((-x, y, h), (0, -2 * y, 0), (0, 0, -h), uv0),
-            quad((-x, y, h), (2 * x, 0, 0), (0, -2 * y, 0), uv0),
-            quad((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), uv0),
+            quad((-x, -y, h), (2 * x, 0, 0), (0, 0, -h)),
+            quad((x, y, h), (-2 * x, 0, 0), (0, 0, -h)),
+            quad((x, -y, h), (0, 2 * y, 0), (0, 0, -h)),
+            quad((-x, y, h), (0, -2 * y, 0), (0, 0, -h)),
+            quad((-x, y, h), (2 * x, 0, 0), (0, -2 * y, 0)),
+            quad((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0)),
         ]
     )
 

@@ -105,7 +105,6 @@ def procedural_scene(
     width: int = 256,
     views: int = 48,
     split: Split | None = None,
-    field_of_view: float | None = None,
     points: int = 3000,
     device: str = "cpu",
     imperfections: Imperfections | None = None,
@@ -122,7 +121,6 @@ def procedural_scene(
         width: photo width in pixels.
         views: number of photos along the camera path.
         split: how to divide the photos; every 8th is held out where None.
-        field_of_view: horizontal, degrees; None takes the family's own.
         points: number of surface points to sample from training views, slightly off as from structure from motion.
         device: where photos are rendered; they are returned on the CPU.
         imperfections: what differs from photo to photo, as in a real capture; nothing where None. Depth and coverage
@@ -142,12 +140,9 @@ def procedural_scene(
     ):
         if value < least:
             raise InputError(f"procedural {name}", f"is {value}", f"give at least {least}")
-    if field_of_view is not None and not 1.0 <= field_of_view <= 170.0:
-        raise InputError("procedural field_of_view", f"is {field_of_view}", "give 1 to 170 degrees")
     train, test = (split or Split())(views)
     _, draft = _baked(family, seed, device)
-    angle = np.deg2rad(field_of_view or draft.field_of_view)
-    focal = 0.5 * width / float(np.tan(angle / 2))
+    focal = 0.5 * width / float(np.tan(np.deg2rad(draft.field_of_view) / 2))
     eyes, targets = (torch.from_numpy(places) for places in draft.path(views))
     photos = []
     for k in range(views):

@@ -102,9 +102,10 @@ def cobble(rng: Random, colour: Colour) -> Texture:
     return finish(blend(gap, body, stone), 0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3), 0.5 * stone)
 
 
-def brick(rng: Random, colour: Colour, mortar: Colour, rows: int = 12, columns: int = 4) -> Texture:
+def brick(rng: Random, colour: Colour, mortar: Colour, rows: int) -> Texture:
     """Running bond with bricks burnt differently, chipped edges, efflorescence."""
     u, v = coordinates()
+    columns = 4
     row = np.floor(v * rows).astype(int)
     x = (u * columns + 0.5 * (row % 2)) % columns
     value = rng.random((rows, columns))[row, np.floor(x).astype(int)]
