@@ -3,6 +3,7 @@
 Axes: h height, w width.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -97,27 +98,24 @@ def warped_error(
 
 
 def sequence_errors(
-    images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[Place], gap: int = 1, tolerance: float = 0.02
+    images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[Place], tolerance: float = 0.02
 ) -> tuple[WarpedError, ...]:
-    """`warped_error` of every frame t with frame t + gap warped onto it.
+    """`warped_error` of every frame with the next one warped onto it.
 
     Args:
         images: frames along a path.
         places: where each was seen from.
-        gap: how many frames apart the compared ones are; 1 finds flicker, several find drift.
         tolerance: as in `warped_error`.
 
     Raises:
-        InputError: counts differ, or there are too few frames for the gap.
+        InputError: counts differ, or there are fewer than two frames.
     """
     if len(images) != len(places):
         raise InputError("frames", f"are {len(images)} for {len(places)} places", "give one place for each frame")
-    if not 1 <= gap < len(images):
-        raise InputError("gap", f"is {gap} for {len(images)} frames", "compare frames that are there, at least 1 apart")
-    return tuple(
-        warped_error(images[t], places[t], images[t + gap], places[t + gap], tolerance)
-        for t in range(len(images) - gap)
-    )
+    if len(images) < 2:
+        raise InputError("frames", f"are {len(images)}", "give at least two to compare")
+    neighbours = itertools.pairwise(zip(images, places, strict=True))
+    return tuple(warped_error(*this, *following, tolerance) for this, following in neighbours)
 
 
 def _same_size(image: Tensor, place: Place) -> None:

@@ -89,20 +89,11 @@ def test_equal_frames_agree_without_bound():
     assert WarpedError(0.0, 0.0, 1.0).decibel == math.inf
 
 
-def test_drift_grows_with_the_gap():
-    images, places = film()
-    fading = [image + 0.02 * t for t, image in enumerate(images)]
-    near, far = (
-        sum(e.mean for e in found) / len(found) for found in (sequence_errors(fading, places, g) for g in (1, 4))
-    )
-    assert far > 3 * near
-
-
 def test_wrong_sequences_are_refused():
     images, places = film(3)
     with pytest.raises(InputError, match="one place for each frame"):
         sequence_errors(images[:2], places)
-    with pytest.raises(InputError, match="gap"):
-        sequence_errors(images, places, 3)
+    with pytest.raises(InputError, match="at least two"):
+        sequence_errors(images[:1], places[:1])
     with pytest.raises(InputError, match="one size"):
         warped_error(images[0][:, :16], places[0], images[1][:, :16], places[1])
