@@ -41,7 +41,6 @@ def test_plane_is_recovered(slope):
     assert len(positions) > HEIGHT * WIDTH / 2
     assert error.median() < 0.01
     assert error.quantile(0.95) < 0.05
-    assert swept.footprints.median().item() == pytest.approx(4.0 / FOCAL, rel=0.1)
 
 
 def test_points_carry_the_photo_colours():

@@ -57,12 +57,10 @@ class SweptPoints:
 
     Args:
         points: positions and colours.
-        footprints: side of the pixel that saw the point, in scene units at its depth.
         confirmations: number of neighbouring views that hold the same depth.
     """
 
     points: Points
-    footprints: Float[Tensor, " p"]
     confirmations: Float[Tensor, " p"]
 
 
@@ -272,7 +270,7 @@ def _reduced(view: _View) -> _View:
 
 def _merge(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
     """Keep what enough neighbours confirm and what no earlier view has given already."""
-    positions, colours, footprints, confirmations = [], [], [], []
+    positions, colours, confirmations = [], [], []
     for i, view in enumerate(views):
         world = _unproject(view.camera, depths[i])
         confirmed = torch.zeros(len(world))
@@ -285,10 +283,8 @@ def _merge(views: list[_View], depths: list[Tensor], step: float, settings: Swee
         keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~known
         positions.append(world[keep])
         colours.append(torch.from_numpy(view.image).reshape(-1, 3)[keep])
-        footprints.append(1 / (depths[i].flatten()[keep] * view.camera.K[0, 0]))
         confirmations.append(confirmed[keep])
-    points = Points(torch.cat(positions), torch.cat(colours))
-    return SweptPoints(points, torch.cat(footprints), torch.cat(confirmations))
+    return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(confirmations))
 
 
 def _agrees(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
