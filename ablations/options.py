@@ -318,10 +318,6 @@ class BeforeAfter(Options):
     quality: Annotated[int, Field(ge=1, le=95)]
 
 
-class FlowFigure(Options):
-    """Options of the job ``flow_figure``."""
-
-
 class Networks(Measurement):
     """Options of the job ``networks``."""
 
@@ -430,7 +426,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "sampler": SamplerStudy,
     "ship": Ship,
     "before_after": BeforeAfter,
-    "flow_figure": FlowFigure,
+    "flow_figure": Options,
     "networks": Networks,
     "peers": Peers,
     "degradation": Degradation,
