@@ -44,10 +44,6 @@ class Factors(Movable):
         grid = scale(mine, self.grid) * self.grid + scale(others, other.grid) * other.grid
         return Factors(vector, grid)
 
-    def detached(self) -> "Factors":
-        """The same numbers without their history."""
-        return Factors(self.vector.detach(), self.grid.detach())
-
 
 def cells(height: int, width: int) -> tuple[int, int]:
     """Rows and columns of the grid over an image."""
