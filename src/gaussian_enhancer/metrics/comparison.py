@@ -120,14 +120,14 @@ def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
     )
 
 
-def gain_table(pairs: Sequence[VariantPair], metrics: Sequence[str] | None = None) -> Table:
+def gain_table(pairs: Sequence[VariantPair]) -> Table:
     """One row a scene, splat and metric: baseline, variant, gain, its deviation, views, worst view."""
     groups: dict[tuple[str, str], list[VariantPair]] = {}
     for pair in pairs:
         groups.setdefault((pair.baseline.scene, pair.baseline.splat), []).append(pair)
     rows = []
     for (scene, splat), members in groups.items():
-        for metric in metrics or metrics_of(members):
+        for metric in metrics_of(members):
             found = compare(members, metric)
             numbers = (found.baseline, found.variant, found.gain, found.deviation)
             worst = f"{found.worst} ({written(metric, found.worst_gain, signed=True)})" if found.worst else ""
@@ -167,9 +167,9 @@ def record_table(records: Sequence[Record]) -> Table:
     return Table(("scene", "splat", "variant", "view", *names), tuple(rows))
 
 
-def view_table(pairs: Sequence[VariantPair], metrics: Sequence[str] | None = None) -> Table:
+def view_table(pairs: Sequence[VariantPair]) -> Table:
     """One row a view: for each metric baseline, variant and gain."""
-    names = tuple(metrics or metrics_of(pairs))
+    names = metrics_of(pairs)
     rows = []
     for pair in pairs:
         cells: list[str] = []
