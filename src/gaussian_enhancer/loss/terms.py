@@ -14,31 +14,52 @@ from torch import Tensor
 
 from gaussian_enhancer.ssim import gaussian, ssim_map
 
+Images = Float[Tensor, "b c h w"]
 
-def charbonnier(
-    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"], softness: float = 1e-3
-) -> Float[Tensor, "b c h w"]:
-    """Smooth absolute difference, sqrt(d^2 + softness^2) - softness (Lai et al., CVPR 2017).
+
+@runtime_checkable
+class Term(Protocol):
+    """Cost per pixel of an enhanced view against the photo, knowing the render it started from."""
+
+    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+        """Return unreduced costs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Charbonnier:
+    """Term: smooth absolute difference, sqrt(d^2 + softness^2) - softness (Lai et al., CVPR 2017).
 
     Args:
-        enhanced: colours in [0, 1].
-        photo: colours in [0, 1].
         softness: difference below which the cost is quadratic, > 0.
     """
-    return ((enhanced - photo).square() + softness**2).sqrt() - softness
+
+    softness: float = 1e-3
+
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
+        """Cost per pixel."""
+        return ((enhanced - photo).square() + self.softness**2).sqrt() - self.softness
 
 
-def squared_error(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
-    """Squared difference; its mean is what PSNR is the logarithm of.
+@dataclass(frozen=True)
+class SquaredError:
+    """Term: squared difference; its mean is what PSNR is the logarithm of."""
 
-    Args:
-        enhanced: colours in [0, 1].
-        photo: colours in [0, 1].
-    """
-    return (enhanced - photo).square()
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
+        """Cost per pixel."""
+        return (enhanced - photo).square()
 
 
-def dssim(enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+@dataclass(frozen=True)
+class DSSIM:
+    """Term: `dssim`, 1 - SSIM."""
+
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
+        """Cost per pixel."""
+        return dssim(enhanced, photo)
+
+
+def dssim(enhanced: Images, photo: Images) -> Images:
     """1 - SSIM (`ssim_map`).
 
     Args:
@@ -60,110 +81,46 @@ def _band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
     return gaussian(place[:, None] - place)
 
 
-def gradient_difference(
-    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]
-) -> Float[Tensor, "b c h w"]:
-    """Absolute difference of the forward differences along x and y: punishes blur more than a shift of tone."""
-    difference = enhanced - photo
-    along_x = F.pad(difference[..., :, 1:] - difference[..., :, :-1], (0, 1))
-    along_y = F.pad(difference[..., 1:, :] - difference[..., :-1, :], (0, 0, 0, 1))
-    return along_x.abs() + along_y.abs()
-
-
-def frequency_difference(
-    enhanced: Float[Tensor, "b c h w"], photo: Float[Tensor, "b c h w"]
-) -> Float[Tensor, "b c h w"]:
-    """Absolute difference of the orthonormal Fourier spectra, |F(d)|, laid out as `torch.fft.fft2` gives it.
-
-    The L1 form of the spectral losses in image restoration (Cho et al., ICCV 2021); the orthonormal transform keeps
-    its size independent of the image's.
-    """
-    return (torch.fft.fft2((enhanced - photo).float(), norm="ortho").abs().square() + 1e-8).sqrt()
-
-
-def harm(
-    enhanced: Float[Tensor, "b c h w"],
-    photo: Float[Tensor, "b c h w"],
-    render: Float[Tensor, "b c h w"],
-    window: int = 9,
-) -> Float[Tensor, "b c h w"]:
-    """How much worse than the render a neighbourhood became: max(0, mean |e - p| - mean |r - p|) over a window.
-
-    Args:
-        enhanced: colours in [0, 1].
-        photo: colours in [0, 1].
-        render: what was to be enhanced.
-        window: side of the neighbourhood, odd: single pixels may lose where their surroundings win.
-    """
-    change = (enhanced - photo).abs() - (render - photo).abs()
-    return F.relu(F.avg_pool2d(change, window, stride=1, padding=window // 2, count_include_pad=False))
-
-
-@runtime_checkable
-class Term(Protocol):
-    """Cost per pixel of an enhanced view against the photo, knowing the render it started from."""
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Return unreduced costs."""
-        ...
-
-
-@dataclass(frozen=True)
-class Charbonnier:
-    """Term: `charbonnier`."""
-
-    softness: float = 1e-3
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Cost per pixel."""
-        return charbonnier(enhanced, photo, self.softness)
-
-
-@dataclass(frozen=True)
-class SquaredError:
-    """Term: `squared_error`."""
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Cost per pixel."""
-        return squared_error(enhanced, photo)
-
-
-@dataclass(frozen=True)
-class DSSIM:
-    """Term: `dssim`, 1 - SSIM."""
-
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Cost per pixel."""
-        return dssim(enhanced, photo)
-
-
 @dataclass(frozen=True)
 class GradientDifference:
-    """Term: `gradient_difference`."""
+    """Term: absolute difference of the forward differences along x and y: punishes blur more than a shift of tone."""
 
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per pixel."""
-        return gradient_difference(enhanced, photo)
+        difference = enhanced - photo
+        along_x = F.pad(difference[..., :, 1:] - difference[..., :, :-1], (0, 1))
+        along_y = F.pad(difference[..., 1:, :] - difference[..., :-1, :], (0, 0, 0, 1))
+        return along_x.abs() + along_y.abs()
 
 
 @dataclass(frozen=True)
 class FrequencyDifference:
-    """Term: `frequency_difference`."""
+    """Term: absolute difference of the orthonormal Fourier spectra, |F(d)|, laid out as `torch.fft.fft2` gives it.
 
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+    The L1 form of the spectral losses in image restoration (Cho et al., ICCV 2021); the orthonormal transform keeps
+    its size independent of the image's.
+    """
+
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per frequency."""
-        return frequency_difference(enhanced, photo)
+        return (torch.fft.fft2((enhanced - photo).float(), norm="ortho").abs().square() + 1e-8).sqrt()
 
 
 @dataclass(frozen=True)
 class Harm:
-    """Term: `harm`, which compares with the render."""
+    """Term: how much worse than the render a neighbourhood became, max(0, mean |e - p| - mean |r - p|) over a window.
+
+    Args:
+        window: side of the neighbourhood, odd: single pixels may lose where their surroundings win.
+    """
 
     window: int = 9
 
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per pixel."""
-        return harm(enhanced, photo, render, self.window)
+        change = (enhanced - photo).abs() - (render - photo).abs()
+        padding = self.window // 2
+        return F.relu(F.avg_pool2d(change, self.window, stride=1, padding=padding, count_include_pad=False))
 
 
 @dataclass(frozen=True)
@@ -185,7 +142,7 @@ class Relative:
     floor: float
     unit: Term | None = None
 
-    def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
+    def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per pixel; 1 on average where nothing was changed and the floor is far."""
         with torch.no_grad():
             unit = self.term if self.unit is None else self.unit
