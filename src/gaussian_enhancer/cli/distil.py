@@ -12,7 +12,6 @@ from gaussian_enhancer.distil.task import (
     read_enhancer,
     run_configuration,
 )
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
@@ -53,12 +52,8 @@ def distilled(cfg: DictConfig) -> Run:
     job = open_run(run_configuration(cfg, task), "distil", task.capture.name)
     console = Console(stderr=True)
     if not job.done:
-        try:
+        with status.discarded_if_refused(job.folder):
             _make(job, task, enhancer, cfg, console)
-        except (InputError, OSError):
-            if status.holds_no_result(job.folder):
-                status.discard_marks(job.folder)
-            raise
     before, after = held_out_psnr(job.folder)
     quality = "no view held out" if after is None else f"held-out PSNR {before:.2f} -> {after:.2f} dB"
     console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)

@@ -5,7 +5,6 @@ import time
 from omegaconf import DictConfig
 from rich.console import Console
 
-from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.instantiate import build
@@ -41,14 +40,10 @@ def run(cfg: DictConfig) -> float | None:
     if not job.done:
         watch = Stopwatch(bool(cfg.profile))
         begun = time.monotonic()
-        try:
+        with status.discarded_if_refused(job.folder):
             gaussians = fit(
                 scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=watch
             )
-        except (InputError, OSError):
-            if status.holds_no_result(job.folder):
-                status.discard_marks(job.folder)
-            raise
         seconds = time.monotonic() - begun
         write_fit_records(job, scene, method.name, settings.snapshot_steps(), seconds, len(gaussians))
         job.finish()

@@ -94,7 +94,7 @@ def attempt(discard: bool = False) -> Iterator[None]:
         except Exception as error:
             for folder in _unfinished(folders):
                 if discard and isinstance(error, InputError | OSError) and holds_no_result(folder):
-                    discard_marks(folder)
+                    _discard_marks(folder)
                     continue
                 _write(folder / FAILED, {"error": f"{type(error).__name__}: {error}", "time": time.time()})
             raise
@@ -113,12 +113,27 @@ def _marked(folders: list[Path]) -> Iterator[list[Path]]:
         _opened.reset(token)
 
 
+@contextmanager
+def discarded_if_refused(folder: Path) -> Iterator[None]:
+    """Remove a run's configuration and marks where it is refused inside the context before it wrote a result.
+
+    Args:
+        folder: of the run.
+    """
+    try:
+        yield
+    except (InputError, OSError):
+        if holds_no_result(folder):
+            _discard_marks(folder)
+        raise
+
+
 def holds_no_result(folder: Path) -> bool:
     """Whether a folder holds nothing but a run's configuration and marks."""
     return {path.name for path in folder.iterdir()} <= BEFORE_RESULTS
 
 
-def discard_marks(folder: Path) -> None:
+def _discard_marks(folder: Path) -> None:
     """Remove a run's configuration and marks. The folder goes with its lock, where it was made for the run."""
     for name in BEFORE_RESULTS - {lock.NAME}:
         (folder / name).unlink(missing_ok=True)
