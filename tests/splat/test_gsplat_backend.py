@@ -139,7 +139,7 @@ def test_statistics_are_filled_by_forward_and_backward(method: Method, library: 
 
 def test_missing_library_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gsplat", None)
-    with pytest.raises(InputError, match=r"pip install gaussian-enhancer\[cuda\]"):
+    with pytest.raises(InputError, match=r'pip install "gaussian-enhancer\[cuda\]"'):
         render_gsplat(scene(ThreeDGS()), camera(), ThreeDGS())
 
 

@@ -24,6 +24,7 @@ from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.types import NetworkInput
 
 Format = Literal["onnx", "torch_export"]
@@ -223,12 +224,7 @@ def require_onnx() -> None:
         InputError: one of them is.
     """
     for name in ("onnx", "onnxscript", "onnxruntime"):
-        try:
-            __import__(name)
-        except ImportError as error:
-            raise InputError(
-                "format", "is onnx", f'{name} is missing: pip install "gaussian-enhancer[export]"'
-            ) from error
+        optional_library(name, "format=onnx", "export")
 
 
 def _write_onnx(program: ExportedProgram, signature: Signature, told: str, path: Path) -> None:

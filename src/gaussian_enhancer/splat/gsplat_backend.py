@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.splat.filters import smoothed
 from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
 from gaussian_enhancer.splat.screen import ScreenStatistics
@@ -42,11 +43,11 @@ def render_gsplat(
         screen: is filled with statistics for densification, if given.
 
     Raises:
-        InputError: if gsplat is not installed or the Gaussians are not float32.
+        InputError: if gsplat cannot be imported or the Gaussians are not float32.
     """
     if gaussians.means.dtype != torch.float32:
         raise InputError("splat", f"has dtype {gaussians.means.dtype}", "use float32 on CUDA")
-    gsplat = _library()
+    gsplat = optional_library("gsplat", "rendering on CUDA", "cuda")
     arguments = _arguments(gaussians, camera, method, near)
     median = normals = None
     if isinstance(method, TwoDGS):
@@ -65,18 +66,6 @@ def render_gsplat(
     depth = torch.where(alphas[0] >= _COVERED, planes[0, ..., 3:], 0.0)
     images = (colour, depth, alphas[0], median, normals)
     return Render(*(None if image is None else image.permute(2, 0, 1) for image in images))  # type: ignore[arg-type]
-
-
-def _library() -> Any:
-    """The gsplat package, imported only when something is rendered on CUDA."""
-    try:
-        import gsplat
-    except ModuleNotFoundError as error:
-        if error.name != "gsplat":
-            raise
-        received = "needs the package gsplat, which is not installed"
-        raise InputError("rendering on CUDA", received, "run: pip install gaussian-enhancer[cuda]") from None
-    return gsplat
 
 
 def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable, whole_file
+from gaussian_enhancer.optional_library import optional_library
 
 CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
 """The encoder of each container."""
@@ -212,9 +213,4 @@ def pyav() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        import av
-    except ImportError as error:
-        remedy = 'install it with pip install "gaussian-enhancer[video]", or choose format=frames'
-        raise InputError("video", f"needs PyAV, which cannot be imported ({error})", remedy) from error
-    return av
+    return optional_library("av", "video", "video", name="PyAV", otherwise="choose format=frames")

@@ -5,6 +5,7 @@ import socket
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.optional_library import optional_library
 
 
 def refuse_taken(host: str, port: int) -> None:
@@ -41,9 +42,4 @@ def library() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        import viser
-    except ImportError as error:
-        remedy = 'install it with pip install "gaussian-enhancer[viewer]"'
-        raise InputError("view", f"needs viser, which cannot be imported ({error})", remedy) from error
-    return viser
+    return optional_library("viser", "view", "viewer")

@@ -16,6 +16,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.splat.filters import smoothed
 from gaussian_enhancer.splat.io.spz import half_turned
 from gaussian_enhancer.types import Gaussians
@@ -93,9 +94,4 @@ def _fractional_bits(gaussians: Gaussians) -> int:
 
 
 def _library() -> Any:
-    try:
-        import gsply
-    except ImportError as error:
-        remedy = "pip install 'gaussian-enhancer[formats]', or use format=ply"
-        raise InputError("format", f"needs gsply, which cannot be imported ({error})", remedy) from error
-    return gsply
+    return optional_library("gsply", "format", "formats", otherwise="use format=ply")
