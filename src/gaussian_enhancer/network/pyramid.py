@@ -66,6 +66,18 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
     )
 
 
+def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
+    """Views at 1/4, 1/2 and 1 of their size.
+
+    Args:
+        views: at full size.
+        stride: what both sides are padded to a multiple of, itself a multiple of 4.
+    """
+    whole = padded(views, stride)
+    half = shrunk(whole, 2)
+    return shrunk(half, 2), half, whole
+
+
 def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
     """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
     if scale == 1:

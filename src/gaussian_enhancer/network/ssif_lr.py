@@ -18,7 +18,7 @@ from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
-from gaussian_enhancer.network.pyramid import padded, shrunk
+from gaussian_enhancer.network.pyramid import three_scales
 from gaussian_enhancer.network.stem import Choice, Gather
 from gaussian_enhancer.types import NetworkInput
 
@@ -83,7 +83,7 @@ class SSIFLR(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
-        return tuple(self._gather(level).encode(seen) for level, seen in enumerate(self._pyramid(views)))
+        return tuple(self._gather(level).encode(seen) for level, seen in enumerate(three_scales(views, self.stride)))
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
@@ -92,7 +92,7 @@ class SSIFLR(CachesReferences):
         sides = views.render.shape[-2:]
         coarser: list[Tensor] = []
         images: list[Tensor] = []
-        for level, (factor, seen) in enumerate(zip(FACTORS, self._pyramid(views), strict=True)):
+        for level, (factor, seen) in enumerate(zip(FACTORS, three_scales(views, self.stride), strict=True)):
             known = self._gather(level).encode(seen) if encoded is None else encoded[level]
             image, handed = self._scale(level, seen, known, self.decode[level])
             if level == 0:
@@ -102,12 +102,6 @@ class SSIFLR(CachesReferences):
             coarser.append(torch.cat([image - seen.render, handed.to(image.dtype)], dim=1))
             images.append(image[..., : -(-sides[0] // factor), : -(-sides[1] // factor)])
         return tuple(images)
-
-    def _pyramid(self, views: NetworkInput) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
-        """The views at 1/4, 1/2 and 1."""
-        whole = padded(views, self.stride)
-        half = shrunk(whole, 2)
-        return shrunk(half, 2), half, whole
 
     def _gather(self, level: int) -> Gather:
         return cast(Gather, self.gather[min(level, len(self.gather) - 1)])

@@ -21,7 +21,7 @@ from gaussian_enhancer.network.paper.stages import (
     halved_visibility,
     zeroed,
 )
-from gaussian_enhancer.network.pyramid import padded, shrunk
+from gaussian_enhancer.network.pyramid import three_scales
 from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput
 
@@ -62,7 +62,7 @@ class PaperSSIFLR(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale."""
-        pyramid = self._pyramid(views)
+        pyramid = three_scales(views, self.stride)
         return tuple(self._scale(k).encode_reference.each(seen.references - 0.5) for k, seen in enumerate(pyramid))
 
     def stages(
@@ -70,7 +70,7 @@ class PaperSSIFLR(CachesReferences):
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """E at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up; from two references or fewer."""
         height, width = views.render.shape[-2:]
-        pyramid = self._pyramid(views)
+        pyramid = three_scales(views, self.stride)
         references = self.encode(views) if encoded is None else encoded
         quarter = self._scale(0)(pyramid[0], references[0])
         quarter = self._aligned_again(quarter, pyramid[0], references[0])
@@ -86,12 +86,6 @@ class PaperSSIFLR(CachesReferences):
         target = self.encode_coarsest(image - 0.5)
         change = self.align_again(target, references.to(target.dtype), halved_visibility(views))
         return image + nn.functional.pixel_shuffle(change, 2).to(image.dtype)
-
-    def _pyramid(self, views: NetworkInput) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
-        """The views at 1/4, 1/2 and 1."""
-        whole = padded(views, self.stride)
-        half = shrunk(whole, 2)
-        return shrunk(half, 2), half, whole
 
     def _scale(self, level: int) -> "Scale":
         return cast(Scale, self.scales[level])
