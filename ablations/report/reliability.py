@@ -39,7 +39,7 @@ KILL = """\
 Jobs at the smallest scale receive a signal at seeded moments, and the same command is run again. Half of the moments
 are file operations: a file is opened, moved or removed. The other moments are fractions of the processor time. On one
 thread, the result must equal that of an undisturbed job bit for bit, except for times. After the signal, no visible
-file may be truncated, and no unfinished run may be marked as done. `nox -s kill` runs all cases; the tests run a sample.
+file may be truncated, and no unfinished run may be marked as done. `nox -s kill` runs all cases, the tests a sample.
 
 Not covered: loss of power, where the system itself may lose what was written; GPUs; and jobs that write no run
 (`report`, `dashboard`). Trainings on several processes and tables on several workers are tested separately.
@@ -59,7 +59,7 @@ Not covered: a disk that fails to read.
 """
 
 STABILITY = """\
-Extreme inputs are computed in five precisions and compared with float64, forward and backward: [the matrix](results/stability.md).
+Extreme inputs in five precisions are compared with float64, forward and backward: [the matrix](results/stability.md).
 """
 
 
