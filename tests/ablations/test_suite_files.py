@@ -134,7 +134,7 @@ def test_budgets_are_chosen_on_worlds_that_no_table_reports() -> None:
     assert chosen
     assert not chosen & reported
     steps = {row.train[-1] for row in experiment("budget", desk).table.methods.values() if row.mode == "paper"}
-    assert len(steps) == 5
+    assert len(steps) == 4
 
 
 def configured_inside(scale: str):
