@@ -1,4 +1,4 @@
-"""``gaussian-enhancer guards``: gain and harm with each limit to the change left out.
+"""``gaussian-enhancer guards``: gain and harm at several values of a limit to the change.
 
 A limit to the change guards a view against harm. ``guard`` is ``photo_consistency`` (how far a reference may
 differ from the render, `Reprojected.photo_consistency`), ``colour_clamping`` (the window whose colours a pixel stays

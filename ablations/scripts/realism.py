@@ -1,10 +1,10 @@
 """``gaussian-enhancer realism``: can a classifier tell simulated renders from real ones?
 
-And what separates them? Real renders are the held-out views of finished runs, all
-snapshots; each row simulates the same views from their photos. The classifier learns on scenes of ``train`` and is
-judged on scenes of ``test``, all rows on the same patches. While a simulator is developed both are validation scenes
-(docs/data.md); the final test is on test scenes, with validation scenes to train the classifier, since the simulator
-has never seen either.
+It is also measured what separates them. Real renders are the held-out views of finished runs, all snapshots; each row
+simulates the same views from their photos. The classifier learns on scenes of ``train`` and is judged on scenes of
+``test``, all rows on the same patches. While a simulator is developed both are validation scenes (docs/data.md); the
+final test is on test scenes, with validation scenes to train the classifier, since the simulator has never seen
+either.
 """
 
 import dataclasses

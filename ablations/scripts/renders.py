@@ -1,9 +1,9 @@
 """``gaussian-enhancer renders``: gain of enhancers trained on real, simulated and mixed renders.
 
-Gains of the rows of conf/ablation/renders on the same views.
-Rows are trained by ``gaussian-enhancer train -m +recipe=renders +ablation/renders=real,naive,...``; this enhances the
-held-out views of the runs' last steps with each row's weights, at full strength, and measures the gain over the raw
-render. The default is decided on validation runs; test runs are reported (docs/data.md).
+The rows are those of conf/ablation/renders, measured on the same views. They are trained by ``gaussian-enhancer train
+-m +recipe=renders +ablation/renders=real,naive,...``; this enhances the held-out views of the runs' last steps with
+each row's weights, at full strength, and measures the gain over the raw render. The default is decided on validation
+runs; test runs are reported (docs/data.md).
 """
 
 from collections.abc import Sequence

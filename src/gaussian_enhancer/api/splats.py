@@ -65,12 +65,15 @@ def distil_splat(
     chosen = choose_device("auto" if device is None else device)
     further = DistilSettings() if settings is None else settings
     how = EnhancementOptions(**{"plan": "full", **options})
-    capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
-    splat, capture = given_splat(run, gaussians, capture)
+    if run is None and isinstance(scene, str | Path):
+        scene = open_capture(scene, downscale=downscale)
+    splat, capture = given_splat(run, gaussians, scene if isinstance(scene, Scene) else None)
     task = distil_task(splat, capture, further, prune, method=method, device=chosen)
-    enhancer = enhancer_of_new_views(task, weights, how, chosen) if further.share > 0 else None
-    made_of = f", {file_digest(splat)}, {file_digest(find_checkpoint(weights))}, {how}, {prune}"
-    better, _ = better_splat(task, enhancer, folder, progress=progress, made_of=made_of)
+    enhancer, made_of = None, f"{file_digest(splat)}, {prune}"
+    if task.makes_views:
+        enhancer = enhancer_of_new_views(task, weights, how, chosen)
+        made_of += f", {file_digest(find_checkpoint(weights))}, {how}"
+    better = better_splat(task, enhancer, folder, progress=progress, made_of=made_of)
     export_splat(folder, capture, better)
     discard_checkpoint(folder)
     shutil.rmtree(folder / "rounds", ignore_errors=True)

@@ -62,10 +62,14 @@ def distilled(cfg: DictConfig) -> Run:
 
 def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console) -> None:
     begun = time.monotonic()
-    gaussians, removed = better_splat(task, enhancer, job.folder, progress=cfg.runtime.progress)
+    gaussians = better_splat(
+        task,
+        enhancer,
+        job.folder,
+        progress=cfg.runtime.progress,
+        on_pruned=lambda found: console.print(str(found), highlight=False, soft_wrap=True),
+    )
     seconds = time.monotonic() - begun
-    if removed is not None:
-        console.print(str(removed), highlight=False, soft_wrap=True)
     step = 1 if task.settings is None else task.settings.steps
     for number, splat in ((0, task.renderer.gaussians), (step, gaussians)):
         export_views(job.folder, task.capture, splat, task.renderer.method, number)

@@ -55,9 +55,9 @@ LAB = ("quality", "tradeoff", "stability", "plan_study", "ibgs", "tables", "stat
 
 SCRIPTS = {
     "candidates": "which weights to ship: gains of several on validation runs",
-    "guards": "gain and harm with each limit to the change left out",
+    "guards": "gain and harm at several values of a limit to the change",
     "renders": "gain of enhancers trained on real, simulated and mixed renders",
-    "leave_one_out": "can training views tell how much of a change to apply?: docs/results/leave_one_out.md",
+    "leave_one_out": "can training views tell how much of a change to apply? docs/results/leave_one_out.md",
     "convergence": "gain against the age of a splat: docs/results/convergence.md",
     "distil_study": "what distilling gains, with and without enhanced views: docs/results/distil.md",
     "depth": "gain with references warped through seven kinds of depth",

@@ -192,4 +192,5 @@ class _Work:
 
     def _identity(self) -> str:
         """What a checkpoint must agree on to be continued."""
-        return f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}{self.made_of}"
+        told = f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
+        return f"{told}, {self.made_of}" if self.made_of else told

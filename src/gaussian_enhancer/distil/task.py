@@ -2,7 +2,7 @@
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +60,11 @@ class DistilTask:
     settings: DistilSettings | None
     prune: PruneSettings | None
 
+    @property
+    def makes_views(self) -> bool:
+        """Whether enhanced views are made."""
+        return self.settings is not None and self.settings.share > 0
+
 
 def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     """Read the splat and its capture, as the job's configuration names them.
@@ -73,11 +78,13 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     """
     settings: DistilSettings = build(cfg.settings)
     evidence: PruneSettings = build(cfg.evidence)
-    splat, capture = given_splat(cfg.run, cfg.gaussians, build(cfg.scene) if cfg.get("scene") else None)
+    capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
+    splat, capture = given_splat(cfg.run, cfg.gaussians, capture)
     further = None if cfg.prune_only else settings
     pruning = evidence if cfg.prune or cfg.prune_only else None
-    how = {"method": cfg.method, "device": device, "invalid": cfg.invalid, "kind": cfg.format}
-    return distil_task(splat, capture, further, pruning, **how)
+    return distil_task(
+        splat, capture, further, pruning, method=cfg.method, device=device, invalid=cfg.invalid, kind=cfg.format
+    )
 
 
 def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> SetEnhancer | None:
@@ -91,7 +98,7 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     Raises:
         InputError: as `enhancer_of_new_views`.
     """
-    if task.settings is None or task.settings.share == 0:
+    if not task.makes_views:
         return None
     kept = (cfg.max_references, cfg.depth_kind, cfg.strength, cfg.colour_clamping)
     options = EnhancementOptions(*kept, 0.0, cfg.precision, cfg.tile, "full", cfg.colour_completion, cfg.confidence)
@@ -185,8 +192,14 @@ def enhancer_of_new_views(
 
 
 def better_splat(
-    task: DistilTask, enhancer: SetEnhancer | None, folder: Path, *, progress: bool, made_of: str = ""
-) -> tuple[Gaussians, Pruned | None]:
+    task: DistilTask,
+    enhancer: SetEnhancer | None,
+    folder: Path,
+    *,
+    progress: bool,
+    made_of: str = "",
+    on_pruned: Callable[[Pruned], None] | None = None,
+) -> Gaussians:
     """Prune and distil, each where the task says so; a folder with a checkpoint of the same work is continued.
 
     Args:
@@ -195,19 +208,20 @@ def better_splat(
         folder: holds the checkpoint and the enhanced views.
         progress: show progress bars.
         made_of: as in `distil`.
-
-    Returns:
-        The splat, and what was removed from it before; None where nothing was to be removed.
+        on_pruned: is told what was removed, before the steps begin.
 
     Raises:
         InputError: as `distil`.
     """
-    found = None if task.prune is None else prune(task.renderer, task.capture.train_photos, task.prune)
-    gaussians = task.renderer.gaussians if found is None else task.renderer.gaussians[found.kept]
-    if task.settings is not None:
-        renderer = dataclasses.replace(task.renderer, gaussians=gaussians)
-        gaussians = distil(task.capture, renderer, enhancer, folder, task.settings, progress=progress, made_of=made_of)
-    return gaussians, found
+    renderer = task.renderer
+    if task.prune is not None:
+        found = prune(renderer, task.capture.train_photos, task.prune)
+        if on_pruned is not None:
+            on_pruned(found)
+        renderer = dataclasses.replace(renderer, gaussians=renderer.gaussians[found.kept])
+    if task.settings is None:
+        return renderer.gaussians
+    return distil(task.capture, renderer, enhancer, folder, task.settings, progress=progress, made_of=made_of)
 
 
 def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
@@ -222,7 +236,7 @@ def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
     idle: list[str] = [] if task.prune is not None else ["evidence"]
     if task.settings is None:
         idle.append("settings")
-    if task.settings is None or task.settings.share == 0:
+    if not task.makes_views:
         idle += ENHANCING
     else:
         made_of["weights"] = file_digest(find_checkpoint(cfg.weights))
