@@ -5,6 +5,7 @@ import math
 import os
 import resource
 import shutil
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -669,6 +670,7 @@ def test_the_measurement_of_the_viewer_refuses_mistakes(refused: Refused, monkey
     with monkeypatch.context() as patched:  # to undo all of it would leave the test's folder, too
         patched.setattr("ablations.benchmarks.viewer_speed.refuse_without_browser", lambda: None)
         assert "the job view: does not start (nope: is no folder" in refused("viewer_speed", "run=nope")
+    monkeypatch.setattr("ablations.benchmarks.viewer_speed.CHROMIUM", sys.executable)  # any file, where there is none
     monkeypatch.setattr("ablations.benchmarks.viewer_speed.DRIVER", "/nowhere")
     assert "/nowhere: does not exist; apt-get install" in refused("viewer_speed", "run=nope")
 
