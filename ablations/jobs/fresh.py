@@ -1,13 +1,16 @@
 """``gaussian-enhancer fresh``: which committed pages are older than what they were made with.
 
 A page's records state the commit that they were made at. The page is stale where a file that it depends on (weights,
-networks, splats, training) changed since. It is false where it also says "as shipped" and a shipped file has changed.
+networks, splats, training) changed since. Changes of docstrings, comments and layout do not count. A page is false
+where it also says "as shipped" and a shipped file has changed.
 """
 
+import ast
 import json
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -104,7 +107,7 @@ def age(root: Path, page: CommittedPage) -> Age:
     known = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
     changed: dict[str, tuple[str, ...]] = {}
     for name, specs in page.inputs.items():
-        files = {line for commit in known for line in _lines(root, "diff", "--name-only", commit, "--", *specs)}
+        files = {file for commit in known for file in _changed(root, commit, specs)}
         if files:
             changed[name] = tuple(sorted(files))
     behind = max((int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known), default=0)
@@ -124,8 +127,40 @@ def _git(root: Path, *arguments: str) -> str | None:
     return found.stdout.strip() if found.returncode == 0 else None
 
 
-def _lines(root: Path, *arguments: str) -> list[str]:
-    return [line for line in (_git(root, *arguments) or "").split("\n") if line]
+def _changed(root: Path, commit: str, specs: Sequence[str]) -> list[str]:
+    """Files that differ between a commit and the work tree; of Python modules, those whose program differs."""
+    files = [line for line in (_git(root, "diff", "--name-only", commit, "--", *specs) or "").split("\n") if line]
+    return [file for file in files if not (file.endswith(".py") and _same_program(root, commit, file))]
+
+
+def _same_program(root: Path, commit: str, file: str) -> bool:
+    """Whether a module differs from that of a commit in docstrings, comments and layout alone."""
+    before, path = _committed(root, commit, file), root / file
+    if before is None or not path.is_file():
+        return False
+    try:
+        return _program(before) == _program(path.read_text(encoding="utf-8"))
+    except SyntaxError:
+        return False
+
+
+@cache
+def _committed(root: Path, commit: str, file: str) -> str | None:
+    return _git(root, "show", f"{commit}:{file}")
+
+
+@cache
+def _program(source: str) -> str:
+    """A module without docstrings, those of constants included, comments and layout."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = [line for line in node.body if not _is_docstring(line)]
+    return ast.dump(tree)
+
+
+def _is_docstring(line: ast.stmt) -> bool:
+    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
 
 
 def run(cfg: DictConfig) -> None:

@@ -57,6 +57,27 @@ def test_a_page_is_fresh_until_an_input_changes(repository: Path) -> None:
     assert str(found) == "stale  page.md: network (1 files); 2 commits behind"
 
 
+@pytest.mark.parametrize(
+    ("source", "counts"),
+    [
+        (
+            '"""Other words."""\n\nSIDE = 3\n"""In pixels."""\n\n\ndef area() -> int:\n    return SIDE**2  # why\n',
+            False,
+        ),
+        ("SIDE = 4\n\n\ndef area() -> int:\n    return SIDE**2\n", True),
+        ("SIDE = 3\n\n\ndef area() -> int:\n    return SIDE\n", True),
+        ("no program\n", True),
+    ],
+)
+def test_docstrings_comments_and_layout_do_not_count(repository: Path, source: str, counts: bool) -> None:
+    (repository / NETWORK).write_text(
+        '"""Words."""\n\nSIDE = 3\n\n\ndef area() -> int:\n    """Of it."""\n    return SIDE ** 2\n'
+    )
+    (repository / "page.jsonl").write_text(json.dumps({"commit": _commit(repository)}) + "\n")
+    (repository / NETWORK).write_text(source)
+    assert age(repository, PAGE).stale == counts
+
+
 def test_a_change_that_is_not_committed_counts(repository: Path) -> None:
     _changed(repository, NETWORK)
     assert age(repository, PAGE).stale
