@@ -3,12 +3,17 @@
 Axes: h height, w width.
 """
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from gaussian_enhancer.align.projection import array, compiled
 from gaussian_enhancer.types import precise
+
+LEAST_MASS = 1e-3
+"""Visible blocks below which no colours are fitted: gain 1 and offset 0."""
 
 
 def fit_colour(
@@ -37,11 +42,13 @@ def fit_colour(
         Gain and offset of each channel; gains lie in [1/3, 3].
     """
     step = min(4, *source.shape[-2:])
+    if compiled(source, target, weight):
+        return _compiled(source, target, weight, step, robustness, prior, iterations)
     mass = F.avg_pool2d(precise(weight), step).flatten(1).double()
     averaged = (F.avg_pool2d(precise(image) * weight, step).flatten(1).double() for image in (source, target))
     s, t = (image / mass.clamp_min(1e-6) for image in averaged)
     gain, offset = mass.new_ones(3, 1), mass.new_zeros(3, 1)
-    if float(mass.sum()) < 1e-3:
+    if float(mass.sum()) < LEAST_MASS:
         return torch.cat([gain, offset], dim=1)
     for _ in range(iterations):
         residual = gain * s + offset - t
@@ -53,6 +60,29 @@ def fit_colour(
         gain = ((u * c - v * b) / determinant).clamp(1 / 3, 3)[:, None]
         offset = ((v - gain[:, 0] * b) / c)[:, None]
     return torch.cat([gain, offset], dim=1)
+
+
+def _compiled(
+    source: Float[Tensor, "3 h w"],
+    target: Float[Tensor, "3 h w"],
+    weight: Float[Tensor, "1 h w"],
+    step: int,
+    robustness: float,
+    prior: float,
+    iterations: int,
+) -> Float[Tensor, "3 2"]:
+    """The same by compiled kernels."""
+    from gaussian_enhancer.align.exposure_kernels import block_means, fit_channels
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    blocks = (source.shape[-2] // step) * (source.shape[-1] // step)
+    mass, means = np.empty(blocks, np.float32), np.empty((2, 3, blocks), np.float32)
+    result = torch.tensor([[1.0, 0.0]], dtype=torch.float64).repeat(3, 1)
+    with kernel_lock:
+        block_means(array(source), array(target), array(weight[0]), step, mass, means)
+        if float(mass.sum(dtype=np.float64)) >= LEAST_MASS:
+            fit_channels(mass, means, robustness, prior, iterations, result.numpy())
+    return result
 
 
 def fit_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 2"]:

@@ -144,26 +144,24 @@ def weigh(logits, values, visibility, limit, news, trust):
     """
     batch, count, height, width, heads = logits.shape
     channels = values.shape[4]
-    head = np.empty(width * channels, np.uint32)
-    pixel = np.empty(width * heads, np.uint32)
-    for j in range(width):
-        for c in range(channels):
-            head[j * channels + c] = j * heads + c // (channels // heads)
-        pixel[j * heads : (j + 1) * heads] = j
     top = _F(np.exp(limit))
     for row in prange(batch * height):
         n, i = row // height, row % height
         weight = np.empty((count, width * heads), np.float32)
         total = np.ones(width * heads, np.float32)
+        visible = np.empty(width * heads, np.float32)
         for r in range(count):
-            _score(logits[n, r, i].reshape(width * heads), visibility[n, r, i], pixel, limit, top, weight[r], total)
+            _repeat(visibility[n, r, i], heads, visible)
+            _score(logits[n, r, i].reshape(width * heads), visible, limit, top, weight[r], total)
         for q in range(width * heads):
             total[q] = _ONE / total[q]
         summed = np.zeros(width * channels, np.float32)
+        repeated = np.empty(width * channels, np.float32)
         for r in range(count):
             for q in range(width * heads):
                 weight[r, q] *= total[q]
-            _add_weighted(weight[r], head, values[n, r, i].reshape(width * channels), summed)
+            _repeat(weight[r], channels // heads, repeated)
+            _add_products(repeated, values[n, r, i].reshape(width * channels), summed)
             for j in range(width):
                 mean = _ZERO
                 for k in range(heads):
@@ -174,23 +172,32 @@ def weigh(logits, values, visibility, limit, news, trust):
 
 @inner
 @no_type_check
-def _score(logits, visibility, pixel, limit, top, weight, total):
+def _repeat(values, times, result):
+    """Write each value several times, side by side, so that loops over the result read it without a gather."""
+    for j in range(len(values)):
+        for k in range(times):
+            result[j * times + k] = values[j]
+
+
+@inner
+@no_type_check
+def _score(logits, visibility, limit, top, weight, total):
     """Write v exp(l), l = limit tanh(logit / limit), and add it to a total; ``top`` is exp(limit)."""
     for q in range(len(logits)):
         logit = wide(logits[q])
         e = exp2_nonpositive(-_F(2) * _LOG2E * abs(logit) / limit)
         t = (_ONE - e) / (_ONE + e)
         t = t if logit > _ZERO else -t
-        score = visibility[pixel[q]] * (top * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
+        score = visibility[q] * (top * exp2_nonpositive(limit * _LOG2E * (t - _ONE)))
         weight[q] = score
         total[q] += score
 
 
 @inner
 @no_type_check
-def _add_weighted(weight, place, values, total):
+def _add_products(weight, values, total):
     for q in range(len(values)):
-        total[q] += weight[place[q]] * wide(values[q])
+        total[q] += weight[q] * wide(values[q])
 
 
 @inner
@@ -247,23 +254,22 @@ def pool(references, visibility, result):
     batch, count, height, width, channels = references.shape
     for row in prange(batch * height):
         n, i = row // height, row % height
+        total = np.zeros(width, np.float32)
+        for r in range(count):
+            for j in range(width):
+                total[j] += visibility[n, r, i, j]
+        summed = np.zeros(width * channels, np.float32)
+        weight = np.empty(width, np.float32)
+        repeated = np.empty(width * channels, np.float32)
+        for r in range(count):
+            for j in range(width):
+                weight[j] = (_ONE / max(total[j], _F(1e-3))) * visibility[n, r, i, j]
+            _repeat(weight, channels, repeated)
+            _add_products(repeated, references[n, r, i].reshape(width * channels), summed)
         for j in range(width):
-            total = _ZERO
-            for r in range(count):
-                total += visibility[n, r, i, j]
-            share = _ONE / max(total, _F(1e-3))
-            summed = np.zeros(channels, np.float32)
-            for r in range(count):
-                _add_scaled(references[n, r, i, j], share * visibility[n, r, i, j], summed)
-            _halve(summed, result[n, i, j])
-            result[n, i, j, channels] = half(total / _F(3))
-
-
-@inner
-@no_type_check
-def _add_scaled(values, factor, total):
-    for q in range(len(values)):
-        total[q] += factor * wide(values[q])
+            for c in range(channels):
+                result[n, i, j, c] = half(summed[j * channels + c])
+            result[n, i, j, channels] = half(total[j] / _F(3))
 
 
 @kernel
