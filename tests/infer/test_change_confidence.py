@@ -18,6 +18,8 @@ from gaussian_enhancer.infer.change_confidence import (
     ChangeConfidence,
     block_features,
     block_products,
+    shares_applied,
+    shares_applied_compiled,
     split_change,
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -110,6 +112,16 @@ def test_the_compiled_kernel_equals_its_readable_twin(references: int, renders: 
     pairs = zip(change_confidence.products_compiled(enhanced, seen), block_products(enhanced, seen), strict=True)
     for found, expected in pairs:
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (45, 52), (64, 40)])
+def test_compiled_shares_equal_their_readable_twin(size: tuple[int, int]):
+    draw = torch.Generator().manual_seed(0)
+    enhanced, render = torch.rand(2, 2, 3, *size, generator=draw)
+    shares = torch.rand(2, 2, *(-(-side // BLOCK) for side in size), generator=draw)
+    expected = shares_applied(enhanced.double(), render.double(), shares.double())
+    torch.testing.assert_close(shares_applied(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
+    torch.testing.assert_close(shares_applied_compiled(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("references", [0, 1, 8])

@@ -207,11 +207,12 @@ def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
 
     rows = [(one.projection.height + 1) * one.projection.width + 1 for one in seen]
     starts = np.cumsum([0, *rows[:-1]])
-    images = np.zeros((sum(rows), 6), np.float32)
-    for start, one in zip(starts, seen, strict=True):
+    images = np.empty((sum(rows), 6), np.float32)
+    for start, length, one in zip(starts, rows, seen, strict=True):
         count = one.projection.height * one.projection.width
         place = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
         pack(array(one.photo), array(one.render), array(one.colours), place)
+        images[start + count : start + length] = 0
     return images, starts
 
 

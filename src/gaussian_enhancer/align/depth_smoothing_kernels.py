@@ -29,23 +29,32 @@ def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthe
     width, margin = len(result), reach * step
     here, end = depth[row, margin : margin + width], margin + width
     contrasts, weight, beyond = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    sums = np.zeros((9, width), np.float32)
+    sums, sums_of_row = np.zeros((9, width), np.float32), np.empty((5, width), np.float32)
     for j in range(-reach, reach + 1):
+        sums_of_row[:] = 0
         for i in range(-reach, reach + 1):
-            other, left, right, dx, dy = row + j * step, margin + i * step, end + i * step, _F(i), _F(j)
+            other, left, right, dx = row + j * step, margin + i * step, end + i * step, _F(i)
             contrasts[:] = 0
             for c in range(3):
                 _add_contrast(contrasts, render[c, other, left:right], render[c, row, margin:end], contrast)
             _weigh(here, depth[other, left:right], contrasts, sharpness, furthest, weight, beyond)
-            _add(sums[0], weight, _ONE)
-            _add(sums[1], weight, dx)
-            _add(sums[2], weight, dy)
-            _add(sums[3], weight, dx * dx)
-            _add(sums[4], weight, dx * dy)
-            _add(sums[5], weight, dy * dy)
-            _add(sums[6], beyond, _ONE)
-            _add(sums[7], beyond, dx)
-            _add(sums[8], beyond, dy)
+            _add(sums_of_row[0], weight, _ONE)
+            _add(sums_of_row[3], beyond, _ONE)
+            if i != 0:
+                _add(sums_of_row[1], weight, dx)
+                _add(sums_of_row[2], weight, dx * dx)
+                _add(sums_of_row[4], beyond, dx)
+        dy = _F(j)
+        _add(sums[0], sums_of_row[0], _ONE)
+        _add(sums[1], sums_of_row[1], _ONE)
+        _add(sums[3], sums_of_row[2], _ONE)
+        _add(sums[6], sums_of_row[3], _ONE)
+        _add(sums[7], sums_of_row[4], _ONE)
+        if j != 0:
+            _add(sums[2], sums_of_row[0], dy)
+            _add(sums[4], sums_of_row[1], dy)
+            _add(sums[5], sums_of_row[0], dy * dy)
+            _add(sums[8], sums_of_row[3], dy)
     for x in range(width):
         one, sx, sy = sums[0, x], sums[1, x], sums[2, x]
         xx, xy, yy = sums[3, x] + ridge, sums[4, x], sums[5, x] + ridge

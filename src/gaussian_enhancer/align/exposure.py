@@ -106,7 +106,7 @@ def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"])
         transform: what `fit_colour` returns.
     """
     transform = transform.to(image.dtype)
-    return (image * transform[:, :1, None] + transform[:, 1:, None]).clamp(0, 1)
+    return (image * transform[:, :1, None]).add_(transform[:, 1:, None]).clamp_(0, 1)
 
 
 def in_exposure_of(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:

@@ -25,19 +25,21 @@ def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     agreement decides among those that show the same.
 
     Args:
-        worth: of each reference at each pixel (`worth_of`).
+        worth: of each reference at each pixel, at least 0 (`worth_of`).
         keep: how many to return at most.
     """
     if not worth:
         return []
-    shown = torch.stack(list(worth)).flatten(1)
+    shown = [one.flatten() for one in worth]
+    mean = torch.stack([one.mean() for one in shown])
     order: list[int] = []
-    best = torch.zeros_like(shown[0])
-    while len(order) < min(keep, len(worth)):
-        gain = (shown - best).clamp_min(0).mean(1) + 0.1 * shown.mean(1)
-        gain[order] = -1
-        order.append(int(gain.argmax()))
-        best = torch.maximum(best, shown[order[-1]])
+    left, added, best = list(range(len(shown))), mean, torch.zeros_like(shown[0])
+    while left and len(order) < keep:
+        if order:
+            best = torch.maximum(best, shown[order[-1]])
+            added = torch.stack([(shown[i] - best).clamp_min(0).mean() for i in left])
+        gain = added + 0.1 * mean[left]
+        order.append(left.pop(int(gain.argmax()) if len(left) > 1 else 0))
     return order
 
 

@@ -78,10 +78,38 @@ class ChangeConfidence(nn.Module):
             enhanced: what the network made of the render, in [0, 1].
             views: the render and its references.
         """
-        height, width = enhanced.shape[-2:]
-        shares = spread(self.judge(block_features(enhanced, views)).clamp(0, 1), height, width)
-        means, details = split_change(enhanced - views.render)
-        return (views.render + shares[:, :1] * means + shares[:, 1:] * details).clamp(0, 1)
+        shares = self.judge(block_features(enhanced, views)).clamp(0, 1)
+        apply = shares_applied_compiled if compiled(enhanced, views.render, shares) else shares_applied
+        return apply(enhanced, views.render, shares)
+
+
+def shares_applied(
+    enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
+) -> Float[Tensor, "b 3 h w"]:
+    """The render with each block's shares of the bands of the change. Readable twin of the compiled kernel.
+
+    Args:
+        enhanced: what the network made of the render, in [0, 1].
+        render: the render.
+        shares: of the change's means and of its details, linear between the blocks' centres.
+    """
+    means, details = split_change(enhanced - render)
+    fine = spread(shares, *render.shape[-2:])
+    return (render + fine[:, :1] * means + fine[:, 1:] * details).clamp(0, 1)
+
+
+def shares_applied_compiled(
+    enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
+) -> Float[Tensor, "b 3 h w"]:
+    """The same by a compiled kernel."""
+    from gaussian_enhancer.infer.change_confidence_kernels import apply_shares
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    result = torch.empty_like(render, memory_format=torch.contiguous_format)
+    with kernel_lock:
+        for b, image in enumerate(result):
+            apply_shares(array(enhanced[b]), array(render[b]), array(shares[b]), BLOCK, image.numpy())
+    return result
 
 
 def split_change(change: Float[Tensor, "b 3 h w"]) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:

@@ -1,4 +1,4 @@
-"""Compiled products of what a block's pixels show: what `change_confidence.block_products` does in one pass.
+"""Compiled twins of `change_confidence`: products of what a block's pixels show, and shares of the change, in one pass.
 
 Axes: r references, v vectors of a block, h height, w width, i j blocks.
 """
@@ -8,6 +8,7 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
+from gaussian_enhancer.infer.colour_completion_kernels import cells_along, cells_around, read_between
 from gaussian_enhancer.splat.compiled import inner, kernel
 
 _F = np.float32
@@ -83,3 +84,46 @@ def _seen(top, left, visibility, block, step):
         for x in range(left, min(left + block, visibility.shape[1]), step):
             total += _ONE if visibility[y, x] > _ZERO else _ZERO
     return total
+
+
+@kernel
+@no_type_check
+def apply_shares(enhanced, render, shares, block, result):
+    """Write the render with shares of the change: of its means over blocks, and of the detail that is left.
+
+    Images are (3, h, w), shares (2, i, j) of blocks; shares and means are linear between the blocks' centres.
+    """
+    _, height, width = render.shape
+    _, rows, columns = shares.shape
+    planes = np.empty((5, rows, columns), np.float32)
+    for i in prange(rows):
+        bottom = min((i + 1) * block, height)
+        for j in range(columns):
+            end = min((j + 1) * block, width)
+            planes[0, i, j], planes[1, i, j] = shares[0, i, j], shares[1, i, j]
+            for c in range(3):
+                total = _ZERO
+                for y in range(i * block, bottom):
+                    for x in range(j * block, end):
+                        total += enhanced[c, y, x] - render[c, y, x]
+                planes[2 + c, i, j] = total / _F((bottom - i * block) * (end - j * block))
+    left, right, across = cells_along(width, columns * block, columns)
+    for y in prange(height):
+        above, below, down = cells_around(y, rows * block, rows)
+        row = np.empty((5, columns), np.float32)
+        for k in range(5):
+            for j in range(columns):
+                row[k, j] = planes[k, above, j] + down * (planes[k, below, j] - planes[k, above, j])
+        fine = np.empty((5, width), np.float32)
+        for k in range(5):
+            read_between(row[k], left, right, across, fine[k])
+        for c in range(3):
+            _apply_row(enhanced[c, y], render[c, y], fine[0], fine[1], fine[2 + c], result[c, y])
+
+
+@inner
+@no_type_check
+def _apply_row(enhanced, render, of_mean, of_detail, mean, result):
+    for x in range(len(result)):
+        detail = enhanced[x] - render[x] - mean[x]
+        result[x] = min(max(render[x] + of_mean[x] * mean[x] + of_detail[x] * detail, _ZERO), _ONE)
