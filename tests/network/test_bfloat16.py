@@ -12,8 +12,10 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, DepthModulation
 from gaussian_enhancer.network.fuse import Trust, TrustFusion
+from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.network.output_head import compose
-from gaussian_enhancer.network.pyramid import shrunk
+from gaussian_enhancer.network.pyramid import shrunk, upsampled
+from gaussian_enhancer.network.ssif_sr import Tail, merged
 from gaussian_enhancer.network.stem import Gather
 from gaussian_enhancer.types import NetworkInput
 
@@ -48,6 +50,12 @@ def features(*shape):
     return (noise(*shape) - 0.5).to(memory_format=torch.channels_last)
 
 
+def merge(views, seen, trust):
+    """Images and trust of merged references; those of a view are at twice the resolution of what is seen of them."""
+    found, together = merged(views.render, views.references, halved(views.references), seen, trust)
+    return found.references, found.visibility, found.reference_renders, together
+
+
 def part(name):
     """A call of a part: of the tensors that it takes, as it does within a network."""
     fusion, modulation = shaken(TrustFusion(CHANNELS)), shaken(DepthModulation(CHANNELS))
@@ -59,6 +67,8 @@ def part(name):
     coarser = [noise(1, 11, *half) - 0.5, noise(1, 11, HEIGHT // 4, WIDTH // 4) - 0.5]
     decoded, trust = noise(1, 6, HEIGHT, WIDTH) - 0.5, noise(1, 3, 1, *half)
     seen = noise(1, 3, 1, *half)
+    tail, grown, photo = shaken(Tail(12, 1, 6)), features(1, 48, HEIGHT // 4, WIDTH // 4), views.references[:, :1]
+    without = NetworkInput(views.render, photo[:, :0], views.visibility[:, :0])
     calls = {
         "fuse": lambda t: fusion(t(x), t(y).unflatten(0, (1, 3)), seen),
         "fuse pooled": lambda t: pooled(t(x), t(y).unflatten(0, (1, 3)), seen),
@@ -71,13 +81,20 @@ def part(name):
         "compose": lambda t: compose(t(decoded), views, trust),
         "compose without renders": lambda t: compose(t(decoded), example(renders=False), trust),
         "shrink": lambda t: shrunk(views, 2).references,
+        "enlarge by 2": lambda t: upsampled(views.references[0], 2),
+        "enlarge by 4": lambda t: upsampled(views.references[0], 4),
+        "merge": lambda t: merge(views, seen, trust),
+        "merge nearly nothing": lambda t: merge(views, torch.where(seen < 0.7, 0.0, seen), 1e-5 * trust),
+        "tail": lambda t: tail(t(grown), NetworkInput(views.render, photo, views.visibility[:, :1]), trust[:, :1]),
+        "tail without references": lambda t: tail(t(grown), without, trust[:, :1]),
     }
     return calls[name]
 
 
 NAMES = [
     "fuse", "fuse pooled", "modulate", "decode", "combine", "gather", "gather without renders", "gather without depth",
-    "compose", "compose without renders", "shrink",
+    "compose", "compose without renders", "shrink", "enlarge by 2", "enlarge by 4", "merge", "merge nearly nothing",
+    "tail", "tail without references",
 ]  # fmt: skip
 
 

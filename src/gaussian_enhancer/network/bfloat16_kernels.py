@@ -309,7 +309,7 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
     for y in prange(height):
         weight = np.empty((count, width), np.float32)
         for r in range(count):
-            _double_row(trust[r], y, weight[r])
+            double_row(trust[r], y, weight[r])
             for x in range(width):
                 weight[r, x] = weight[r, x] if visibility[r, 0, y, x] > _ZERO else _ZERO
         for c in range(3):
@@ -340,7 +340,7 @@ def _sigmoid(value):
 
 @inner
 @no_type_check
-def _double_row(image, y, result):
+def double_row(image, y, result):
     """Row y of an image at twice its resolution, linear between pixels' centres."""
     height, width = image.shape
     i = y // 2
@@ -390,7 +390,7 @@ def combine(fine, decoded, coarser, step, result):
     for y in prange(2 * height):
         row = np.empty(2 * width, np.float32)
         for c in range(3):
-            _double_row(change[c], y, row)
+            double_row(change[c], y, row)
             place = 4 * c + 2 * (y % 2)
             for j in range(width):
                 x = 2 * j

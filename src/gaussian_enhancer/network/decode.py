@@ -51,19 +51,19 @@ class Decoder(nn.Module):
             x = shrink(skips[-1])
         x = self.middle(x)
         for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
-            x = blocks(_grown(grow(x), skip))
+            x = blocks(grown(grow(x), skip))
         return x
 
     def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
         """What `features` gave, at full resolution."""
-        return _shuffled(self.head(features))
+        return shuffled(self.head(features))
 
 
 def _stack(channels: int, count: int) -> nn.Sequential:
     return nn.Sequential(*(Block(channels) for _ in range(count)))
 
 
-def _grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
+def grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
     """Features shuffled to twice their resolution, plus those that the way down had there."""
     if not (x.dtype == skip.dtype == torch.bfloat16 and fusable(x, skip)):
         return skip + F.pixel_shuffle(x, 2)
@@ -75,7 +75,7 @@ def _grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float
     return result
 
 
-def _shuffled(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
+def shuffled(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
     """Pixel-shuffle by 2 to planes."""
     if not (x.dtype == torch.bfloat16 and fusable(x)):
         return F.pixel_shuffle(x, 2)

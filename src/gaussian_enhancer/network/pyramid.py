@@ -82,7 +82,32 @@ def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c
     """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
     if scale == 1:
         return image
+    if scale in (2, 4) and fusable(image):
+        return _upsampled(image, scale)
     return F.interpolate(image, scale_factor=scale, mode="bicubic", align_corners=False)
+
+
+def _upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
+    """The same axis by axis, where inference is `fusable`."""
+    from gaussian_enhancer.network.ssif_sr_kernels import upsample
+
+    height, width = image.shape[-2:]
+    result = torch.empty(*image.shape[:-2], scale * height, scale * width)
+    shares, starts = _cubic(scale)
+    with kernel_lock:
+        upsample(plane(image.flatten(0, 1)), shares, starts, result.flatten(0, 1).numpy())
+    return result
+
+
+def _cubic(scale: int) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of the four pixels around each phase of a fine pixel, and where they begin (Keys, 1981, a = -0.75)."""
+    place = (np.arange(scale) + 0.5) / scale - 0.5
+    before = np.floor(place)
+    distance = np.abs(np.arange(-1, 3) - (place - before)[:, None])
+    a = -0.75
+    near = ((a + 2) * distance - (a + 3)) * distance**2 + 1
+    far = ((a * distance - 5 * a) * distance + 8 * a) * distance - 4 * a
+    return np.where(distance <= 1, near, far).astype(np.float32), before.astype(np.int64) - 1
 
 
 def _averaged(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:

@@ -1,6 +1,7 @@
 """SSIF-SR, the paper's super spatial information fusion to 4 times the render's resolution.
 
-Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j half of a scale's sides.
+Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j half of a scale's sides, p and q a
+quarter.
 """
 
 from collections.abc import Sequence
@@ -10,8 +11,9 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
 from gaussian_enhancer.network.block import Block
-from gaussian_enhancer.network.decode import Decoder
+from gaussian_enhancer.network.decode import Decoder, grown, shuffled
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
@@ -126,7 +128,7 @@ class SSIFSR(CachesReferences):
         twice = _repeated(seen, 2)
         base = upsampled(image, 4) + upsampled(second - base, 2)
         only, trust = merged(base, photos, half, twice, _bilinear(trust) * (twice > 0))
-        decoded = self.tail(F.pixel_shuffle(self.grow_again(features), 2), only, trust)
+        decoded = self.tail(self.grow_again(features), only, trust)
         return second, self.output(decoded, only, trust)
 
     def _finer_tiled(self, known: tuple[Tensor, ...]) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
@@ -194,7 +196,7 @@ class Middle(nn.Module):
         """
         fused, trust = self.fuse(features, encoded.to(features.dtype), visibility)
         features = self.blocks(fused)
-        return features, F.pixel_shuffle(self.head(features), 2), trust
+        return features, shuffled(self.head(features)), trust
 
 
 class Tail(nn.Module):
@@ -215,22 +217,46 @@ class Tail(nn.Module):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
     def forward(
-        self, features: Float[Tensor, "b c i j"], views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]
+        self, features: Float[Tensor, "b c p q"], views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]
     ) -> Float[Tensor, "b o h w"]:
         """Decoded values.
 
         Args:
-            features: the coarser scale's, enlarged.
+            features: the coarser scale's, before they are shuffled to twice its resolution.
             views: the base and the merged reference, or none.
             trust: how far that is trusted.
         """
-        base, dtype = views.render, _computed(views.render)
-        news, known = torch.zeros_like(base), torch.zeros_like(features[:, :1])
-        if views.references.shape[1]:
-            news, known = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
-        seen = torch.cat([news.to(dtype), (base - 0.5).to(dtype)], dim=1)
-        x = self.read(torch.cat([F.pixel_unshuffle(seen, 2), known.to(dtype)], dim=1))
-        return F.pixel_shuffle(self.head(self.blocks(features + x)), 2)
+        features = grown(features, self.read(_packed(views, trust)))
+        return shuffled(self.head(self.blocks(features)))
+
+
+def _packed(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
+    """What the merged reference adds to the base, the base, and the reference's trust, pixel-unshuffled.
+
+    Args:
+        views: the base and the merged reference, or none.
+        trust: how far that is trusted.
+    """
+    base, dtype = views.render, _computed(views.render)
+    if views.references.shape[1] and fusable(base, views.references, views.visibility, trust):
+        return _packed_compiled(views, trust)
+    news, known = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
+    if views.references.shape[1]:
+        news, known = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
+    seen = torch.cat([news.to(dtype), (base - 0.5).to(dtype)], dim=1)
+    return torch.cat([F.pixel_unshuffle(seen, 2), known.to(dtype)], dim=1)
+
+
+def _packed_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
+    """The same in one pass over memory, where inference is `fusable`."""
+    from gaussian_enhancer.network.ssif_sr_kernels import pack_merged
+
+    result = empty_features(len(trust), 25, *trust.shape[-2:])
+    with kernel_lock:
+        for b, words in enumerate(bits(result)):
+            given = views.render[b], views.references[b, 0], views.visibility[b, 0, 0], trust[b, 0, 0]
+            pack_merged(*(plane(image) for image in given), words)
+    return result
 
 
 def fine_references(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 1 h w"]]:
@@ -266,6 +292,8 @@ def merged(
     """
     if photos.shape[1] == 0:
         return NetworkInput(base, photos, photos[:, :, :1]), trust
+    if fusable(base, photos, halved, visibility, trust):
+        return _merged_compiled(base, photos, halved, visibility, trust)
     trust = trust.to(base.dtype)
     weight = _bilinear(trust) * _repeated(visibility > 0, 2)
     total = weight.sum(1)
@@ -276,6 +304,26 @@ def merged(
     return NetworkInput(
         base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]
     ), together
+
+
+def _merged_compiled(
+    base: Float[Tensor, "b 3 h w"],
+    photos: Float[Tensor, "b r 3 h w"],
+    halved: Float[Tensor, "b r 3 i j"],
+    visibility: Float[Tensor, "b r 1 i j"],
+    trust: Float[Tensor, "b r 1 i j"],
+) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
+    """The same in one pass over memory, where inference is `fusable`."""
+    from gaussian_enhancer.network.ssif_sr_kernels import merge
+
+    mean, soft = (torch.empty(base.shape) for _ in range(2))
+    seen, together = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
+    with kernel_lock:
+        for b in range(len(base)):
+            given = photos[b], halved[b], visibility[b, :, 0], trust[b, :, 0]
+            written = mean[b], seen[b, 0], soft[b], together[b, 0]
+            merge(*(plane(image) for image in given), *(image.numpy() for image in written))
+    return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), together[:, None]
 
 
 def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:

@@ -1,0 +1,164 @@
+"""Compiled passes over the images of super-resolution: bicubic upsampling, and merged references.
+
+Images are planes of float32; features are bfloat16 in channels-last memory.
+
+Axes: n planes, r references, h height, w width, i = h / 2, j = w / 2.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from gaussian_enhancer.network.bfloat16_kernels import double_row, half
+from gaussian_enhancer.splat.compiled import inner, kernel
+
+_F = np.float32
+_ZERO, _ONE, _HALF, _LEAST = _F(0), _F(1), _F(0.5), _F(1e-6)
+TAPS, BORDER = 4, 3
+"""Pixels that a cubic reads along an axis, and pixels by which a row is continued on both sides."""
+
+
+@kernel
+@no_type_check
+def upsample(image, shares, starts, result):
+    """Write planes (n, h, w) on a grid finer by 2 or 4, cubic along both axes.
+
+    Args:
+        image: planes; rows and columns beyond the border are those of the border.
+        shares: of each phase of a fine pixel within a coarse one, the factors of four coarse pixels.
+        starts: of each phase, the first of these pixels, relative to the coarse one that holds the fine one.
+        result: is written.
+    """
+    planes, height, width = image.shape
+    scale = len(starts)
+    for line in prange(planes * height * scale):
+        n, y = line // (height * scale), line % (height * scale)
+        i, phase = y // scale, y % scale
+        row = np.zeros(width + 2 * BORDER, np.float32)
+        for k in range(TAPS):
+            other = min(max(i + starts[phase] + k, 0), height - 1)
+            _add_scaled(row[BORDER : BORDER + width], image[n, other], shares[phase, k])
+        row[:BORDER], row[BORDER + width :] = row[BORDER], row[BORDER + width - 1]
+        fine = np.empty((scale, width), np.float32)
+        for q in range(scale):
+            first = BORDER + starts[q]
+            _mix(row, first, shares[q], fine[q])
+        if scale == 2:
+            _interleave_2(fine[0], fine[1], result[n, y])
+        else:
+            _interleave_4(fine[0], fine[1], fine[2], fine[3], result[n, y])
+
+
+@inner
+@no_type_check
+def _add_scaled(total, values, factor):
+    for x in range(len(total)):
+        total[x] += factor * values[x]
+
+
+@inner
+@no_type_check
+def _mix(row, first, shares, result):
+    """Write the sum of four neighbours times their shares."""
+    a, b, c, d = shares[0], shares[1], shares[2], shares[3]
+    one, two, three, four = row[first:], row[first + 1 :], row[first + 2 :], row[first + 3 :]
+    for x in range(len(result)):
+        result[x] = a * one[x] + b * two[x] + c * three[x] + d * four[x]
+
+
+@inner
+@no_type_check
+def _interleave_2(one, two, result):
+    for x in range(len(one)):
+        result[2 * x], result[2 * x + 1] = one[x], two[x]
+
+
+@inner
+@no_type_check
+def _interleave_4(one, two, three, four, result):
+    for x in range(len(one)):
+        result[4 * x], result[4 * x + 1], result[4 * x + 2], result[4 * x + 3] = one[x], two[x], three[x], four[x]
+
+
+@kernel
+@no_type_check
+def merge(photos, halved, visibility, trust, mean, seen, soft, together):
+    """Write what `ssif_sr.merged` gives: the references' mean and where there is one, its soft part, and their trust.
+
+    Args:
+        photos: of the references, (r, 3, h, w).
+        halved: the same at half the resolution, (r, 3, i, j).
+        visibility: of the references, (r, i, j).
+        trust: of the references, (r, i, j).
+        mean: is written, (3, h, w).
+        seen: is written, (h, w): 1 where a reference is trusted.
+        soft: is written, (3, h, w): what half the resolution holds of the mean.
+        together: is written, (i, j): the sum of trust.
+    """
+    count, _, height, width = photos.shape
+    weighted = np.empty((3, height // 2, width // 2), np.float32)
+    for i in prange(height // 2):
+        together[i] = _ZERO
+        for r in range(count):
+            _add_scaled(together[i], trust[r, i], _ONE)
+        for c in range(3):
+            weighted[c, i] = _ZERO
+            for r in range(count):
+                _add_product(weighted[c, i], trust[r, i], halved[r, c, i])
+    for y in prange(height):
+        weight, total = np.empty((count, width), np.float32), np.zeros(width, np.float32)
+        for r in range(count):
+            double_row(trust[r], y, weight[r])
+            _hide(weight[r], visibility[r, y // 2])
+            _add_scaled(total, weight[r], _ONE)
+        for x in range(width):
+            seen[y, x] = _ONE if total[x] > _ZERO else _ZERO
+        smooth = np.empty(width, np.float32)
+        double_row(together, y, smooth)
+        for c in range(3):
+            mean[c, y] = _ZERO
+            for r in range(count):
+                _add_product(mean[c, y], weight[r], photos[r, c, y])
+            _divide(mean[c, y], total)
+            double_row(weighted[c], y, soft[c, y])
+            _divide(soft[c, y], smooth)
+
+
+@inner
+@no_type_check
+def _hide(weight, visibility):
+    """Set the weights of invisible pixels to 0; visibility is at half the resolution."""
+    for j in range(len(visibility)):
+        if visibility[j] <= _ZERO:
+            weight[2 * j] = weight[2 * j + 1] = _ZERO
+
+
+@inner
+@no_type_check
+def _add_product(total, factor, values):
+    for x in range(len(total)):
+        total[x] += factor[x] * values[x]
+
+
+@inner
+@no_type_check
+def _divide(values, total):
+    for x in range(len(values)):
+        values[x] /= max(total[x], _LEAST)
+
+
+@kernel
+@no_type_check
+def pack_merged(base, photo, seen, trust, result):
+    """Write (photo - base) where seen, then base - 1/2, as 2x2 pixels side by side, then trust: (i, j, 25) bfloat16."""
+    _, height, width = base.shape
+    for i in prange(height // 2):
+        for j in range(width // 2):
+            for c in range(3):
+                for a in range(2):
+                    for b in range(2):
+                        y, x = 2 * i + a, 2 * j + b
+                        result[i, j, 4 * c + 2 * a + b] = half((photo[c, y, x] - base[c, y, x]) * seen[y, x])
+                        result[i, j, 12 + 4 * c + 2 * a + b] = half(base[c, y, x] - _HALF)
+            result[i, j, 24] = half(trust[i, j])
