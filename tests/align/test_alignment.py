@@ -4,7 +4,8 @@ from functools import partial
 import pytest
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped
+from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, _finish
+from gaussian_enhancer.align.reproject import Warped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import identity_camera
 from support.synthetic_runs import plane_camera, plane_view
@@ -115,3 +116,16 @@ def test_what_does_not_look_like_the_render_is_no_reference_there():
     assert not bool(checked.references[0, :, 12:28, 22:38].any())
     assert not bool(checked.renders[0, :, 12:28, 22:38].any())
     torch.testing.assert_close(checked.visibility[0, :, :5], unchecked.visibility[0, :, :5])
+
+
+@pytest.mark.parametrize("top", [0, 4])
+def test_compiled_finish_of_fine_references_equals_its_readable_twin(top):
+    generator = torch.Generator().manual_seed(0)
+    colour, coarse = 255 * torch.rand(3, 8, 20, generator=generator), torch.rand(3, 3, 5, generator=generator)
+    visibility = torch.randint(0, 2, (1, 8, 20), generator=generator).float()
+    colours = torch.tensor([[1.2 / 255, -0.1], [0.8 / 255, 0.1], [1 / 255, 0.0]])
+    found, expected = torch.zeros(3, 12, 20), torch.zeros(3, 12, 20, dtype=torch.float64)
+    _finish(Warped(colour, visibility), colours, coarse, top, found)
+    _finish(Warped(colour.double(), visibility.double()), colours.double(), coarse.double(), top, expected)
+    torch.testing.assert_close(found.double(), expected, rtol=0, atol=1e-6)
+    assert bool((found[:, :top] == 0).all())

@@ -16,7 +16,7 @@ from torch import Tensor
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
 from gaussian_enhancer.align.photo_consistency import photo_consistent, photometric_difference, rank, worth_of
-from gaussian_enhancer.align.projection import Interpolation
+from gaussian_enhancer.align.projection import Interpolation, array, compiled
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
@@ -257,9 +257,38 @@ def _warp_finely(
         shown = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
         strip = fine.cut(Region(top, 0, rows.stop, width))
         finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=shown, footprint=step)
-        # At the photo's border the coarse grid may see what the fine one does not.
-        colour = F.interpolate(warped.colour[None, :, coarse], scale_factor=4)[0]
-        result[:, rows] = torch.where(finely.visibility > 0, apply_colour(finely.colour, colours), colour)
+        _finish(finely, colours, warped.colour, top, result)
+
+
+def _finish(
+    finely: Warped,
+    colours: Float[Tensor, "3 2"],
+    coarse: Float[Tensor, "3 h w"],
+    top: int,
+    result: Float[Tensor, "3 H W"],
+) -> None:
+    """Write rows of a fine reference: its own colours, and the coarse one's where only that sees something.
+
+    At the photo's border the coarse grid may see what the fine one does not.
+
+    Args:
+        finely: the rows, as they were read.
+        colours: gain and offset that bring them to [0, 1] and to the render's exposure.
+        coarse: the reference on the target's own grid.
+        top: the first of the rows.
+        result: is written.
+    """
+    if compiled(finely.colour, finely.visibility, coarse, result):
+        from gaussian_enhancer.align.reproject_kernels import finish_fine
+        from gaussian_enhancer.splat.compiled import kernel_lock
+
+        given = finely.colour, finely.visibility[0], colours, coarse
+        with kernel_lock:
+            finish_fine(*map(array, given), top, result.numpy())
+        return
+    bottom = top + finely.colour.shape[-2]
+    colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]
+    result[:, top:bottom] = torch.where(finely.visibility > 0, apply_colour(finely.colour, colours), colour)
 
 
 def _camera_of(view: Pixels) -> Camera:

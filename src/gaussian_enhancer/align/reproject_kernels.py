@@ -8,10 +8,11 @@ from typing import no_type_check
 import numpy as np
 from numba import prange
 
-from gaussian_enhancer.splat.compiled import inner, kernel
+from gaussian_enhancer.splat.compiled import exp2_nonpositive, inner, kernel
 
 _F = np.float32
 _HALF, _ONE, _ZERO = _F(0.5), _F(1), _F(0)
+_LOG2E = _F(1.4426950408889634)
 _TINY = _F(np.finfo(np.float32).tiny)
 
 
@@ -37,7 +38,8 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
             row = _nearest(v * (_F(high) / height), high)
             there = seen[row, column]
             difference = (z - there) / (tolerance * max(z, _TINY))
-            result[y, x] = _F(np.exp(-_HALF * difference * difference)) if there > _ZERO else _ONE
+            agrees = exp2_nonpositive(-_HALF * _LOG2E * difference * difference)
+            result[y, x] = agrees if there > _ZERO else _ONE
 
 
 @inner
@@ -201,3 +203,31 @@ def window_difference(colour, image, visibility, radius, result):
 def _add(total, values):
     for x in range(len(total)):
         total[x] += values[x]
+
+
+@kernel
+@no_type_check
+def finish_fine(colour, visibility, colours, coarse, top, result):
+    """Write rows of a fine image: gain x colour + offset within [0, 1] where visible, else the coarse image's colour.
+
+    Args:
+        colour: of the rows, (3, s, 4 w).
+        visibility: of the rows, (s, 4 w).
+        colours: gain and offset of each channel.
+        coarse: (3, h, w).
+        top: the first row in the fine image, a multiple of 4.
+        result: is written from row ``top`` on, (3, 4 h, 4 w).
+    """
+    channels, height, _ = colour.shape
+    for y in prange(height):
+        for c in range(channels):
+            gain, offset = colours[c, 0], colours[c, 1]
+            _finish_row(colour[c, y], visibility[y], gain, offset, coarse[c, (top + y) // 4], result[c, top + y])
+
+
+@inner
+@no_type_check
+def _finish_row(colour, visibility, gain, offset, coarse, result):
+    for x in range(len(colour)):
+        value = min(max(gain * colour[x] + offset, _ZERO), _ONE)
+        result[x] = value if visibility[x] > _ZERO else coarse[x // 4]
