@@ -1,7 +1,7 @@
 """Post-processor for Gaussian-splatting renders.
 
-The names below are the Python API. They are imported when they are first used: importing the package loads nothing else
-and changes nothing in the process.
+The names below are the Python API. Each is imported on first use: importing the package itself loads no other module of
+it and has no side effects in the process.
 """
 
 import importlib
@@ -44,12 +44,12 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of the API (PEP 562)."""
+    """Import a name of the API on first access (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    """The names of the API, for completion."""
+    """Names of the module and of the API, for tab completion."""
     return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""``python -m gaussian_enhancer`` is the command line."""
+"""Run the command line by ``python -m gaussian_enhancer``."""
 
 from gaussian_enhancer.cli.main import main
 

@@ -1,4 +1,7 @@
-"""Weights on disk: safetensors in half precision with plain metadata, and nothing that names code to run."""
+"""Read and write network weights as safetensors in half precision.
+
+The metadata is plain text. Nothing in a file names code to be run.
+"""
 
 import hashlib
 import json
@@ -17,17 +20,17 @@ _N = TypeVar("_N", bound=nn.Module)
 SHIPPED = Path(__file__).resolve().parent / "weights"
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 WIDENED = 6
-"""Times a file's size that its values take at most: as stored, in single precision twice, and in the network."""
+"""Most memory that a file's values take, in file sizes: as stored, twice in single precision, and in the network."""
 MEND = "get the weights again, or train them with this version"
 
 
 def write_checkpoint(path: Path, values: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Write networks' values in half precision, whole or not at all.
+    """Write tensors of networks in half precision, atomically.
 
     Args:
         path: file to write, ending in .safetensors.
         values: parameters and buffers by name.
-        metadata: plain text by name; ``format`` is mandatory and is asked for when the file is read.
+        metadata: plain text by name; ``format`` is mandatory and is checked when the file is read.
 
     Raises:
         InputError: the disk is full or the folder cannot be written.
@@ -40,11 +43,11 @@ def write_checkpoint(path: Path, values: Mapping[str, Tensor], metadata: Mapping
 
 
 def read_checkpoint(path: Path, form: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Values and metadata of a file.
+    """Read tensors and metadata of a file.
 
     Args:
-        path: of the file.
-        form: what its metadata must state as ``format``.
+        path: the file.
+        form: required value of ``format`` in the metadata.
 
     Raises:
         InputError: the file is truncated, no safetensors file, or of another format.
@@ -70,15 +73,15 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
 
 def described(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, Any]:
-    """What a file's metadata says under a name, which is JSON.
+    """Parse an entry of a file's metadata, which is a JSON object.
 
     Args:
-        metadata: of the file.
-        name: which of its texts.
-        path: of the file, for messages.
+        metadata: the file's metadata.
+        name: key of the entry.
+        path: the file, named in errors.
 
     Raises:
-        InputError: there is no such text, or it is no JSON object.
+        InputError: there is no such entry, or it is no JSON object.
     """
     if name not in metadata:
         raise InputError(path, f"describes no {name}", MEND)
@@ -89,19 +92,20 @@ def described(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, A
 
 
 def build_filled(build: Callable[[], _N], design: Mapping[str, Any], tensors: Mapping[str, Tensor], path: Path) -> _N:
-    """A network of a file's own design with its values, built only once its shapes are known to be the file's.
+    """Build the network that a file describes, and load the file's tensors into it.
 
-    The first one is built without memory, so that a design allocates no more than the file's own size allows.
+    The network is first built on the meta device, which allocates no memory, and its shapes are compared with those of
+    the file. So a design cannot allocate more memory than the file's size allows.
 
     Args:
-        build: makes the network.
-        design: the plain values that it is made from.
-        tensors: values by name.
-        path: of the file, for messages.
+        build: builds the network.
+        design: the plain values that describe the network.
+        tensors: parameters and buffers by name.
+        path: the file, named in errors.
 
     Raises:
-        InputError: the design is deeper than the file's values, or see `fill`.
-        KeyError, TypeError, ValueError: what ``build`` raises for a design that it does not know.
+        InputError: the design has more blocks than the file has tensors, or see `fill`.
+        KeyError, TypeError, ValueError: as raised by ``build`` for an unknown design.
     """
     depth = _blocks(design)
     if depth > len(tensors):
@@ -114,37 +118,39 @@ def build_filled(build: Callable[[], _N], design: Mapping[str, Any], tensors: Ma
 
 
 def _blocks(design: Any) -> int:
-    """How many blocks a design asks for, each of which has values of its own."""
+    """Number of blocks in a design. Each block has at least one tensor of its own."""
     if not isinstance(design, Mapping):
         return 0
     counts = [value for name, value in design.items() if name.endswith("blocks")]
-    flat = [n for value in counts for n in (value if isinstance(value, list) else [value]) if isinstance(n, int)]
-    return sum(flat) + sum(_blocks(value) for value in design.values())
+    block_counts = [
+        count for value in counts for count in (value if isinstance(value, list) else [value]) if isinstance(count, int)
+    ]
+    return sum(block_counts) + sum(_blocks(value) for value in design.values())
 
 
 def _refuse_misfit(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
     expected = {name: value.shape for name, value in network.state_dict().items()}
-    found = {name: value.shape for name, value in tensors.items()}
-    if expected != found:
-        odd = sorted(set(expected.items()) ^ set(found.items()))[0][0]
-        raise InputError(path, f"does not fit its own design at {odd}", MEND)
+    stored = {name: value.shape for name, value in tensors.items()}
+    if expected != stored:
+        mismatch = sorted(set(expected.items()) ^ set(stored.items()))[0][0]
+        raise InputError(path, f"does not fit its own design at {mismatch}", MEND)
 
 
 def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Give a network its values.
+    """Load tensors into a network.
 
     Args:
-        network: built from the file's own design.
-        tensors: values by name.
-        path: of the file, for messages.
+        network: built from the design that the file states.
+        tensors: parameters and buffers by name.
+        path: the file, named in errors.
 
     Raises:
-        InputError: names or shapes differ, or a value is no number or not finite.
+        InputError: names or shapes differ, a tensor's type is none of `DTYPES`, or a value is not finite.
     """
     _refuse_misfit(network, tensors, path)
-    odd = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
-    if odd:
-        raise InputError(path, f"holds values of type {odd[0]}", MEND)
+    unsupported = sorted(str(value.dtype) for value in tensors.values() if value.dtype not in DTYPES)
+    if unsupported:
+        raise InputError(path, f"holds values of type {unsupported[0]}", MEND)
     values = {name: value.float() for name, value in tensors.items()}
     if not all(bool(torch.isfinite(value).all()) for value in values.values()):
         raise InputError(path, "holds values that are not finite", MEND)
@@ -152,33 +158,34 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
 
 
 def checkpoint_digest(path: Path) -> str:
-    """SHA-256 of what weights do: design, preparation, values; not of their card, which says how they were made.
+    """SHA-256 of everything in a file of weights that affects the output: all tensors, and all metadata but the card.
 
-    One entry of the card does something, and counts where it is not 1: ``strength``, the share of the change to keep.
+    The card documents how the weights were made. Only its entry ``strength``, the share of the network's change that is
+    applied, affects the output; it is included where it is not 1.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Raises:
         InputError: the file is truncated, no safetensors file, or its card is no mapping.
     """
     tensors, metadata = _read(path)
-    told = {name: text for name, text in metadata.items() if name != "card"}
+    hashed_metadata = {name: text for name, text in metadata.items() if name != "card"}
     strength = described(metadata, "card", path).get("strength", 1) if "card" in metadata else 1
     if strength != 1:
-        told["strength"] = repr(strength)
-    hashed = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+        hashed_metadata["strength"] = repr(strength)
+    digest = hashlib.sha256(json.dumps(hashed_metadata, sort_keys=True).encode())
     for name in sorted(tensors):
-        hashed.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
-        hashed.update(tensors[name].contiguous().numpy().tobytes())
-    return hashed.hexdigest()
+        digest.update(f"{name} {tensors[name].dtype} {tuple(tensors[name].shape)}".encode())
+        digest.update(tensors[name].contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def find_checkpoint(source: str | Path) -> Path:
-    """The file that a path or a shipped name stands for.
+    """Resolve a path or the name of shipped weights to a file.
 
     Raises:
-        InputError: it is neither.
+        InputError: the source is neither.
     """
     if not isinstance(source, str | Path):
         raise InputError("weights", f"is {shown(source)}", "name a file or shipped weights")
@@ -193,10 +200,10 @@ def find_checkpoint(source: str | Path) -> Path:
 
 
 def whole_number(value: object, low: int, high: int) -> int:
-    """A whole number within limits, as a design states it.
+    """Return a value of a design that must be an integer from ``low`` to ``high``.
 
     Raises:
-        ValueError: it is not.
+        ValueError: it is no such integer.
     """
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise ValueError(f"{value!r} is no whole number from {low} to {high}")

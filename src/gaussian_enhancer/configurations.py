@@ -1,4 +1,4 @@
-"""Where the configuration files are."""
+"""Location of the configuration files."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from gaussian_enhancer.errors import InputError
 
 
 def configurations() -> Path:
-    """The folder of configurations: inside the installed package, or beside ``src`` in a checkout."""
+    """Find the folder of configurations: inside the installed package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parent
     for folder in (package / "conf", package.parents[1] / "conf"):
         if (folder / "base.yaml").is_file():

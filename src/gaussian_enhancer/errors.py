@@ -1,15 +1,15 @@
-"""The errors that the command line turns into one line: what a user can mend, and a process that was killed."""
+"""Errors that the command line reports in one line: invalid user input, and a process that was killed."""
 
 from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """What the user handed in cannot be used; the command line turns it into one line and exit code 2.
+    """The user's input cannot be used. The command line reports it in one line with exit code 2.
 
-    The message is one printable line whatever the parts hold, since they quote files that others wrote.
+    The message is always one printable line. Its parts may quote untrusted files, so they are escaped.
 
     Args:
-        subject: what is wrong, named as the user knows it: a file, an option.
+        subject: the invalid item, named as the user knows it: a file, an option.
         received: the value or state that was found.
         remedy: what to do instead, as an imperative.
 
@@ -27,33 +27,33 @@ class InputError(ValueError):
         self.remedy = remedy
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
-        """Pickle by the three parts, so that the error survives worker processes."""
+        """Pickle the three parts, so that worker processes can return the error."""
         return InputError, (self.subject, self.received, self.remedy)
 
 
 def refuse_unknown(option: str, names: Iterable[object] | None, known: Iterable[object]) -> None:
-    """Refuse an option that names what there is not.
+    """Refuse an option whose value contains an unknown name.
 
     Args:
-        option: its name.
-        names: what it names; None names nothing.
-        known: what it may name, in the order in which an error tells it.
+        option: the option's name.
+        names: names in the option's value; None stands for none.
+        known: permitted names, in the order in which the error lists them.
 
     Raises:
         InputError: a name is unknown.
     """
-    listed = [str(name) for name in known]
+    permitted = [str(name) for name in known]
     for name in names or ():
-        if str(name) not in listed:
-            raise InputError(option, f"names {str(name)!r}", f"choose from {', '.join(listed)}")
+        if str(name) not in permitted:
+            raise InputError(option, f"names {str(name)!r}", f"choose from {', '.join(permitted)}")
 
 
 class LostProcessError(RuntimeError):
-    """A process that did a part of the work was killed; the command line turns it into one line and exit code 1."""
+    """A worker process was killed. The command line reports it in one line with exit code 1."""
 
 
 def one_line(text: str, longest: int = 600) -> str:
-    """The text with line breaks and control characters escaped, its middle left out where it is too long."""
+    """Escape line breaks and control characters, and cut out the middle of a text longer than ``longest``."""
     escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
     if len(escaped) <= longest:
         return escaped
@@ -62,9 +62,11 @@ def one_line(text: str, longest: int = 600) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """Why something is missing, as a record states it: a user's mistake in its own words, others with their type.
+    """Format an error as the reason that a record gives for a missing result.
+
+    An `InputError` is given by its message, any other error by its type and message.
 
     Args:
-        error: what kept it from being made.
+        error: the error that prevented the result.
     """
     return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"

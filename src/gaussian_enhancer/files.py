@@ -1,6 +1,6 @@
-"""Files: written whole or not at all, read by one thread at a time.
+"""Atomic writing of files, and thread-safe reading of NumPy arrays.
 
-A killed run, or a full disk, leaves either the old file or none.
+After a killed run, or on a full disk, there is either the old file or none.
 """
 
 import io
@@ -18,15 +18,15 @@ import numpy as np
 from gaussian_enhancer.errors import InputError
 
 _headers = threading.RLock()
-if hasattr(os, "register_at_fork"):  # a worker that is forked while a thread reads a header is not left waiting for it
+if hasattr(os, "register_at_fork"):  # a worker forked while a thread holds the lock would wait for it for ever
     os.register_at_fork(before=_headers.acquire, after_in_parent=_headers.release, after_in_child=_headers.release)
 
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that takes its place when the block ends without an error.
+    """Yield a temporary path in the folder of ``path``; it replaces ``path`` when the block ends without an error.
 
-    Parent folders are made. The temporary file keeps the ending, for writers that choose by it.
+    Parent folders are created. The temporary file has the same extension, for writers that choose the format by it.
 
     Args:
         path: the file to write.
@@ -52,14 +52,14 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def save_array(path: str | Path, array: np.ndarray) -> None:
-    """Write an array as .npy, whole or not at all.
+    """Write an array as .npy, atomically.
 
-    `numpy.save` hands arrays to C and does not see a full disk refuse the last few kilobytes, so that a file without
-    an error may be cut. Python's own writing does see it.
+    `numpy.save` writes arrays in C and does not notice when a full disk refuses the last few kilobytes: the file is
+    truncated without an error. Python's own writing raises an error then.
 
     Args:
-        path: the file to write, with its ending.
-        array: what to write.
+        path: the file to write, with its extension.
+        array: the array to write.
 
     Raises:
         InputError: if the system refuses to write.
@@ -71,14 +71,14 @@ def save_array(path: str | Path, array: np.ndarray) -> None:
 
 
 def load_array(path: str | Path, name: Callable[[list[str]], str] | None = None) -> np.ndarray:
-    """Read an array of a .npy, mapped from the file, or of a .npz.
+    """Read the array of a .npy, memory-mapped, or one array of a .npz.
 
     NumPy parses an array's header with `ast`, which in Python 3.11 before 3.11.8 fails now and then with a SystemError
-    when several threads do so (python/cpython#106905). Threads of this project do it in turn.
+    when several threads do so (python/cpython#106905). A lock lets only one thread of this project do so at a time.
 
     Args:
         path: the file.
-        name: chooses the array of a .npz among its names; None where a .npz is not expected.
+        name: returns the name of the array to read, given all names in a .npz; None where a .npz is not expected.
 
     Raises:
         OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: what NumPy raises for a file that is damaged.
@@ -94,14 +94,14 @@ def load_array(path: str | Path, name: Callable[[list[str]], str] | None = None)
 
 
 def array_header(path: str | Path, name: Callable[[list[str]], str] | None = None) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type of the array that `load_array` would read, from its header.
+    """Read shape and type of the array that `load_array` would read, from its header alone.
 
     Args:
         path: the file.
         name: see `load_array`.
 
     Raises:
-        OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: as `load_array`; a .npz with another file in it.
+        OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError: as `load_array`, or the chosen member is no .npy.
     """
     with _headers, open(path, "rb") as file:
         if not zipfile.is_zipfile(file):
@@ -123,20 +123,20 @@ def _header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
 
 
 def unwritable(path: str | Path, error: OSError) -> InputError:
-    """The system's refusal to write ``path``, in the user's terms."""
+    """Convert a system error on writing ``path`` to an `InputError`."""
     reason = error.strerror or str(error)
     return InputError(path, f"cannot be written ({reason})", "free some space or choose another folder")
 
 
 def _umask() -> int:
-    """The process's file-creation mask; the system only tells it while setting it."""
+    """The process's file-creation mask. The system reports it only when a new one is set."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a small text file so that a reader sees the old or the new content, never a part.
+    """Write a small text file atomically: a reader sees the old or the new content, never a part.
 
     Raises:
         InputError: the file cannot be written.

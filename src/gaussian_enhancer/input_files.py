@@ -1,7 +1,8 @@
-"""Files that a stranger may have made: opened, bounded and parsed so that whatever is wrong is one `InputError`.
+"""Safe reading of untrusted files: whatever is wrong with a file raises an `InputError`.
 
-A reader states the most that it will allocate, from what the file's header says, before it reads
-(`refuse_larger`). The limit is 8 GB; the environment variable ``GAUSSIAN_ENHANCER_READ_LIMIT`` sets another, in GB.
+Before it reads a file, a reader computes from the header the most memory that it will allocate, and compares that with
+a limit (`refuse_larger`). The limit is 8 GB; the environment variable ``GAUSSIAN_ENHANCER_READ_LIMIT`` sets another, in
+GB.
 """
 
 import errno
@@ -24,9 +25,9 @@ from gaussian_enhancer.errors import InputError
 VARIABLE = "GAUSSIAN_ENHANCER_READ_LIMIT"
 LIMIT_GB = 8.0
 JSON_GROWTH = 32
-"""Bytes of Python objects that one byte of JSON becomes at most: empty objects take the most."""
+"""Most bytes of Python objects per byte of parsed JSON; empty objects take the most."""
 YAML_GROWTH = 256
-"""Bytes of Python objects that one byte of YAML becomes at most, the parser's own included."""
+"""Most bytes of Python objects per byte of parsed YAML, those of the parser included."""
 LONGEST_NUMBER = 100
 DAMAGE = (OSError, EOFError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile, OverflowError, MemoryError)
 
@@ -34,15 +35,15 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def refuse_larger(subject: object, allocated: int | float, what: str) -> None:
-    """Refuse to read what would take more memory than the limit.
+    """Refuse to read a file that would take more memory than the limit.
 
     Args:
         subject: the file, named in the error.
-        allocated: the most that reading will allocate, in bytes.
-        what: the claim that it follows from, as the error states it ("is an image of 9x9 pixels").
+        allocated: the most memory that reading will allocate, in bytes.
+        what: the property of the file that this follows from, as the error states it ("is an image of 9x9 pixels").
 
     Raises:
-        InputError: it is more than the limit, or the limit's variable holds no positive number.
+        InputError: ``allocated`` exceeds the limit, or the environment variable holds no positive number.
     """
     limit = _limit()
     if allocated > limit:
@@ -54,15 +55,15 @@ def regular_file(path: str | Path) -> int:
     """The size in bytes of a regular file.
 
     Raises:
-        InputError: it does not exist, may not be read, or is a folder, pipe or device, which may never end.
+        InputError: it does not exist, may not be read, or is a folder, or a pipe or device, which may never end.
     """
     with reading(path):
-        found = os.stat(path)
-    if stat.S_ISDIR(found.st_mode):
+        file_status = os.stat(path)
+    if stat.S_ISDIR(file_status.st_mode):
         raise InputError(path, "is a folder", "name a file")
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(file_status.st_mode):
         raise InputError(path, "is no regular file", "copy its content into a file")
-    return found.st_size
+    return file_status.st_size
 
 
 def read_bytes(path: str | Path, growth: int = 1) -> bytes:
@@ -70,7 +71,7 @@ def read_bytes(path: str | Path, growth: int = 1) -> bytes:
 
     Args:
         path: the file.
-        growth: bytes that one byte of the file becomes at most while it is parsed.
+        growth: most bytes of memory per byte of the file while it is parsed.
 
     Raises:
         InputError: see `regular_file`; or the content takes more memory than the limit.
@@ -88,11 +89,11 @@ def read_text(path: str | Path, growth: int = 4) -> str:
 
 
 def parse_json(text: str, subject: object) -> Any:
-    """The value of JSON text.
+    """Parse JSON text.
 
     Args:
-        text: what to parse.
-        subject: where it came from, named in errors.
+        text: the text.
+        subject: its source, named in errors.
 
     Raises:
         InputError: it is malformed, nested too deeply, or holds a number of more than 100 digits.
@@ -109,16 +110,16 @@ def parse_json(text: str, subject: object) -> Any:
 
 
 def read_yaml(path: str | Path) -> Any:
-    """The plain values of a YAML file.
+    """Read a YAML file of plain values.
 
-    A file may repeat a part by naming it, and the repetitions may be nested: a few hundred bytes are then gigabytes.
-    Whatever writes configurations here never does so, and such a file is refused.
+    A file with aliases is refused: nested aliases may expand a few hundred bytes to gigabytes. The configurations that
+    this project writes have none.
 
     Args:
         path: the file.
 
     Raises:
-        InputError: see `read_text`; or it is no YAML, nested too deeply, or repeats a part by its name.
+        InputError: see `read_text`; or it is no YAML, nested too deeply, or has an alias.
     """
     import yaml
 
@@ -134,9 +135,9 @@ def read_yaml(path: str | Path) -> Any:
 
 
 def refuse_larger_archive(path: str | Path) -> None:
-    """Refuse an archive, such as a checkpoint of torch, whose members take more memory than the limit once unpacked.
+    """Refuse a zip archive, such as a checkpoint of torch, whose unpacked members take more memory than the limit.
 
-    What is no archive is left to its reader.
+    A file that is no archive is refused where its own size exceeds the limit.
 
     Args:
         path: the file.
@@ -154,19 +155,19 @@ def refuse_larger_archive(path: str | Path) -> None:
 
 
 def shown(value: object) -> str:
-    """A value from a file as an error may show it: short, whatever its size or depth."""
+    """Text of a value for an error message, abbreviated whatever the value's size or depth."""
     return _SHORT.repr(value)
 
 
 @contextmanager
 def reading(path: str | Path) -> Iterator[None]:
-    """Turn what the system or a codec refuses within the block into an `InputError` that names the file.
+    """Convert errors of the system or of a decoder within the block to an `InputError` that names the file.
 
     Args:
-        path: what is read; an error of the system names its own file.
+        path: the file that is read; a system error that names another file is reported for that one.
 
     Raises:
-        InputError: reading failed; a permission that is missing is named as such.
+        InputError: reading failed; a missing permission is reported as such.
     """
     try:
         yield
@@ -177,7 +178,10 @@ def reading(path: str | Path) -> Iterator[None]:
 
 
 def reader(function: _F) -> _F:
-    """Decorate a reader, whose first argument is a path or a value with one, so that it refuses as `reading` does."""
+    """Decorate a function that reads a file, so that its errors are converted as by `reading`.
+
+    The function's first argument is a path, or an object with an attribute ``path``.
+    """
 
     @functools.wraps(function)
     def guarded(path: Any, *args: Any, **kwargs: Any) -> Any:
@@ -189,7 +193,7 @@ def reader(function: _F) -> _F:
 
 @contextmanager
 def codec(path: Path, remedy: str) -> Iterator[None]:
-    """Turn any error of a third party's decoder, which promise no kind, into an `InputError`.
+    """Convert any error of a third-party decoder to an `InputError`; such decoders promise no particular error types.
 
     Args:
         path: the file that is decoded.
@@ -211,7 +215,7 @@ def codec(path: Path, remedy: str) -> Iterator[None]:
 
 
 def refusal(path: str | Path, error: BaseException) -> InputError:
-    """A failure to read ``path`` in the user's terms."""
+    """Convert an error on reading ``path`` to an `InputError`."""
     if isinstance(error, OSError) and error.errno is not None:
         subject = error.filename or path
         reason = error.strerror or str(error)
@@ -228,19 +232,19 @@ def refusal(path: str | Path, error: BaseException) -> InputError:
 
 
 def _limit() -> float:
-    """The most that one file may take, in bytes."""
-    told = os.environ.get(VARIABLE, "")
+    """The most memory that reading one file may take, in bytes."""
+    text = os.environ.get(VARIABLE, "")
     try:
-        limit = float(told) if told else LIMIT_GB
+        limit = float(text) if text else LIMIT_GB
     except ValueError:
         limit = math.nan
     if not limit > 0:
-        raise InputError(VARIABLE, f"is {told!r}", "set it to a number of GB above 0")
+        raise InputError(VARIABLE, f"is {text!r}", "set it to a number of GB above 0")
     return limit * 1e9
 
 
 def _whole(digits: str) -> int:
-    """A whole number of JSON; Python itself refuses only thousands of digits."""
+    """Parse an integer of JSON; Python's own limit is thousands of digits."""
     if len(digits) > LONGEST_NUMBER:
         raise ValueError(f"a number of {len(digits)} digits")
     return int(digits)

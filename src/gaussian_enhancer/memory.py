@@ -1,7 +1,7 @@
-"""What the C library does with freed memory, where that is glibc; elsewhere nothing happens here.
+"""Control over what glibc does with freed memory. With another C library, these functions do nothing.
 
-Images of some megabytes are allocated and freed many times a second. By default glibc takes each from the system anew
-and gives it back, and the system clears every page: on some machines that takes longer than what is computed.
+Images of some megabytes are allocated and freed many times a second. By default glibc requests the memory of each from
+the system and returns it, and the system clears every page. On some machines that takes longer than the computation.
 """
 
 import ctypes
@@ -14,13 +14,13 @@ _ALL = 2**31 - 1
 
 
 def keep_freed() -> bool:
-    """Keep freed memory for what is allocated next; whether the C library was told so."""
+    """Keep freed memory for later allocations. Return whether the C library accepted the setting."""
     library = _glibc()
     return library is not None and bool(library.mallopt(_M_MMAP_MAX, 0) and library.mallopt(_M_TRIM_THRESHOLD, _ALL))
 
 
 def give_back() -> None:
-    """Give what is kept but not used back to the system, so that resident memory is what is held."""
+    """Return freed memory to the system, so that resident memory is only what is in use."""
     library = _glibc()
     if library is not None:
         library.malloc_trim(0)

@@ -1,4 +1,4 @@
-"""Libraries that an extra of the package brings, imported where they are used."""
+"""Import of optional libraries, which extras of the package install."""
 
 from importlib import import_module
 from typing import Any
@@ -7,13 +7,13 @@ from gaussian_enhancer.errors import InputError
 
 
 def optional_library(module: str, subject: str, extra: str, *, name: str = "", otherwise: str = "") -> Any:
-    """Import a library that not every installation has.
+    """Import an optional library.
 
     Args:
-        module: what is imported.
-        subject: what needs it, named as the user knows it.
-        extra: the extra of this package that brings it.
-        name: what the library calls itself, where its module is called otherwise.
+        module: the module to import.
+        subject: the feature that needs it, named as the user knows it.
+        extra: the extra of this package that installs it.
+        name: the library's name, where it differs from the module's.
         otherwise: what the user can do without it, as an imperative.
 
     Raises:

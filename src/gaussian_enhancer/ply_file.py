@@ -1,4 +1,4 @@
-"""Elements of a .ply, whose header is compared with the file's size before anything is read."""
+"""Reading of .ply files. The header is compared with the file's size before any data is read."""
 
 from pathlib import Path
 
@@ -11,20 +11,21 @@ LONGEST_HEADER = 65_536
 WIDTHS = {1: "char uchar int8 uint8", 2: "short ushort int16 uint16", 4: "int uint float int32 uint32 float32"}
 WIDTHS |= {8: "double float64"}
 GROWTH = 4
-"""Times that a file's numbers are in memory at most: mapped, as columns, joined, as they are handed on."""
+"""Most copies of a file's numbers in memory at a time: mapped, as columns, joined, and as they are returned."""
 
 
 @reader
 def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) -> dict[str, np.ndarray]:
-    """Read elements of a .ply as structured arrays, by name; those that are not there are left out.
+    """Read elements of a .ply as structured arrays by name; elements that the file lacks are left out.
 
     Args:
         path: the file, binary or ASCII.
-        wanted: names of the elements; they may hold no lists.
-        remedy: what to do about a file that is no such .ply.
+        wanted: names of the elements, which must not have list properties.
+        remedy: what to do about a file that is no such .ply, as an imperative.
 
     Raises:
-        InputError: the file is missing, truncated, no .ply, or has an element that is not as wide as promised.
+        InputError: the file is missing, truncated or no .ply, takes more memory than the limit, or has a list property
+            in one of the elements.
     """
     from plyfile import PlyData, PlyParseError
 
@@ -36,11 +37,11 @@ def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) ->
         raise InputError(
             path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
         ) from None
-    found = {element.name: element for element in data.elements if element.name in wanted}
-    for name, element in found.items():
+    elements = {element.name: element for element in data.elements if element.name in wanted}
+    for name, element in elements.items():
         if element.data.dtype.hasobject:
             raise InputError(path, f"has lists in its element {name}", remedy)
-    return {name: np.asarray(element.data) for name, element in found.items()}
+    return {name: np.asarray(element.data) for name, element in elements.items()}
 
 
 def _check_header(path: str | Path, size: int, remedy: str) -> None:
@@ -48,7 +49,7 @@ def _check_header(path: str | Path, size: int, remedy: str) -> None:
     with open(path, "rb") as file:
         head = file.read(LONGEST_HEADER)
     text, _, _ = head.partition(b"end_header")
-    least = allocated = 0
+    least_bytes = allocated = 0
     count = 0
     ascii_file = b"format ascii" in text
     for line in text.decode("latin-1").splitlines():
@@ -57,9 +58,9 @@ def _check_header(path: str | Path, size: int, remedy: str) -> None:
             count = _count(path, words, remedy)
         elif len(words) >= 3 and words[0] == "property":
             width = _width(words[1])
-            least += count * (2 if ascii_file else width)
+            least_bytes += count * (2 if ascii_file else width)
             allocated += count * max(width, 4) * GROWTH
-        if count > size or least > size + 1:  # the last line's end may be missing
+        if count > size or least_bytes > size + 1:  # the last line's end may be missing
             received = f"is no readable .ply of {size} bytes (it announces {count} rows, which take more)"
             raise InputError(path, received, f"{remedy}, or copy it again")
     refuse_larger(path, allocated, f"announces {count} rows")
@@ -72,5 +73,5 @@ def _count(path: str | Path, words: list[str], remedy: str) -> int:
 
 
 def _width(kind: str) -> int:
-    """Bytes of a property; a list has at least its length."""
+    """Bytes of a property of this type; 1 for a list, which has at least its length."""
     return next((width for width, names in WIDTHS.items() if kind in names.split()), 1)

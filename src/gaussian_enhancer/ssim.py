@@ -1,4 +1,4 @@
-"""Structural similarity, one definition for fitting, training and measuring, with the details of 3DGS's evaluation.
+"""Structural similarity (SSIM), as fitting, training and measurement share it, with the details of 3DGS's evaluation.
 
 Gaussian window of 11x11 pixels and sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2. Source: Wang et al., Image
 Quality Assessment, TIP 2004, equation 13; padding as in Kerbl et al., SIGGRAPH 2023. Axes: h height, w width.
@@ -14,19 +14,19 @@ from torch.nn import functional
 C1 = 0.01**2
 C2 = 0.03**2
 RADIUS = 5
-"""Of the window, in pixels."""
+"""Radius of the window in pixels."""
 SIGMA = 1.5
 
 
 def gaussian(distance: Tensor) -> Tensor:
-    """The window's weight at whole distances from its middle in pixels, along one axis; all eleven sum to one."""
+    """Weights of the window along one axis, at integer distances from its centre in pixels; all eleven sum to one."""
     offsets = torch.arange(-RADIUS, RADIUS + 1, dtype=distance.dtype, device=distance.device)
     total = torch.exp(-offsets.square() / (2 * SIGMA**2)).sum()
     return torch.exp(-distance.square() / (2 * SIGMA**2)) * (distance.abs() <= RADIUS) / total
 
 
 def windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
-    """Images under the window, zeros outside.
+    """Filter images with the window, with zero padding.
 
     Args:
         images: any number of planes.
@@ -45,7 +45,7 @@ def ssim_map(
     Args:
         x: first image, [0, 1].
         y: second image, [0, 1].
-        windowed: brings images under the window; another way of computing the same may suit a caller better.
+        windowed: filters images with the window; a caller may pass another implementation of the same filter.
     """
     mean_x, mean_y, square_x, square_y, product = windowed(torch.stack([x, y, x * x, y * y, x * y]))
     luminance = (2 * mean_x * mean_y + C1) / (mean_x.square() + mean_y.square() + C1)

@@ -1,4 +1,4 @@
-"""Values of settings checked against the types and bounds that a dataclass or a signature states."""
+"""Validation of settings against the types and bounds that a dataclass or a signature states."""
 
 import dataclasses
 import json
@@ -34,21 +34,21 @@ RULES = {
     "string_type": "text",
     "tuple_type": "a list",
 }
-"""What pydantic's errors ask for, in a user's words."""
+"""Permitted values by the type of pydantic's error, in words for the user."""
 
 
 def check_fields(settings: Any, subject: str) -> None:
-    """Refuse a settings object with a value of another type, a number that is not finite, or one out of bounds.
+    """Refuse a settings object with a value of the wrong type, a number that is not finite, or one out of bounds.
 
-    Bounds are stated as ``Annotated[float, Field(ge=0, le=1)]``. ``__post_init__`` calls it; parts that are dataclasses
-    check themselves.
+    Bounds are stated as ``Annotated[float, Field(ge=0, le=1)]``. Dataclasses call this function in ``__post_init__``;
+    fields that are dataclasses check themselves.
 
     Args:
         settings: a dataclass.
-        subject: what the settings are called, before the field's name.
+        subject: prefix of the field's name in errors.
 
     Raises:
-        InputError: a field's value is none of its type; the field, the value and the rule are named.
+        InputError: a field's value is invalid; the error names the field, the value and the rule.
     """
     hints = get_type_hints(type(settings), include_extras=True)
     for field in dataclasses.fields(settings):
@@ -57,15 +57,15 @@ def check_fields(settings: Any, subject: str) -> None:
 
 
 def check_value(value: Any, kind: Any, subject: str) -> None:
-    """Refuse a value of another type, or out of bounds; see `check_fields`.
+    """Refuse a value of the wrong type, or out of bounds; see `check_fields`.
 
     Args:
-        value: what was given.
+        value: the value.
         kind: the type, with its bounds.
-        subject: what the value is called.
+        subject: the value's name in errors.
 
     Raises:
-        InputError: the value is none of its type.
+        InputError: the value is invalid.
     """
     try:
         TypeAdapter(kind, config=None if _has_rules(kind) else STRICT).validate_python(value)
@@ -74,15 +74,15 @@ def check_value(value: Any, kind: Any, subject: str) -> None:
 
 
 def check_plain(value: Any, kind: Any, subject: str) -> None:
-    """Refuse a value of a configuration that is of another type: as `check_value`, but a list may be a tuple, too.
+    """Refuse a configuration's value of the wrong type: as `check_value`, but a list passes for a tuple, too.
 
     Args:
         value: a number, text, truth value or null, or lists and mappings of these.
         kind: the type, with its bounds.
-        subject: what the value is called.
+        subject: the value's name in errors.
 
     Raises:
-        InputError: the value is none of its type.
+        InputError: the value is invalid.
     """
     try:
         TypeAdapter(kind, config=None if _has_rules(kind) else STRICT).validate_json(json.dumps(value))
@@ -91,40 +91,42 @@ def check_plain(value: Any, kind: Any, subject: str) -> None:
 
 
 def refusal(error: ValidationError, subject: str, kind: Any = None) -> InputError:
-    """The first value that pydantic refuses, and what it may be.
+    """Convert pydantic's error to an `InputError` that names the first invalid value and the permitted ones.
 
     Args:
         error: as pydantic raised it.
-        subject: what the whole value is called; the place of a part of it is added.
-        kind: the type.
+        subject: name of the whole value; the path to the invalid part is appended.
+        kind: the expected type.
     """
-    found = error.errors(include_url=False)
-    parts = list(_place(found[0]))
-    same = [one for one in found if repr(one["input"]) == repr(found[0]["input"])]  # the members of a union
-    rules = list(dict.fromkeys(map(_rule, same)))
+    errors = error.errors(include_url=False)
+    parts = list(_place(errors[0]))
+    union_errors = [
+        entry for entry in errors if repr(entry["input"]) == repr(errors[0]["input"])
+    ]  # the members of a union
+    rules = list(dict.fromkeys(map(_rule, union_errors)))
     if {"a number", "a finite number"} & set(rules):
         rules = [rule for rule in rules if rule != "a whole number"]
     if not parts and type(None) in get_args(kind):
         rules.append("null")
     name = ".".join([*filter(None, [subject]), *parts])
-    return InputError(name, f"is {shown(found[0]['input'])}", f"give {' or '.join(dict.fromkeys(rules))}")
+    return InputError(name, f"is {shown(errors[0]['input'])}", f"give {' or '.join(dict.fromkeys(rules))}")
 
 
 def _rule(error: ErrorDetails) -> str:
     template = RULES.get(error["type"])
     if template is not None:
         return template.format(**error.get("ctx", {}))
-    said = error["msg"].removeprefix("Value error, ")
-    return said.replace("Input should be ", "a value that is ")
+    message = error["msg"].removeprefix("Value error, ")
+    return message.replace("Input should be ", "a value that is ")
 
 
 def _place(error: ErrorDetails) -> Sequence[str]:
-    """Names and numbers of the parts that hold the value; pydantic adds the types of a union, which are left out."""
+    """Keys and indices that lead to the invalid value, without the members of unions that pydantic adds to them."""
     scalars = ("int", "float", "str", "bool", "none", "constrained")
     kinds = (*scalars, "list[", "tuple[", "literal[", "function-", "dict[", "is-instance")
     return [str(part) for part in error["loc"] if not str(part).startswith(kinds)]
 
 
 def _has_rules(kind: Any) -> bool:
-    """Whether a type states by itself how strictly it is checked."""
+    """Whether a type defines by itself how strictly it is validated."""
     return dataclasses.is_dataclass(kind) or hasattr(kind, "__pydantic_config__") or hasattr(kind, "model_config")

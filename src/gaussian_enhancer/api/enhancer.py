@@ -27,7 +27,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera
 
 REASONS = ("depth", "references", "fine photos")
-"""Parts of the input whose absence a user is warned of."""
+"""Parts of the input whose absence causes a warning."""
 
 
 class Enhancer:
@@ -36,7 +36,7 @@ class Enhancer:
     It does what ``gaussian-enhancer enhance`` does, and gives the same images for the same input. Images are numpy
     (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8, one or a batch. Cameras follow OpenCV's convention
     (`Camera.from_matrices`). All inputs are moved to the CPU, where references are chosen; warps and the network run on
-    ``device``. No gradient passes through.
+    ``device``. Gradients do not propagate through it.
 
     Args:
         pretrained: weights, as `load_weights` reads them.
@@ -97,21 +97,21 @@ class Enhancer:
 
     @property
     def scale(self) -> int:
-        """How many times finer the enhanced image is than the render: 1, or 4 for super-resolution weights."""
+        """Width of the enhanced image divided by the render's: 1, or 4 for super-resolution weights."""
         return self.pretrained.network.scale
 
     @property
     def references(self) -> tuple[Reference, ...]:
-        """The references that are kept between calls."""
+        """The references that were added, which are kept between calls."""
         return self._kept.references
 
     def add_reference(self, reference: Reference) -> None:
-        """Keep a reference for all later calls that give none of their own.
+        """Add a reference for all later calls that are not given references.
 
-        Its pixels are converted once, and what is computed of them is kept as well.
+        Its converted pixels, and data computed from them, are cached.
 
         Args:
-            reference: a photo and what is known of its view.
+            reference: a photo, and optionally the camera, render and depth of its view.
 
         Raises:
             InputError: it is no reference, or its name is taken.
@@ -119,7 +119,7 @@ class Enhancer:
         self._kept = KnownReferences.of((*self._kept.references, reference), self.reference_config.fine)
 
     def clear_references(self) -> None:
-        """Forget all references that are kept."""
+        """Remove all added references, and what is cached of any references."""
         self._kept = self._given = KnownReferences.of((), False)
 
     def __call__(
@@ -136,14 +136,14 @@ class Enhancer:
 
         Args:
             render: numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8; a batch has one axis more in front.
-            camera: of the render; a list for a batch. References that are reprojected need it.
+            camera: camera of the render; a list for a batch. References that are reprojected need it.
             depth: rendered z depth in scene units, 0 where nothing was hit: (h, w), for a batch (b, h, w). References
                 that are reprojected need it.
-            references: for this call; None uses the references that were added, an empty list none. Where the same
-                objects are given again, what was computed of them is used again.
+            references: references for this call; None uses the references that were added, an empty list uses none.
+                Where the next call gives the same objects, data computed from them is reused.
             alpha: rendered opacity in [0, 1], (h, w) or (b, h, w); it is optional and tells where holes are.
-            name: of the render; a list for a batch. A reference of that name is left out, for instance the photo of
-                the very view.
+            name: name of the render; a list for a batch. A reference of that name is left out, for instance the photo
+                of the same view.
 
         Returns:
             The enhanced image, of the render's library, type, device and size (4 times the size for super-resolution).
@@ -154,7 +154,8 @@ class Enhancer:
                 the camera or depth that they are reprojected by.
 
         Warns:
-            UserWarning: references are not used since the depth does not fit the renders.
+            UserWarning: references, or their photos at super-resolution, are not used. The text says why, for instance
+                that the depth does not fit the renders.
         """
         images, kind = read_images("render", render)
         known = self._known(references)
@@ -164,21 +165,21 @@ class Enhancer:
         config, rules = self.reference_config, self.options.rules
         if not known.views:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
-        found = validate_inputs(rendered, config, rules, self.scale, known.pool)
-        if found.lacks:
-            reasons = [one.why for one in found.parts if not one.used and one.name in REASONS]
+        validated = validate_inputs(rendered, config, rules, self.scale, known.pool)
+        if validated.lacks:
+            reasons = [item.why for item in validated.parts if not item.used and item.name in REASONS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
-        self._remember(known, found)
-        self._set_enhancer.reference_config = found.reference_config
-        planner = known.planner if known.planner is not None else found.planner(rules)
-        enhanced = self._set_enhancer(found.rendered, planner, found.pool, known.features)
-        result = torch.stack([one.image for one in enhanced])
+        self._remember(known, validated)
+        self._set_enhancer.reference_config = validated.reference_config
+        planner = known.planner if known.planner is not None else validated.planner(rules)
+        enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, known.features)
+        result = torch.stack([item.image for item in enhanced])
         if planner is not None:
             planner.known.clear()
         return kind.restored(result)
 
     def _known(self, references: Sequence[Reference] | None) -> KnownReferences:
-        """The references of a call."""
+        """References of a call: those that were added, or given ones, cached while calls give the same objects."""
         if references is None:
             return self._kept
         if isinstance(references, Reference):
@@ -190,17 +191,17 @@ class Enhancer:
     def _targets(
         self, images: Tensor, batch: bool, camera: Any, depth: Any, alpha: Any, name: Any
     ) -> tuple[RenderedView, ...]:
-        """The renders as views."""
+        """Validate the renders of a call and return them as views."""
         count, height, width = len(images), *images.shape[-2:]
         planes = {
-            what: None if given is None else read_planes(what, given, batch)
-            for what, given in (("depth", depth), ("alpha", alpha))
+            what: None if array is None else read_planes(what, array, batch)
+            for what, array in (("depth", depth), ("alpha", alpha))
         }
         for what, plane in planes.items():
             if plane is not None:
                 same_size(what, plane, "render", images)
         cameras = sequence_of("camera", camera, count, batch)
-        names = [one or f"render {i}" for i, one in enumerate(sequence_of("name", name, count, batch))]
+        names = [label or f"render {i}" for i, label in enumerate(sequence_of("name", name, count, batch))]
         if len(set(names)) < count:
             raise InputError("name", f"is {names}", "give each render of a batch a name of its own")
         return tuple(
@@ -215,7 +216,7 @@ class Enhancer:
         )
 
     def _check_geometry(self, targets: Sequence[RenderedView], known: KnownReferences) -> None:
-        """Refuse references that cannot be reprojected for want of a camera or of depth.
+        """Refuse references that cannot be reprojected because a camera or depth is missing.
 
         Raises:
             InputError: a camera or depth is missing.
@@ -224,18 +225,18 @@ class Enhancer:
         if not known.views or not config.references or not isinstance(config.warp, Reprojected):
             return
         for view in targets:
-            for what, given in (("camera", view.camera), ("depth", view.read_depth)):
-                if given is None:
+            for what, value in (("camera", view.camera), ("depth", view.read_depth)):
+                if value is None:
                     remedy = f"give {what}=, or references=[] to enhance from the render alone"
                     raise InputError(view.name, f"has references but no {what} to reproject them by", remedy)
-        bare = next((view.name for view in known.views if view.camera is None), None)
-        if bare is not None:
-            raise InputError(f"reference {bare}", "has no camera", "give Reference(photo, camera, ...)")
+        without_camera = next((view.name for view in known.views if view.camera is None), None)
+        if without_camera is not None:
+            raise InputError(f"reference {without_camera}", "has no camera", "give Reference(photo, camera, ...)")
 
     def _remember(self, known: KnownReferences, found: ValidatedInputs) -> None:
-        """Keep what later calls with the same references need not compute again."""
+        """Cache what later calls with the same references can reuse."""
         if found.pool is not known.pool:
-            known.planner = None  # depth was refused for this call, and the references' with it
+            known.planner = None  # for this call, depth was refused, that of the references included
             return
         known.depth_fits = bool(known.views) and self.options.rules.depth == "auto"
         if known.planner is None and not self.options.rules.full:
@@ -251,7 +252,7 @@ def _reader(planes: Tensor | None, index: int) -> Any:
 
 
 def _device(device: str | torch.device | None) -> torch.device:
-    """The device.
+    """The device of an argument ``device``.
 
     Raises:
         InputError: there is no such device.
@@ -268,10 +269,10 @@ def _device(device: str | torch.device | None) -> torch.device:
 
 
 def _colour(values: Sequence[int | float]) -> tuple[float, float, float]:
-    """Three numbers in [0, 1].
+    """Convert a colour to three floats in [0, 1].
 
     Raises:
-        InputError: they are not.
+        InputError: there are not three values, or one is out of range.
     """
     colour = tuple(float(value) for value in values)
     if len(colour) != 3 or not all(0 <= value <= 1 for value in colour):

@@ -46,24 +46,24 @@ def enhance_folder(
 ) -> tuple[Path, ...]:
     """Enhance a folder of renders, a fitted run, or a splat with its capture; write images of the same names.
 
-    It gives the images of ``gaussian-enhancer enhance output=FOLDER``. Everything is read before the first image is
-    written, so that a damaged file leaves no half-made folder.
+    It writes the same images as ``gaussian-enhancer enhance output=FOLDER``. All input is read before the first image
+    is written, so that a damaged file leaves no incomplete folder.
 
     Args:
         renders: folder of renders. Give this, or ``run``, or ``gaussians`` with ``scene``.
-        photos: folder of photos. Those with a render's name are its truth, the others references.
+        photos: folder of photos. A photo with a render's name is its ground truth; the others are references.
         cameras: ``cameras.json`` in 3DGS's list format, of renders and references.
         depth: folder of z depth under the renders' names: ``.npy``, ``.npz`` or 16-bit ``.png``.
         output: folder that is written.
-        references: folder of reference photos, where ``photos`` holds truths alone.
-        depth_scale: scene units of one stored unit of depth.
+        references: folder of reference photos, where ``photos`` holds only ground truth.
+        depth_scale: scene units per stored unit of depth.
         run: folder of a fitted run, this project's or original 3DGS output.
-        step: of a run: the training step whose renders are enhanced; None takes the latest.
+        step: for a run: the training step whose renders are enhanced; None takes the latest.
         gaussians: file of a splat.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
-        downscale: of a capture's folder: divides width and height of its photos.
-        method: of a splat: how it is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
-        views: of a splat: the cameras that it is rendered from: "test", "train" or "all".
+        downscale: for a capture's folder: factor by which width and height of its photos are divided.
+        method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
+        views: for a splat: the cameras that it is rendered from, "test", "train" or "all".
         weights: a name of the package's weights, or the path of a ``.safetensors`` file.
         device: "cpu" or "cuda"; None takes CUDA where there is one.
         recover_geometry: find cameras and depth that are not given, by structure from motion of renders and photos, and
@@ -81,7 +81,7 @@ def enhance_folder(
     """
     if Path(output).is_file():
         raise InputError(output, "cannot be written: it is a file", "name a folder")
-    chosen: torch.device = choose_device("auto" if device is None else device)
+    target_device: torch.device = choose_device("auto" if device is None else device)
     settings, pretrained = EnhancementOptions(**options), load_weights(weights)
     capture = open_capture(scene, downscale=downscale) if isinstance(scene, str | Path) else scene
     paths = InputPaths(
@@ -99,24 +99,24 @@ def enhance_folder(
         capture=capture,
         attach_fine=_fine_photos(run, scene, downscale),
     )
-    task = paths.read(chosen.type, pretrained.reference_config.fine)
+    task = paths.read(target_device.type, pretrained.reference_config.fine)
     if recover_geometry:
         task = with_geometry(task, pretrained, settings, Path(output) / "geometry")
-    enhancer, task, found = prepared(pretrained, task, settings, chosen)
-    planner = found.planner(settings.rules)
-    for read in file_reads(found, False, planner, False):
+    enhancer, task, validated = prepared(pretrained, task, settings, target_device)
+    planner = validated.planner(settings.rules)
+    for read in file_reads(validated, False, planner, False):
         read()
-    for why in filter(None, (task.note, *found.lacks, *lost_references(enhancer, task, found))):
-        warnings.warn(why, stacklevel=2)
-    images = enhancer(task.rendered, planner, found.pool)
+    for reason in filter(None, (task.note, *validated.lacks, *lost_references(enhancer, task, validated))):
+        warnings.warn(reason, stacklevel=2)
+    images = enhancer(task.rendered, planner, validated.pool)
     written = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
-    return tuple(Path(output) / one.name for one in written)
+    return tuple(Path(output) / view.name for view in written)
 
 
 def _fine_photos(
     run: str | Path | None, scene: str | Path | Scene | None, downscale: int | float
 ) -> Callable[[RenderedSet], RenderedSet] | None:
-    """What attaches photos 4 times as fine as the renders, where they can be known."""
+    """Function that attaches photos 4 times as fine as the renders; None where their source is not known."""
     if isinstance(scene, str | Path):
         return partial(_attach_from_capture, scene, downscale)
     if run is not None and scene is None:
@@ -125,5 +125,5 @@ def _fine_photos(
 
 
 def _attach_from_capture(folder: str | Path, downscale: int | float, rendered: RenderedSet) -> RenderedSet:
-    finer = high_resolution_values({"path": str(folder), "downscale": downscale})["downscale"]
-    return attach_fine_photos(rendered, open_capture(folder, downscale=finer))
+    fine_downscale = high_resolution_values({"path": str(folder), "downscale": downscale})["downscale"]
+    return attach_fine_photos(rendered, open_capture(folder, downscale=fine_downscale))

@@ -1,4 +1,4 @@
-"""Images as users hold them, numpy or torch, to tensors and back.
+"""Conversion of the user's images, numpy or torch, to tensors and back.
 
 Axes: b batch, h height, w width.
 """
@@ -16,12 +16,12 @@ from gaussian_enhancer.errors import InputError
 
 Array = np.ndarray | Tensor
 BRIGHTEST = 8.0
-"""Largest colour of a float image. Renders overshoot 1 a little; images that were not divided by 255 exceed this."""
+"""Largest permitted value of a float image. Renders exceed 1 a little; images not divided by 255 exceed this value."""
 
 
 @dataclass(frozen=True)
 class ImageKind:
-    """In what form an image was given, so that the result has the same form.
+    """Library, type, device and axes of a given image, so that the result has the same.
 
     Args:
         like: an array of its library, type and device; its values are not used.
@@ -32,10 +32,10 @@ class ImageKind:
     batch: bool
 
     def restored(self, images: Float[Tensor, "b 3 h w"]) -> Array:
-        """Images in [0, 1] in the form that was given.
+        """Convert images in [0, 1] to the form of the given image.
 
         Args:
-            images: on the CPU.
+            images: images on the CPU.
         """
         integer = _is_uint8(self.like)
         values = (images * 255).round().to(torch.uint8) if integer else images
@@ -51,18 +51,18 @@ def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageK
 
     Args:
         name: what the image is, for messages.
-        image: numpy (h, w, 3) or (b, h, w, 3), torch (3, h, w) or (b, 3, h, w); float in [0, 1] or uint8. Floats a
-            little outside of [0, 1] are clamped.
+        image: numpy (h, w, 3) or (b, h, w, 3), torch (3, h, w) or (b, 3, h, w); float in [0, 1] or uint8. Floats
+            outside of [0, 1] are clamped.
 
     Raises:
-        InputError: it is no such array, is empty, or holds values that are not finite or not in [0, 1].
+        InputError: it is no such array, is empty, or holds values that are not finite or exceed `BRIGHTEST`.
     """
     _check_type(name, image)
     channels = -3 if isinstance(image, Tensor) else -1
     if image.ndim not in (3, 4) or image.shape[channels] != 3 or 0 in image.shape:
-        known = "(3, h, w) or (b, 3, h, w)" if isinstance(image, Tensor) else "(h, w, 3) or (b, h, w, 3)"
-        kind = "torch" if isinstance(image, Tensor) else "numpy"
-        raise InputError(name, f"has shape {tuple(image.shape)}", f"give {kind} images of shape {known}")
+        shapes = "(3, h, w) or (b, 3, h, w)" if isinstance(image, Tensor) else "(h, w, 3) or (b, h, w, 3)"
+        library = "torch" if isinstance(image, Tensor) else "numpy"
+        raise InputError(name, f"has shape {tuple(image.shape)}", f"give {library} images of shape {shapes}")
     if not (_is_uint8(image) or _is_float(image)):
         raise InputError(name, f"is of type {image.dtype}", "give float in [0, 1], or uint8")
     batch = image.ndim == 4
@@ -89,13 +89,13 @@ def read_planes(name: str, planes: Any, batch: bool) -> Float[Tensor, "b 1 h w"]
         raise InputError(
             name, f"is of type {planes.dtype}", "give float values: depth in scene units, opacity in [0, 1]"
         )
-    torches, lead = isinstance(planes, Tensor), "b, " if batch else ""
+    is_torch, batch_axis = isinstance(planes, Tensor), "b, " if batch else ""
     values = _tensor(planes).float()
-    if values.ndim == 3 + batch and values.shape[-3 if torches else -1] == 1:
-        values = values.squeeze(-3 if torches else -1)
+    if values.ndim == 3 + batch and values.shape[-3 if is_torch else -1] == 1:
+        values = values.squeeze(-3 if is_torch else -1)
     if values.ndim != 2 + batch or 0 in values.shape:
-        full = f"({lead}1, h, w)" if torches else f"({lead}h, w, 1)"
-        raise InputError(name, f"has shape {tuple(planes.shape)}", f"give shape ({lead}h, w) or {full}")
+        full_shape = f"({batch_axis}1, h, w)" if is_torch else f"({batch_axis}h, w, 1)"
+        raise InputError(name, f"has shape {tuple(planes.shape)}", f"give shape ({batch_axis}h, w) or {full_shape}")
     values = torch.where(torch.isfinite(values), values, torch.zeros_like(values))
     if float(values.min()) < 0:
         raise InputError(name, f"has values down to {float(values.min()):g}", "give values of 0 or more")
@@ -108,10 +108,10 @@ def same_size(name: str, image: Tensor, other_name: str, other: Tensor) -> None:
     Raises:
         InputError: they differ.
     """
-    found, wanted = (tuple(one.shape[i] for i in (0, -2, -1)) for one in (image, other))
-    if found != wanted:
-        (count, height, width), (others, rows, columns) = found, wanted
-        received = f"is {count} of {width}x{height} for {other_name} of {others} of {columns}x{rows}"
+    size, other_size = (tuple(tensor.shape[i] for i in (0, -2, -1)) for tensor in (image, other))
+    if size != other_size:
+        (count, height, width), (other_count, rows, columns) = size, other_size
+        received = f"is {count} of {width}x{height} for {other_name} of {other_count} of {columns}x{rows}"
         raise InputError(name, received, "give one of the same height and width for each image")
 
 
@@ -131,24 +131,24 @@ def _is_float(image: Array) -> bool:
 
 
 def _tensor(image: Array) -> Tensor:
-    """The values on the CPU, apart from any gradient."""
+    """The values as a tensor on the CPU, detached from the graph of gradients."""
     if isinstance(image, Tensor):
         return image.detach().cpu()
     return torch.from_numpy(np.ascontiguousarray(image if image.flags.writeable else image.copy()))
 
 
 def _in_range(name: str, values: Tensor) -> Tensor:
-    """Colours in [0, 1]."""
-    least, most = (float(one) for one in values.aminmax())
-    if not (np.isfinite(least) and np.isfinite(most)):
+    """Clamp colours to [0, 1]; refuse values that are not finite or exceed `BRIGHTEST`."""
+    lowest, highest = (float(value) for value in values.aminmax())
+    if not (np.isfinite(lowest) and np.isfinite(highest)):
         raise InputError(name, "has values that are not finite", "render it again, or replace them")
-    if most > BRIGHTEST:
-        raise InputError(name, f"has values up to {most:g}", "give float images in [0, 1], or uint8")
+    if highest > BRIGHTEST:
+        raise InputError(name, f"has values up to {highest:g}", "give float images in [0, 1], or uint8")
     return values.clamp(0, 1)
 
 
 def sequence_of(name: str, values: Any, count: int, batch: bool) -> Sequence[Any]:
-    """One value an image.
+    """One value per image.
 
     Args:
         name: what the values are, for messages.

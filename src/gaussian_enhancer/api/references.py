@@ -1,4 +1,4 @@
-"""References of the Python API: photos with what is known of their views.
+"""References of the Python API: photos, optionally with camera, render and depth of their views.
 
 Axes: h height, w width.
 """
@@ -27,14 +27,14 @@ class Reference:
     aspect is the same.
 
     Args:
-        photo: the photo. It must not be distorted: a pinhole camera took it.
-        camera: where it was taken from; weights that reproject photos need it.
-        render: the splat's own render of the same view. It is optional; with it the enhancement knows what the splat
-            gets wrong, corrects exposure better, and gains more.
+        photo: the photo, without lens distortion: its camera is a pinhole camera.
+        camera: the photo's camera; weights that reproject photos need it.
+        render: the splat's render of the same view. It is optional; with it, the enhancement sees the splat's errors,
+            corrects exposure better, and gains more.
         depth: the splat's z depth of the same view in scene units, (h, w), 0 where nothing was hit. It is optional;
-            with it, photos do not show through surfaces that hide what they see.
-        name: unique name. A reference that has the name of the render that is enhanced is left out, since it shows the
-            answer.
+            with it, occlusions between the photo's view and the enhanced view are detected.
+        name: unique name. A reference that has the name of the render that is enhanced is left out, since it is the
+            ground truth.
 
     Raises:
         InputError: an image has a wrong shape or type, or another aspect than the photo, or depth is negative.
@@ -47,14 +47,14 @@ class Reference:
     name: str = ""
 
     def __post_init__(self) -> None:
-        photo = _size(self.photo, "photo", self.name)
+        photo_size = _size(self.photo, "photo", self.name)
         if self.camera is not None:
-            sized_camera(self.camera, *photo, f"camera of reference {self.name}".rstrip())
+            sized_camera(self.camera, *photo_size, f"camera of reference {self.name}".rstrip())
         for what, image in (("render", self.render), ("depth", self.depth)):
             if image is not None:
-                found = _size(image, what, self.name)
-                if not _same_aspect(photo, found):
-                    received = f"is {found[1]}x{found[0]} for a photo of {photo[1]}x{photo[0]}"
+                size = _size(image, what, self.name)
+                if not _same_aspect(photo_size, size):
+                    received = f"is {size[1]}x{size[0]} for a photo of {photo_size[1]}x{photo_size[0]}"
                     raise InputError(
                         f"{what} of reference {self.name}".rstrip(), received, "give it in the same aspect"
                     )
@@ -62,13 +62,13 @@ class Reference:
 
 @dataclass
 class KnownReferences:
-    """References in use, and what was computed of them in earlier calls.
+    """References in use, and the data that earlier calls computed from them.
 
     Args:
-        references: as the user gave them.
-        views: the same as views; pixels are converted when they are read.
-        pool: keeps pixels of the views that were read last.
-        planner: keeps views on a coarse grid; None where nothing is planned.
+        references: the references as the user gave them.
+        views: the references as views, whose pixels are converted when they are read.
+        pool: cache of the pixels of the views that were read last.
+        planner: planner that caches views on a coarse grid; None where nothing is planned.
         features: the network's features of references that are not warped; None where they are warped.
         depth_fits: whether depth was found to fit the renders.
     """
@@ -85,35 +85,35 @@ class KnownReferences:
 
     @classmethod
     def of(cls, references: Sequence[Reference], fine: bool) -> "KnownReferences":
-        """Take references into use.
+        """Create views of references, with nothing computed from them yet.
 
         Args:
-            references: whose names are unique; references without a name get one.
+            references: references with unique names; those without a name get one.
             fine: read the photos at their own resolution, too, for super-resolution.
 
         Raises:
-            InputError: a name stands twice, or something else than a `Reference` is among them.
+            InputError: a name occurs twice, or an item is no `Reference`.
         """
         views: dict[str, RenderedView] = {}
-        for number, one in enumerate(references):
-            if not isinstance(one, Reference):
-                received = f"hold a {type(one).__name__}"
+        for number, reference in enumerate(references):
+            if not isinstance(reference, Reference):
+                received = f"hold a {type(reference).__name__}"
                 raise InputError(
                     "references", received, "give gaussian_enhancer.Reference(photo, camera, render, depth)"
                 )
-            name = one.name or f"reference {number}"
+            name = reference.name or f"reference {number}"
             if name in views:
                 raise InputError(f"reference {name}", "stands twice", "give each reference a name of its own")
-            views[name] = _view(one, name, fine)
+            views[name] = _view(reference, name, fine)
         return cls(tuple(references), tuple(views.values()))
 
     def same(self, references: Sequence[Reference]) -> bool:
-        """Whether these very references are in use."""
+        """Whether these are the same objects as the references in use."""
         return len(references) == len(self.references) and all(map(lambda a, b: a is b, references, self.references))
 
 
 def sized_camera(camera: Camera, height: int, width: int, name: str) -> Camera:
-    """The camera at an image's size, on the CPU; the image may be an evenly resized copy.
+    """The camera scaled to an image's size, on the CPU; the image may be a uniformly resized copy.
 
     Raises:
         InputError: it is no camera, or the aspects differ by more than rounding explains.
@@ -152,18 +152,18 @@ def _view(reference: Reference, name: str, fine: bool) -> RenderedView:
 
 
 def _size(image: Any, what: str, name: str) -> tuple[int, int]:
-    """Height and width of one image or map, which is checked."""
+    """Validate one image or map and return its height and width."""
     subject = f"{what} of reference {name}".rstrip()
     if what == "depth":
         height, width = read_planes(subject, image, batch=False).shape[-2:]
         return height, width
-    found, kind = read_images(subject, image)
+    images, kind = read_images(subject, image)
     if kind.batch:
         raise InputError(subject, f"has shape {tuple(image.shape)}", "give one image, without a batch axis")
-    return found.shape[-2], found.shape[-1]
+    return images.shape[-2], images.shape[-1]
 
 
 def _same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether one size is the other resized evenly, up to rounding."""
+    """Whether two sizes (height, width) have the same aspect, up to rounding."""
     shrink = min(size[0] / other[0], size[1] / other[1])
     return abs(size[0] - other[0] * shrink) <= 1 and abs(size[1] - other[1] * shrink) <= 1

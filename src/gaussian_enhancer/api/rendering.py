@@ -15,16 +15,16 @@ def render(
     background: Sequence[int | float] = (0.0, 0.0, 0.0),
     near: int | float = 0.01,
 ) -> Render:
-    """Render a splat, differentiably in its tensors.
+    """Render a splat, differentiable with respect to its tensors.
 
     On the CPU it runs this project's rasteriser, on CUDA gsplat (``pip install gaussian-enhancer[cuda]``).
 
     Args:
         splat: Gaussians, as `read_splat` reads them.
-        camera: where from; its size is the image's.
+        camera: the camera; its size is the image's.
         method: "3dgs", "2dgs", "mip_splatting", or "auto", which takes what the splat was made for (`choose_method`).
         background: colour behind the scene, in [0, 1].
-        near: smallest z that is drawn, in scene units.
+        near: near plane: smallest z that is drawn, in scene units.
 
     Returns:
         ``colour`` (3, h, w), not clamped; ``depth`` and ``median_depth`` (1, h, w), z in scene units; ``alpha``
@@ -35,17 +35,19 @@ def render(
 
     Example:
         >>> import torch
-        >>> one = Gaussians(
+        >>> splat = Gaussians(
         ...     torch.tensor([[0.0, 0.0, 2.0]]), torch.full((1, 3), -2.0), torch.tensor([[1.0, 0, 0, 0]]),
         ...     torch.tensor([4.0]), torch.zeros(1, 1, 3),
         ... )
         >>> camera = Camera.from_matrices([[20, 0, 8], [0, 20, 8], [0, 0, 1]], torch.eye(4), 16, 16)
-        >>> render(one, camera).colour.shape
+        >>> render(splat, camera).colour.shape
         torch.Size([3, 16, 16])
     """
     if not isinstance(camera, Camera):
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
         raise InputError("camera", f"is of type {type(camera).__name__}", remedy)
-    chosen = choose_method(method, splat) if isinstance(method, str) else method
+    rendering_method = choose_method(method, splat) if isinstance(method, str) else method
     red, green, blue = map(float, background)
-    return render_gaussians(splat, camera.to(splat.means.device), chosen, (red, green, blue), near=float(near))
+    return render_gaussians(
+        splat, camera.to(splat.means.device), rendering_method, (red, green, blue), near=float(near)
+    )

@@ -1,4 +1,4 @@
-"""`distil_splat`: a better splat from Python."""
+"""`distil_splat`: distil a splat from Python."""
 
 import shutil
 from pathlib import Path
@@ -33,27 +33,27 @@ def distil_splat(
     progress: bool = True,
     **options: Any,
 ) -> Path:
-    """Put what the enhancer adds back into a splat: a ``.ply`` that any viewer opens.
+    """Train a splat on its enhanced views, so that it contains what enhancement adds; write a ``.ply`` for any viewer.
 
-    The splat is that of ``gaussian-enhancer distil``, which documents what is done. A call that was killed goes on with
-    the same arguments.
+    The result is that of ``gaussian-enhancer distil``, where the method is documented. A call that was killed resumes
+    when it is repeated with the same arguments.
 
     Args:
         run: folder of a fitted run, this project's or original 3DGS output. Give this, or ``gaussians`` with ``scene``.
         gaussians: file of a splat.
         scene: its capture: the folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         output: folder that is written; it must not hold a splat yet.
-        downscale: of a capture's folder: divides width and height of its photos.
+        downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: how the splat is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
         weights: a name of the package's weights, or the path of a ``.safetensors`` file.
         device: "cpu" or "cuda"; None takes CUDA where there is one.
         settings: steps, rounds, views and rates; None takes the defaults of `DistilSettings`.
-        prune: remove floaters first, by this evidence; None removes none.
+        prune: settings by which floaters are removed first; None removes none.
         progress: show progress bars.
-        **options: fields of `EnhancementOptions`, by which the new views are enhanced.
+        **options: fields of `EnhancementOptions`, which control how the new views are enhanced.
 
     Returns:
-        The file ``splat.ply`` in the folder.
+        The path of ``splat.ply`` in the folder.
 
     Raises:
         InputError: the input, the weights or an option cannot be used, or the folder holds a splat already or cannot
@@ -62,19 +62,19 @@ def distil_splat(
     folder = Path(output)
     if folder.is_file() or (folder / "splat.ply").exists():
         raise InputError(folder, "is a file or holds a splat already", "name another folder")
-    chosen = choose_device("auto" if device is None else device)
-    further = DistilSettings() if settings is None else settings
-    how = EnhancementOptions(**{"plan": "full", **options})
+    target_device = choose_device("auto" if device is None else device)
+    distil_settings = DistilSettings() if settings is None else settings
+    enhancement_options = EnhancementOptions(**{"plan": "full", **options})
     if run is None and isinstance(scene, str | Path):
         scene = open_capture(scene, downscale=downscale)
     splat, capture = given_splat(run, gaussians, scene if isinstance(scene, Scene) else None)
-    task = distil_task(splat, capture, further, prune, method=method, device=chosen)
-    enhancer, made_of = None, f"{file_digest(splat)}, {prune}"
+    task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)
+    enhancer, inputs = None, f"{file_digest(splat)}, {prune}"
     if task.makes_views:
-        enhancer = enhancer_of_new_views(task, weights, how, chosen)
-        made_of += f", {file_digest(find_checkpoint(weights))}, {how}"
-    better = better_splat(task, enhancer, folder, progress=progress, made_of=made_of)
-    export_splat(folder, capture, better)
+        enhancer = enhancer_of_new_views(task, weights, enhancement_options, target_device)
+        inputs += f", {file_digest(find_checkpoint(weights))}, {enhancement_options}"
+    distilled = better_splat(task, enhancer, folder, progress=progress, made_of=inputs)
+    export_splat(folder, capture, distilled)
     discard_checkpoint(folder)
     shutil.rmtree(folder / "rounds", ignore_errors=True)
     return folder / "splat.ply"

@@ -1,1 +1,1 @@
-"""The command line: one short file a job."""
+"""The command line: one module per job."""

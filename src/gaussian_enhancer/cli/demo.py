@@ -1,7 +1,7 @@
 """The job ``demo``: fit, enhance, measure and report one procedural scene, with the jobs that a user would run.
 
-A sparse splat is fitted, its held-out views are enhanced with the weights that come with the package, measured, and
-shown as a table and a page. The fit is taken from the runs' folder where it was done before.
+A splat is fitted to a sparse capture. Its held-out views are enhanced with the weights that come with the package and
+measured. The results are shown as a table and a page. A finished fit in the folder of runs is reused.
 """
 
 import time
@@ -27,33 +27,33 @@ def run(cfg: DictConfig) -> float | None:
     Returns:
         Mean gain in colour-aligned PSNR, dB.
     """
-    begun = time.monotonic()
+    started = time.monotonic()
     console = Console(stderr=True)
     fit_folder = _fit(cfg, console)
     console.rule("2 of 3  enhance the held-out views", align="left")
     folder = enhanced(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
     console.rule("3 of 3  measure and show", align="left")
-    measuring = compose_job("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
-    records, folder = measured(measuring, fit_folder)
-    shown = open_measured(folder)
-    own = open_run(cfg, "demo", measuring.scene_name)
-    page = own.folder / "report.html"
-    title = f"{measuring.scene_name}: sparse {measuring.splat_name}, enhanced"
-    write_page(page, shown, title=title)
-    own.finish()
-    Console().print(comparison_table(shown.views, title))
-    if missing := reasons(shown.views):
-        Console().print(missing, highlight=False, soft_wrap=True)
-    console.print(f"{page.resolve().as_uri()}\n{time.monotonic() - begun:.0f} s", highlight=False, soft_wrap=True)
+    measure_job = compose_job("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
+    records, folder = measured(measure_job, fit_folder)
+    measured_run = open_measured(folder)
+    demo_run = open_run(cfg, "demo", measure_job.scene_name)
+    page = demo_run.folder / "report.html"
+    title = f"{measure_job.scene_name}: sparse {measure_job.splat_name}, enhanced"
+    write_page(page, measured_run, title=title)
+    demo_run.finish()
+    Console().print(comparison_table(measured_run.views, title))
+    if missing_reasons := reasons(measured_run.views):
+        Console().print(missing_reasons, highlight=False, soft_wrap=True)
+    console.print(f"{page.resolve().as_uri()}\n{time.monotonic() - started:.0f} s", highlight=False, soft_wrap=True)
     return compare(paired(records), "psnr_aligned").gain
 
 
 def _fit(cfg: DictConfig, console: Console) -> Path:
-    """Fit the splat, or find it fitted."""
+    """Fit the splat, or reuse a finished fit; return the run's folder."""
     job = compose_job("fit", cfg, scene=cfg.scene, splat=cfg.splat)
-    with open_dict(job):  # settings that fit.yaml leaves at their defaults may be given, too
+    with open_dict(job):  # cfg.settings may add keys that fit.yaml leaves at their defaults
         job.settings.update(cfg.settings)
-    before = find_run(job, "fit")
-    again = "  (done before)" if before is not None and before.done else ""
-    console.rule(f"1 of 3  fit a splat to a sparse capture{again}", align="left")
+    previous = find_run(job, "fit")
+    note = "  (done before)" if previous is not None and previous.done else ""
+    console.rule(f"1 of 3  fit a splat to a sparse capture{note}", align="left")
     return finished_fit(job).folder

@@ -1,4 +1,4 @@
-"""The job ``distil``: a better splat from enhanced views, from pruning, or from both."""
+"""The job ``distil``: improve a splat by training on enhanced views, by pruning, or by both."""
 
 import time
 
@@ -23,7 +23,7 @@ from gaussian_enhancer.splat.io.small_files import ENDINGS, write_small
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Distil, unless the same is done already.
+    """Distil, unless a finished run of the same configuration exists.
 
     Args:
         cfg: see ``conf/distil.yaml``.
@@ -38,7 +38,9 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def distilled(cfg: DictConfig) -> Run:
-    """The finished run, made where it is missing. Its folder is as a fit's; step 0 is the splat that was given.
+    """Return the finished run, which is made where it is missing.
+
+    Its folder has the layout of a fit's folder. Step 0 is the splat that was given.
 
     Args:
         cfg: see ``conf/distil.yaml``.
@@ -54,14 +56,14 @@ def distilled(cfg: DictConfig) -> Run:
     if not job.done:
         with status.discarded_if_refused(job.folder):
             _make(job, task, enhancer, cfg, console)
-    before, after = held_out_psnr(job.folder)
-    quality = "no view held out" if after is None else f"held-out PSNR {before:.2f} -> {after:.2f} dB"
+    psnr_before, psnr_after = held_out_psnr(job.folder)
+    quality = "no view held out" if psnr_after is None else f"held-out PSNR {psnr_before:.2f} -> {psnr_after:.2f} dB"
     console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)
     return job
 
 
 def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console) -> None:
-    begun = time.monotonic()
+    started = time.monotonic()
     gaussians = better_splat(
         task,
         enhancer,
@@ -69,7 +71,7 @@ def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictCon
         progress=cfg.runtime.progress,
         on_pruned=lambda found: console.print(str(found), highlight=False, soft_wrap=True),
     )
-    seconds = time.monotonic() - begun
+    seconds = time.monotonic() - started
     step = 1 if task.settings is None else task.settings.steps
     for number, splat in ((0, task.renderer.gaussians), (step, gaussians)):
         export_views(job.folder, task.capture, splat, task.renderer.method, number)

@@ -1,4 +1,4 @@
-"""Several processes enhance the views of a set, each its own part, in Lightning's prediction loop."""
+"""Enhance the views of a set in several processes, each of which takes a part, by Lightning's prediction loop."""
 
 import os
 from dataclasses import replace
@@ -24,13 +24,13 @@ from gaussian_enhancer.train.trainer import quieten, stopped_by_ctrl_c
 
 
 class Prediction(LightningModule):
-    """Enhances one view a step and writes it.
+    """Lightning module that enhances and writes one view per prediction step.
 
     Args:
         enhancer: the network with its reference configuration; it stays on its own device.
         rendered: the whole set.
-        folder: where images are written.
-        planner: leaves out what a view does not need.
+        folder: folder of the enhanced images.
+        planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
     """
 
     def __init__(
@@ -38,21 +38,21 @@ class Prediction(LightningModule):
     ) -> None:
         super().__init__()
         self.enhancer, self.rendered, self.folder, self.planner = enhancer, rendered, folder, planner
-        self.pool = Pool(rendered.references)  # references that were read for one view serve the next
+        self.pool = Pool(rendered.references)  # references stay in memory for the following views
         self.written: list[Enhanced] = []
 
     def predict_step(self, batch: int, index: int) -> None:
         """Enhance and write a view.
 
         Args:
-            batch: the view's place in the set; Lightning cannot carry the view, which is a frozen dataclass.
-            index: of the step.
+            batch: index of the view in the set; Lightning cannot pass the view itself, which is a frozen dataclass.
+            index: index of the step.
         """
         view = replace(self.rendered, targets=(self.rendered.targets[int(batch)],))
-        (one,) = self.enhancer(view, self.planner, self.pool)
-        write_one(one, self.folder, view.targets[0], self.enhancer.network.scale)
-        # No tensor of inference mode, and no more than a pipe holds: who plans ahead knows the plans.
-        self.written.append(replace(one, image=torch.empty(3, 0, 0), plan=None))
+        (enhanced,) = self.enhancer(view, self.planner, self.pool)
+        write_one(enhanced, self.folder, view.targets[0], self.enhancer.network.scale)
+        # Keep no inference tensors, and no more than a pipe holds: no pixels, and no plans, which the caller has.
+        self.written.append(replace(enhanced, image=torch.empty(3, 0, 0), plan=None))
 
 
 def predicted(
@@ -65,15 +65,15 @@ def predicted(
 ) -> list[Enhanced]:
     """Enhance this process's part of a set's targets and write the images.
 
-    Lightning gives each process its part of the views: none twice, none left out.
+    Lightning distributes the views among the processes: each view is enhanced exactly once.
 
     Args:
         enhancer: the network with its reference configuration.
-        rendered: the whole set, of at least as many targets as there are processes.
-        folder: where images are written.
-        count: of processes.
-        progress: show a bar.
-        planner: leaves out what a view does not need; None enhances all of it.
+        rendered: the whole set, with at least as many targets as processes.
+        folder: folder of the enhanced images.
+        count: number of processes.
+        progress: show a progress bar.
+        planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
 
     Returns:
         All views, those of the other processes included, in the set's order, without their pixels and plans.
@@ -92,19 +92,19 @@ def predicted(
     views: DataLoader[int] = DataLoader(range(len(rendered.targets)), batch_size=None)  # type: ignore[arg-type]
     with stopped_by_ctrl_c(trainer):
         trainer.predict(module, views, return_predictions=False)
-    found = {one.name: one for one in gathered(module.written)}
-    return [found[view.name] for view in rendered.targets]
+    enhanced_views = {enhanced.name: enhanced for enhanced in gathered(module.written)}
+    return [enhanced_views[view.name] for view in rendered.targets]
 
 
 def enhanced_together(folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int) -> list[Enhanced]:
-    """Enhance by several processes, by a plan that is made.
+    """Enhance a set in several processes by a finished plan.
 
     Args:
-        folder: where images are written.
-        plan: what of each view is enhanced.
+        folder: folder of the enhanced images.
+        plan: which regions of each view are enhanced.
         cfg: configuration of the job ``enhance``.
-        accelerator: Lightning's name of the devices.
-        processes: how many; at most as many as there are views.
+        accelerator: Lightning's name of the device type.
+        processes: number of processes, at most the number of views.
 
     Returns:
         All views in the set's order, without their pixels and plans.
@@ -112,14 +112,14 @@ def enhanced_together(folder: Path, plan: Plan, cfg: DictConfig, accelerator: st
     Raises:
         InputError: a process refuses its input.
     """
-    every: list[Enhanced] = launch(_part, cfg, accelerator, processes, folder, plan, processes)
-    return every
+    enhanced_views: list[Enhanced] = launch(_part, cfg, accelerator, processes, folder, plan, processes)
+    return enhanced_views
 
 
 def _part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[Enhanced]:
     """Enhance one process's part of the views."""
     device = start(cfg.runtime)
     device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device
-    enhancer, task, found = ready(cfg, device)
-    planner = found.planner(plan.rules, plan.views)
+    enhancer, task, validated = ready(cfg, device)
+    planner = validated.planner(plan.rules, plan.views)
     return predicted(enhancer, task.rendered, folder, processes, cfg.runtime.progress, planner)

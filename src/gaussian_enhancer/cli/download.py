@@ -1,6 +1,6 @@
-"""The job ``download``: fetch a published dataset, or the scenes of it that are asked for.
+"""The job ``download``: fetch a published dataset, or selected scenes of it.
 
-Archives go to ``folder/archives``, scenes to ``folder/DATASET/SCENE``. What is there is not fetched again.
+Archives go to ``folder/archives``, scenes to ``folder/DATASET/SCENE``. Existing files are not fetched again.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ def written(cfg: DictConfig) -> Path | None:
 
 
 def run(cfg: DictConfig) -> None:
-    """Fetch, check and unpack; or, with ``dry_run``, list what that would be.
+    """Fetch, verify and unpack a dataset; with ``dry_run``, only list what would be fetched.
 
     Args:
         cfg: see ``conf/download.yaml``.
@@ -53,7 +53,7 @@ def run(cfg: DictConfig) -> None:
 
 
 def _fetched(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, progress: Progress) -> None:
-    """Bring an archive to its place, checked."""
+    """Fetch an archive and verify its checksum; an archive that exists is only verified."""
     if path.is_file():
         progress.console.print(f"{path}: checking", highlight=False, soft_wrap=True)
         check_archive(archive, path, path)
@@ -87,7 +87,7 @@ def _progress(console: Console, shown: bool) -> Progress:
 
 
 def _names(cfg: DictConfig, key: str) -> tuple[str, ...] | None:
-    """A list of names, or None."""
+    """The names that an option lists, or None."""
     value = plain(cfg)[key]
     if value is None:
         return None

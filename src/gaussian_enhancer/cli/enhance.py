@@ -24,21 +24,21 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def written(cfg: DictConfig) -> Path | None:
-    """The folder of images without a run; None where a run's folder is made, or nothing is written."""
+    """The folder ``output``, which is no run; None where a run's folder is made, or nothing is written."""
     return Path(cfg.output) if cfg.output and not cfg.dry_run else None
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Enhance and write images of the same names.
+    """Enhance renders and write the images under the renders' names.
 
-    With ``output`` the images alone are written there. Otherwise a run's folder is made, in the layout that ``measure
-    run=`` reads: renders, enhanced images and photos side by side, the cost in records, and the plan.
+    With ``output``, only the images are written, to that folder. Otherwise a run's folder is made in the layout that
+    ``measure run=`` reads: renders, enhanced images and photos side by side, the cost in records, and the plan.
 
     Args:
         cfg: see ``conf/enhance.yaml``.
 
     Returns:
-        Median milliseconds an image took in the network; None where only the plan was asked for.
+        Median run time of the network per image, in milliseconds; None with ``dry_run``.
 
     Raises:
         InputError: the input cannot be used, an option is out of range, or an image cannot be written.
@@ -50,18 +50,18 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.distil:
         cfg = _of_distilled(cfg)
     cfg = within_budget(cfg, ready, start(cfg.runtime), console)
-    enhancer, task, found = ready(cfg, start(cfg.runtime))
+    enhancer, task, validated = ready(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
-    planner = found.planner(rules)
+    planner = validated.planner(rules)
     hidden = not (cfg.runtime.progress and console.is_terminal)
-    reads = file_reads(found, not cfg.output, planner, cfg.dry_run)
+    reads = file_reads(validated, not cfg.output, planner, cfg.dry_run)
     for read in track(reads, "reading", console=console, disable=hidden):
         read()
-    plan = Plan(task.rendered.name, rules, found.parts, () if planner is None else tuple(planner.known.values()))
-    notes = found.lacks if rules.full and not cfg.dry_run else (plan.table(),)
+    plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
+    notes = validated.lacks if rules.full and not cfg.dry_run else (plan.table(),)
     _print([task.note, *notes], Console() if cfg.dry_run else console)
-    for lost in lost_references(enhancer, task, found):
-        console.print(f"WARNING: {lost}", style="bold red", highlight=False, soft_wrap=True, markup=False)
+    for warning in lost_references(enhancer, task, validated):
+        console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
         return None
 
@@ -71,45 +71,47 @@ def run(cfg: DictConfig) -> float | None:
             from gaussian_enhancer.cli.distributed_enhance import enhanced_together  # loads lightning
 
             return enhanced_together(folder, plan, cfg, enhancer.device.type, min(count, total))
-        images = enhancer(task.rendered, planner, found.pool)
+        images = enhancer(task.rendered, planner, validated.pool)
         tracked = track(images, "enhancing", total=total, console=console, disable=hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _summarised(written_to(Path(cfg.output)), Path(cfg.output), console)
     job = open_run(with_effect(cfg), "enhance", task.rendered.name)
-    side = job.folder / "test" / f"ours_{task.step}"
-    written = written_to(side / "enhanced")
-    keep_sources(task.rendered, side, enhancer.network.scale)
-    write_records(job.folder / "records.jsonl", cost_records(written, job.folder.name, task))
-    decided = tuple(one.plan for one in written if one.plan is not None)  # none come back from several processes
-    replace(plan, views=decided or plan.views).to_file(job.folder / "plan.json")
+    step_folder = job.folder / "test" / f"ours_{task.step}"
+    enhanced_views = written_to(step_folder / "enhanced")
+    keep_sources(task.rendered, step_folder, enhancer.network.scale)
+    write_records(job.folder / "records.jsonl", cost_records(enhanced_views, job.folder.name, task))
+    view_plans = tuple(
+        view.plan for view in enhanced_views if view.plan is not None
+    )  # several processes return no plans
+    replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")
     job.finish()
-    return _summarised(written, job.folder, console)
+    return _summarised(enhanced_views, job.folder, console)
 
 
 def _of_distilled(cfg: DictConfig) -> DictConfig:
-    """The configuration with the distilled splat, made where it is missing, in the given one's place.
+    """Distil the splat of a configuration where that is not done yet, and return the configuration with the result.
 
     Raises:
-        InputError: there is no splat to distil, options contradict it, or it cannot be made.
+        InputError: there is no splat to distil, options contradict ``distil``, or the splat cannot be distilled.
     """
-    from gaussian_enhancer.cli.distil import distilled  # learns, which nothing else here does
+    from gaussian_enhancer.cli.distil import distilled  # imports training, which nothing else here needs
 
     if cfg.run is None and cfg.gaussians is None:
         raise InputError("distil", "is asked for without a splat", "give run=FOLDER, or gaussians=FILE with scene=...")
-    for name, given in (("dry_run", cfg.dry_run), ("step", cfg.step is not None)):
-        if given:
+    for name, is_set in (("dry_run", cfg.dry_run), ("step", cfg.step is not None)):
+        if is_set:
             raise InputError(name, "comes with distil=true, which makes another splat", f"leave out {name} or distil")
-    same = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
+    shared = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
     scene = {"scene": cfg.scene} if "scene" in cfg else {}
-    folder = distilled(compose_job("distil", cfg, **same, **scene)).folder
-    made = cfg.copy()
+    folder = distilled(compose_job("distil", cfg, **shared, **scene)).folder
+    distilled_cfg = cfg.copy()
     if cfg.run is not None:
-        made.run = str(folder)
+        distilled_cfg.run = str(folder)
     else:
-        made.gaussians = str(folder / "splat.ply")
-    return made
+        distilled_cfg.gaussians = str(folder / "splat.ply")
+    return distilled_cfg
 
 
 def _print(lines: Sequence[str], console: Console) -> None:
@@ -118,14 +120,14 @@ def _print(lines: Sequence[str], console: Console) -> None:
 
 
 def _summarised(written: Sequence[Enhanced], folder: Path, console: Console) -> float:
-    """Print where the images are and what they cost; return the network's median time in milliseconds."""
-    network = statistics.median(one.enhancing for one in written)
-    preparing = statistics.median(one.preparing for one in written)
-    kept = sum(one.unchanged for one in written)
-    if kept:
-        why = "no photo shows anything of them, or the splat was fitted to them and is nearer to their photos"
-        told = f"{kept} of {len(written)} views are as they were rendered: {why}"
-        console.print(told, highlight=False, soft_wrap=True)
-    times = f"{network:.0f} ms each (median) and {preparing:.0f} ms for its references"
+    """Print the images' folder and the run times; return the network's median time in milliseconds."""
+    network_ms = statistics.median(view.enhancing for view in written)
+    preparation_ms = statistics.median(view.preparing for view in written)
+    unchanged = sum(view.unchanged for view in written)
+    if unchanged:
+        reason = "no photo shows anything of them, or the splat was fitted to them and is nearer to their photos"
+        line = f"{unchanged} of {len(written)} views are as they were rendered: {reason}"
+        console.print(line, highlight=False, soft_wrap=True)
+    times = f"{network_ms:.0f} ms each (median) and {preparation_ms:.0f} ms for its references"
     console.print(f"{folder}: {len(written)} images, {times}", highlight=False, soft_wrap=True)
-    return network
+    return network_ms

@@ -1,4 +1,4 @@
-"""The job ``export``: write weights as a program for other runtimes."""
+"""The job ``export``: export weights as a program for other runtimes."""
 
 import logging
 from pathlib import Path
@@ -12,7 +12,7 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Write the program and compare it with the network.
+    """Export the network as a program, and compare the program's output with the network's.
 
     Args:
         cfg: see ``conf/export.yaml``.
@@ -26,8 +26,8 @@ def run(cfg: DictConfig) -> float | None:
     if cfg.format not in ENDINGS:
         raise InputError("format", f"is {cfg.format!r}", f"choose one of {', '.join(ENDINGS)}")
     start(cfg.runtime)
-    for talkative in ("onnx_ir", "onnxscript"):  # a line for each node that they simplify
-        logging.getLogger(talkative).setLevel(logging.WARNING)
+    for logger_name in ("onnx_ir", "onnxscript"):  # they log a line for each node that they simplify
+        logging.getLogger(logger_name).setLevel(logging.WARNING)
     pretrained = load_weights(cfg.weights)
     path = Path(cfg.output or ".") / f"{Path(cfg.weights).stem}{ENDINGS[cfg.format]}"
     signature, difference = export_network(pretrained, path, cfg.format, cfg.references)

@@ -19,7 +19,7 @@ from gaussian_enhancer.splat.methods import Method
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Fit a splat, unless the same fit is done already.
+    """Fit a splat, unless a finished fit of the same configuration exists.
 
     Args:
         cfg: see ``conf/fit.yaml``.
@@ -38,18 +38,18 @@ def run(cfg: DictConfig) -> float | None:
     job = open_run(cfg, "fit", f"{scene.name}-{method.name}")
     console = Console(stderr=True)
     if not job.done:
-        watch = Stopwatch(bool(cfg.profile))
-        begun = time.monotonic()
+        stopwatch = Stopwatch(bool(cfg.profile))
+        started = time.monotonic()
         with status.discarded_if_refused(job.folder):
             gaussians = fit(
-                scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=watch
+                scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
             )
-        seconds = time.monotonic() - begun
+        seconds = time.monotonic() - started
         write_fit_records(job, scene, method.name, settings.snapshot_steps(), seconds, len(gaussians))
         job.finish()
         if cfg.profile:
-            console.print(watch.table(), highlight=False)
-    _, mean = held_out_psnr(job.folder)
-    quality = "no view held out" if mean is None else f"held-out PSNR {mean:.2f} dB"
+            console.print(stopwatch.table(), highlight=False)
+    _, mean_psnr = held_out_psnr(job.folder)
+    quality = "no view held out" if mean_psnr is None else f"held-out PSNR {mean_psnr:.2f} dB"
     console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)
-    return mean
+    return mean_psnr

@@ -1,4 +1,4 @@
-"""The help of a job: every option with its default and the comment that explains it, as the configuration has them."""
+"""Help text of a job: every option with its default and its comment, taken from the configuration files."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,17 +13,17 @@ usage: gaussian-enhancer {job} [key=value ...] [--cfg job] [-m]
 
 
 def help_text(job: str, words: Sequence[str], conf: Path) -> str:
-    """The help of a job.
+    """Help text of a job.
 
     Args:
-        job: its name.
-        words: the other words of the command line; ``splat=2dgs`` among them shows the options of that choice.
+        job: the job's name.
+        words: its other command-line arguments; ``splat=2dgs`` among them shows the options of that choice.
         conf: the folder of configurations.
     """
     head, defaults, body = _parts((conf / f"{job}.yaml").read_text(encoding="utf-8"))
     _, _, base = _parts((conf / "base.yaml").read_text(encoding="utf-8"))
-    given = dict(word.split("=", 1) for word in words if "=" in word)
-    groups = [(group, given.get(group, choice), comment) for group, choice, comment in _groups(defaults, conf)]
+    overrides = dict(word.split("=", 1) for word in words if "=" in word)
+    groups = [(group, overrides.get(group, choice), comment) for group, choice, comment in _groups(defaults, conf)]
     body = body.split("\nhydra:")[0]
     parts = [USAGE.format(job=job), head, _section(f"options of {job}, with their defaults", body)]
     if groups:
@@ -31,16 +31,18 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
     for group, choice, _ in groups:
         file = conf / group / f"{choice}.yaml"
         if file.is_file():
-            told, _, options = _parts(file.read_text(encoding="utf-8"))
-            parts.append(_section(f"options of {group}={choice}", f"{told}\n{options}".strip()))
-    own = {line.partition(":")[0] for line in body.splitlines()} - {"runtime"}
-    shared = [line for line in base.split("\nhydra:")[0].splitlines() if line.partition(":")[0] not in own]
-    parts.append(_section("options of every job", "\n".join(shared)))
+            description, _, options = _parts(file.read_text(encoding="utf-8"))
+            parts.append(_section(f"options of {group}={choice}", f"{description}\n{options}".strip()))
+    job_options = {line.partition(":")[0] for line in body.splitlines()} - {"runtime"}
+    shared_lines = [
+        line for line in base.split("\nhydra:")[0].splitlines() if line.partition(":")[0] not in job_options
+    ]
+    parts.append(_section("options of every job", "\n".join(shared_lines)))
     return "\n".join(part for part in parts if part)
 
 
 def _parts(text: str) -> tuple[str, str, str]:
-    """A configuration's leading comments without their signs, its list of defaults, and the rest."""
+    """Split a configuration file into its leading comments without ``#``, its defaults list, and the rest."""
     lines = text.splitlines()
     count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
     head = "".join(line.removeprefix("#").removeprefix(" ") + "\n" for line in lines[:count])
@@ -54,7 +56,7 @@ def _parts(text: str) -> tuple[str, str, str]:
 
 
 def _groups(defaults: str, conf: Path) -> Iterator[tuple[str, str, str]]:
-    """Every group of a list of defaults: its name, what is chosen, and the comment."""
+    """Name, choice and comment of every configuration group in a defaults list."""
     lines = defaults.splitlines()
     for entry in (yaml.safe_load(defaults) or {}).get("defaults", []):
         if not isinstance(entry, dict):

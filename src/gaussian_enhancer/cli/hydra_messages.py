@@ -1,4 +1,4 @@
-"""What Hydra says of a command line that it refuses, in one line."""
+"""Conversion of Hydra's errors about a command line to messages of one line."""
 
 import io
 import traceback
@@ -9,7 +9,7 @@ from gaussian_enhancer.errors import InputError
 
 
 class WithoutOverrides:
-    """A stream without the line that Hydra writes before it raises a job's error: all overrides, mistaken or not.
+    """A stream that drops one line of Hydra: the list of all overrides, written before a job's error is raised.
 
     Args:
         stream: standard error.
@@ -19,7 +19,7 @@ class WithoutOverrides:
         self.stream = stream
 
     def write(self, text: str) -> int:
-        """Write a text, unless it is Hydra's line."""
+        """Write a text, unless it is that line."""
         if text.startswith("Error executing job with overrides:"):
             return len(text)
         return self.stream.write(text)
@@ -29,20 +29,20 @@ class WithoutOverrides:
 
 
 def raised_by_hydra(error: BaseException) -> bool:
-    """Whether an error comes out of Hydra's own code, where it composes a configuration."""
+    """Whether an error was raised in Hydra's internal code, which composes configurations."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     return bool(frames) and str(frames[-1].f_globals.get("__name__")).startswith("hydra._internal")
 
 
 def refusal(error: Exception, job: str) -> InputError:
-    """Why Hydra refuses a command line, as the user's mistake.
+    """Convert Hydra's error about a command line to an `InputError`.
 
     Args:
         error: as Hydra raised it.
-        job: whose configuration was composed.
+        job: the job whose configuration was composed.
     """
     lines = [line for line in str(error).splitlines() if line.strip() and "https://" not in line]
-    said = lines[0] if lines else type(error).__name__
+    message = lines[0] if lines else type(error).__name__
     if isinstance(error, OverrideParseException):
         name, sign, value = error.override.partition("=")
         remedy = f"""quote the value twice: {name}='"{value}"'""" if sign else f"write {name}=VALUE"
@@ -51,8 +51,8 @@ def refusal(error: Exception, job: str) -> InputError:
         group, _, name = error.missing_cfg_file.rpartition("/")
         return InputError(group, f"has no choice {name!r}", f"choose {', '.join(sorted(error.options))}")
     start, end = "Could not override '", "'."
-    if said.startswith(start):
-        option = said.removeprefix(start).removesuffix(end)
+    if message.startswith(start):
+        option = message.removeprefix(start).removesuffix(end)
         remedy = f"see gaussian-enhancer {job} --help, or add a key of your own: +{option}=VALUE"
         return InputError(option, f"is no option of {job}", remedy)
-    return InputError(f"command line of {job}", f"is refused ({said})", f"see gaussian-enhancer {job} --help")
+    return InputError(f"command line of {job}", f"is refused ({message})", f"see gaussian-enhancer {job} --help")

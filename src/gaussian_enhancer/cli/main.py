@@ -2,8 +2,8 @@
 
 A job is a configuration ``conf/JOB.yaml`` and a module with ``run(cfg)``: ``cli/JOB.py``, ``ablations/jobs/JOB.py`` for
 jobs of the experiment suite, ``ablations/scripts/JOB.py`` or ``ablations/benchmarks/JOB.py`` for single measurements.
-Everything after the job's name is Hydra's: overrides, ``--cfg job``, ``--help``,
-``-m`` for multirun.
+Arguments after the job's name are Hydra's: overrides, ``--cfg job``, ``-m`` for multirun. Only ``--help`` is answered
+here, and ``--dry-run`` is passed on as ``dry_run=true``.
 """
 
 import errno
@@ -88,16 +88,16 @@ BENCHMARKS = {
 JOBS |= SCRIPTS | BENCHMARKS
 
 NEEDING = (*LAB, "demo")
-"""Jobs that make the runs of other jobs; where another process makes one of these, they wait for it."""
+"""Jobs that make runs of other jobs. Where another process is making one of these runs, they wait for it."""
 
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
-"""System errors that writing causes: full disk, quota, file-size limit, read-only file system, a name too long."""
+"""Numbers of system errors on writing: full disk, quota, file-size limit, read-only file system, a name too long."""
 
 SWEEPS = ("-m", "--multirun")
-"""Words that start a sweep."""
+"""Arguments that start a sweep."""
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, by the convention of shells."""
 
 USAGE = """\
 usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]
@@ -136,9 +136,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except LostProcessError as error:
         _end(1, f"{error}; the same command goes on where it stopped")
     except KeyboardInterrupt:
-        anew = bool(words) and words[0] in BENCHMARKS
-        after = "begins anew" if anew else "goes on where it stopped"
-        _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {after}")
+        restarts = bool(words) and words[0] in BENCHMARKS
+        continuation = "begins anew" if restarts else "goes on where it stopped"
+        _end(INTERRUPTED, f"stopped by Ctrl-C; the same command {continuation}")
 
 
 def _dispatch(words: Sequence[str]) -> None:
@@ -162,7 +162,7 @@ def _dispatch(words: Sequence[str]) -> None:
 
 
 def usage() -> str:
-    """Every job with what it does, single measurements last."""
+    """Usage text: every job with its description, single measurements last."""
     lines = {name: f"  {name:<13} {text}" for name, text in JOBS.items()}
     measurements = [lines.pop(name) for name in (*SCRIPTS, *BENCHMARKS)]
     return USAGE.format(jobs="\n".join(lines.values()), measurements="\n".join(measurements))
@@ -173,8 +173,8 @@ def let_idle_threads_sleep() -> None:
 
     OpenMP reads it once, when torch loads it. Only the command line sets it; importing the package does not. Idle
     OpenMP threads spin by default. On a machine that others use too, a fit then takes 20 times as long (28 against
-    450-740 ms a step, measured). Threads that sleep at once take longer to wake than most loops of an enhancement run
-    (250 against 140 ms a view, measured). So they spin for a moment first.
+    450-740 ms per step, measured). Threads that sleep at once take longer to wake than most parallel loops of an
+    enhancement take (250 against 140 ms per view, measured). So they spin briefly before they sleep.
     """
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
@@ -182,10 +182,10 @@ def let_idle_threads_sleep() -> None:
 
 
 def launch(job: str, arguments: Sequence[str]) -> None:
-    """Hand a job to Hydra, with the remaining words of the command line as its own.
+    """Run a job by Hydra with the remaining command-line arguments.
 
     Raises:
-        InputError: the words are no overrides of the job's configuration, or the job refuses its input.
+        InputError: the arguments are no overrides of the job's configuration, or the job refuses its input.
         LostProcessError: a process of a sweep was killed.
     """
     import hydra
@@ -196,10 +196,10 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     sweeps = [word for word in arguments if word in SWEEPS]  # first, since Hydra refuses overrides on both sides of -m
     words = ["dry_run=true" if word == "--dry-run" else word for word in arguments if word not in SWEEPS]
     sys.argv = [f"gaussian-enhancer {job}", *sweeps, *words]
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here as they are; Hydra would print them, and end the process
-    quiet = cast(Any, WithoutOverrides(cast(io.TextIOBase, sys.stderr)))
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors unchanged; Hydra would print them and end the process
+    filtered_stderr = cast(Any, WithoutOverrides(cast(io.TextIOBase, sys.stderr)))
     try:
-        with redirect_stderr(quiet):
+        with redirect_stderr(filtered_stderr):
             hydra.main(version_base="1.3", config_path=str(configurations()), config_name=job)(task(job))()
     except InstantiationException:
         raise
@@ -216,8 +216,8 @@ def launch(job: str, arguments: Sequence[str]) -> None:
 def task(job: str) -> Callable[[Any], Any]:
     """The function that Hydra calls with the composed configuration.
 
-    It checks the job's options, locks what the job writes beside runs, and marks the runs that an error leaves
-    unfinished. In a multirun, a user's mistake fails its own run alone; the others are made first.
+    It checks the job's options, locks the path that the job writes outside of runs, and marks the runs that an error
+    leaves unfinished. In a multirun, an `InputError` fails only its own run; it is reported after the other runs.
     """
 
     def run(cfg: Any) -> Any:
@@ -230,10 +230,10 @@ def task(job: str) -> Callable[[Any], Any]:
 
         check_options(job, cfg)
         module = importlib.import_module(f"{package_of(job)}.{job}")
-        written = written_by(module, cfg)
+        output = written_by(module, cfg)
         wait = job in NEEDING or HydraConfig.get().mode == RunMode.MULTIRUN
         try:
-            with attempt(discard=True), waiting(wait), alone(written) if written else nullcontext():
+            with attempt(discard=True), waiting(wait), alone(output) if output else nullcontext():
                 return module.run(cfg)
         except OSError as error:
             if error.errno not in DISK_REFUSES:
@@ -244,7 +244,7 @@ def task(job: str) -> Callable[[Any], Any]:
 
 
 def written_by(module: ModuleType, cfg: Any) -> Path | None:
-    """What a job writes beside runs: what its module says, or its file of records."""
+    """The path that a job writes outside of runs: from its module's ``written``, else the option ``records``."""
     if hasattr(module, "written"):
         return cast(Path | None, module.written(cfg))
     records = cfg.get("records")
@@ -258,7 +258,7 @@ def package_of(job: str) -> str:
 
 
 def complete(line: str) -> list[str]:
-    """Completions of the last word of a command line: job names, then Hydra's.
+    """Completions of the last word of a command line: names of jobs, or Hydra's completions of overrides.
 
     Args:
         line: the command line up to the cursor, the program's name included.

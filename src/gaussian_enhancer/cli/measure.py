@@ -28,19 +28,19 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Measure a folder of images, two folders against each other, or a run.
+    """Measure a folder of images, two folders of images in comparison, or a run.
 
-    Nothing is written before everything is measured.
+    Nothing is written before all images are measured.
 
     Args:
         cfg: see ``conf/measure.yaml``.
 
     Returns:
-        Mean gain in colour-aligned PSNR where two variants were measured, else its mean, in dB; None where it is
-        infinite.
+        In dB, the mean gain in colour-aligned PSNR where two variants were measured, else mean colour-aligned PSNR;
+        None where no view has a finite value.
 
     Raises:
-        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+        InputError: images and photos differ in names or sizes, or a file cannot be read or written.
     """
     records, folder = write_measurement(cfg)
     pairs = _pairs(records)
@@ -49,7 +49,7 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
-    """Measure what the configuration names and write records and tables.
+    """Measure the images that the configuration names, and write records and tables.
 
     Args:
         cfg: see ``conf/measure.yaml``.
@@ -58,20 +58,20 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
         The records and the folder that holds them.
 
     Raises:
-        InputError: images, photos or sizes do not fit; a file cannot be read or written.
+        InputError: images and photos differ in names or sizes, or a file cannot be read or written.
     """
     files = _files(cfg)
     device = start(cfg.runtime)
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
     records = _measured(files, distances, cfg)
     tables = _tables(records, _pairs(records))
-    folder = open_run(cfg, "measure", files[0].label.run)
-    write_records(folder.folder / "records.jsonl", records)
+    job = open_run(cfg, "measure", files[0].label.run)
+    write_records(job.folder / "records.jsonl", records)
     for name, table in tables.items():
         for ending, text in ((".md", table.markdown()), (".csv", table.csv())):
-            write_text(folder.folder / f"{name}{ending}", text)
-    folder.finish()
-    return records, folder.folder
+            write_text(job.folder / f"{name}{ending}", text)
+    job.finish()
+    return records, job.folder
 
 
 def _pairs(records: Sequence[Record]) -> tuple[VariantPair, ...]:
@@ -87,12 +87,12 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     if cfg.images is None or cfg.photos is None:
         raise InputError("measure", "was given no images to measure", "add images=FOLDER photos=FOLDER, or run=FOLDER")
     name = Path(cfg.images).resolve().name
-    found: list[ImageFiles] = []
+    files: list[ImageFiles] = []
     for folder, variant in ((cfg.raw, "raw"), (cfg.images, cfg.variant)):
         if folder is not None:
             label = Label(name, cfg.scene_name or name, cfg.splat_name or "", variant)
-            found += pair_folders(folder, cfg.photos, label, masks=cfg.masks, unmatched=cfg.unmatched)
-    return tuple(found)
+            files += pair_folders(folder, cfg.photos, label, masks=cfg.masks, unmatched=cfg.unmatched)
+    return tuple(files)
 
 
 def _measured(
@@ -105,7 +105,7 @@ def _measured(
 
 
 def _colour(values: ListConfig) -> tuple[float, float, float]:
-    """Three numbers from 0 to 1."""
+    """Return the colour as a tuple; refuse anything but three numbers from 0 to 1."""
     if len(values) != 3 or not all(isinstance(value, int | float) and 0 <= value <= 1 for value in values):
         raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
     red, green, blue = (float(value) for value in values)
@@ -119,15 +119,15 @@ def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str
 
 
 def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
-    """Print the means, what is missing and why, and where the records are."""
+    """Print a table of means, with the reasons for missing values, and the path of the records."""
     print(table.markdown(), end="")
     print(f"{len(records)} records in {folder / 'records.jsonl'}")
 
 
 def _score(records: Sequence[Record], pairs: Sequence[VariantPair]) -> float | None:
     if pairs:
-        found: Comparison = compare(pairs, "psnr_aligned")
-        return found.gain if found.count else None
+        comparison: Comparison = compare(pairs, "psnr_aligned")
+        return comparison.gain if comparison.count else None
     values = [record.metrics["psnr_aligned"] for record in records]
     finite = [value for value in values if value is not None and value != float("inf")]
     return sum(finite) / len(finite) if finite else None

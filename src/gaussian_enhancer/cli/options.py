@@ -1,6 +1,6 @@
-"""The types and bounds of every job's own options, checked before the job begins.
+"""Types and bounds of every job's own options, which are checked before the job starts.
 
-Groups (scene, splat, fusion, ...) are checked against the signatures of what they build (`runs.arguments`).
+Groups (scene, splat, fusion, ...) are checked against the signatures of the objects that they build (`runs.arguments`).
 """
 
 import os
@@ -17,7 +17,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.typed import STRICT, check_plain
 
 LONGEST_NAME, LONGEST_PATH = 255, 4095
-"""Bytes that systems allow of a file's name and of a path."""
+"""Most bytes that operating systems allow in a file's name and in a path."""
 
 
 def _usable(path: str) -> str:
@@ -217,7 +217,7 @@ class Trainer(TypedDict):
 
 
 class Training(Options):
-    """Options of the trainings."""
+    """Options of the training jobs."""
 
     label: Word
     study: Word
@@ -332,24 +332,26 @@ OPTIONS: Mapping[str, type[Shared]] = {
 
 
 def options_of(job: str) -> type[Shared]:
-    """The options of a job; the experiment suite states those of its jobs itself."""
-    own: Mapping[str, type[Shared]] = OPTIONS if job in OPTIONS else import_module("ablations.options").OPTIONS
-    return own.get(job, Options)
+    """The options of a job. Those of the experiment suite's jobs are declared in ``ablations.options``."""
+    options_by_job: Mapping[str, type[Shared]] = (
+        OPTIONS if job in OPTIONS else import_module("ablations.options").OPTIONS
+    )
+    return options_by_job.get(job, Options)
 
 
 def check_options(job: str, cfg: DictConfig) -> None:
-    """Refuse a configuration with an option of another type, or out of bounds. Values not given (``???``) pass.
+    """Refuse a configuration with an option of the wrong type, or out of bounds. Missing values (``???``) pass.
 
     Args:
         job: the job's name.
         cfg: its whole configuration.
 
     Raises:
-        InputError: an option is missing, of another type or out of bounds, or refers to what is not there.
+        InputError: an option was removed, is of the wrong type or out of bounds, or cannot be resolved.
     """
     for name, kind in get_type_hints(options_of(job), include_extras=True).items():
         if kind == Group | None and name not in cfg:
-            continue  # a group of which nothing is chosen
+            continue  # an optional group without a choice
         if name not in cfg and not OmegaConf.is_missing(cfg, name):
             raise InputError(name, f"was taken out of the configuration of {job}", f"leave ~{name} out")
         if not OmegaConf.is_missing(cfg, name):

@@ -1,7 +1,7 @@
-"""From a scene to records: the jobs fit, enhance and measure, one after the other.
+"""The jobs fit, enhance and measure, run one after the other: from a scene to records.
 
-Each step is the job that a user would start by hand, with the configuration of its own file. A step that was done
-before is not repeated.
+Each step is the job that a user would start by hand, with the configuration from the job's own file. A finished fit or
+enhancement is not repeated.
 """
 
 from pathlib import Path
@@ -18,18 +18,18 @@ from gaussian_enhancer.runs.run import Run, find_run
 
 
 def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
-    """The run of a fit. It is made where it is missing.
+    """Return the finished run of a fit, which is made where it is missing.
 
     Args:
         job: configuration of the job ``fit``.
-        refusal: raised where the run is missing and must not be made; None makes it.
+        refusal: raised where the run is missing and must not be made; None makes the run.
 
     Raises:
         InputError: the refusal, or an error of the job.
     """
-    found = find_run(job, "fit")
-    if found is not None and found.done:
-        return found
+    existing = find_run(job, "fit")
+    if existing is not None and existing.done:
+        return existing
     if refusal is not None:
         raise refusal
     with status.attempt():
@@ -38,9 +38,9 @@ def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
 
 
 def enhanced(job: DictConfig) -> Path:
-    """Enhance a run, unless that is done already.
+    """Enhance a run, unless a finished enhancement of the same configuration exists.
 
-    The content of the weights enters the run's hash, so that a file which was trained further makes a new run.
+    The digest of the weights enters the run's hash, so that a file with new content makes a new run.
 
     Args:
         job: configuration of the job ``enhance``.
@@ -53,11 +53,11 @@ def enhanced(job: DictConfig) -> Path:
     """
     with open_dict(job):
         job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))
-    own = enhance.with_effect(job)
-    before = find_run(own, "enhance")
-    if before is None or not before.done:
+    run_configuration = enhance.with_effect(job)
+    existing = find_run(run_configuration, "enhance")
+    if existing is None or not existing.done:
         enhance.run(job)
-    return _made(own, "enhance").folder
+    return _made(run_configuration, "enhance").folder
 
 
 def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
@@ -76,7 +76,7 @@ def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Pat
 
 def _made(job: DictConfig, name: str) -> Run:
     """The finished run of a job."""
-    found = find_run(job, name)
-    if found is None or not found.done:
+    finished = find_run(job, name)
+    if finished is None or not finished.done:
         raise RuntimeError(f"the job {name} left no finished run behind")
-    return found
+    return finished

@@ -1,4 +1,4 @@
-"""The job ``report``: make a page to look at from a measured run."""
+"""The job ``report``: make an HTML page from a measured run."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def written(cfg: DictConfig) -> Path:
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Write ``report.html``.
+    """Write ``report.html``, and ``contact_sheet.png`` where it is asked for.
 
     Args:
         cfg: see ``conf/report.yaml``.
@@ -25,12 +25,12 @@ def run(cfg: DictConfig) -> float | None:
         InputError: the folder holds no finished measurement of renders and enhanced renders, or cannot be written.
     """
     require(cfg)
-    measured = open_measured(cfg.measured)
-    path = Path(cfg.output or measured.folder) / "report.html"
-    write_page(path, measured, title=cfg.title, most_pictured=cfg.most_pictured)
+    measured_run = open_measured(cfg.measured)
+    path = Path(cfg.output or measured_run.folder) / "report.html"
+    write_page(path, measured_run, title=cfg.title, most_pictured=cfg.most_pictured)
     console = Console(stderr=True)
-    console.print(f"{path}: {len(measured.views)} views", highlight=False, soft_wrap=True)
+    console.print(f"{path}: {len(measured_run.views)} views", highlight=False, soft_wrap=True)
     if cfg.contact_sheet:
         with whole_file(path.with_name("contact_sheet.png")) as temporary:
-            write_contact_sheet(temporary, measured.views)
+            write_contact_sheet(temporary, measured_run.views)
     return None

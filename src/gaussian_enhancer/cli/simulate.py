@@ -31,19 +31,19 @@ from gaussian_enhancer.runs.simulation import (
 )
 
 PICTURED = 20
-"""Samples that the page shows; all are written."""
+"""Most samples that the page shows; all samples are written."""
 
 
 def run(cfg: DictConfig) -> float | None:
     """Simulate renders of one photo; write samples, sheets, a page and a record of what was drawn.
 
-    Nothing is written before everything was read, and stage 2 has shown that it runs.
+    Nothing is written before all input is read and stage 2 has run once.
 
     Args:
         cfg: see ``conf/simulate.yaml``.
 
     Raises:
-        InputError: the photo or the run cannot be used, gate or generator refuse, or a file cannot be written.
+        InputError: the photo, run, gate or generator cannot be used, or a file cannot be written.
     """
     device = start(cfg.runtime)
     seed, draws = whole_option(cfg, "seed", 0), whole_option(cfg, "draws", 1)
@@ -54,15 +54,15 @@ def run(cfg: DictConfig) -> float | None:
     if fingerprint is not None:
         console.print(fingerprint.table(), highlight=False)
     cfg, gate = chosen_gate(cfg, rendered)
-    second: SecondStage = build(cfg.generator)
-    if isinstance(second, PairedGenerator | DiffusedGenerator):
-        second.model.to(device)
-    simulator = Simulator(gate, second)
-    small = reduced(photo.view)
+    second_stage: SecondStage = build(cfg.generator)
+    if isinstance(second_stage, PairedGenerator | DiffusedGenerator):
+        second_stage.model.to(device)
+    simulator = Simulator(gate, second_stage)
+    reduced_view = reduced(photo.view)
     sections = [
-        view_section(small, photo.real),
-        *type_sections(small, seed),
-        gate_section(small, shown_gates(gate, rendered), seed),
+        view_section(reduced_view, photo.real),
+        *type_sections(reduced_view, seed),
+        gate_section(reduced_view, shown_gates(gate, rendered), seed),
         generator_section(photo.view, simulator, seed, photo.real),
     ]
     if isinstance(gate, AdaptiveGate):
@@ -72,11 +72,11 @@ def run(cfg: DictConfig) -> float | None:
     samples, pictures = [], []
     generators = spawn(draws, torch.Generator().manual_seed(seed))
     for number, generator in enumerate(track(generators, "simulating", console=console, disable=hidden)):
-        drawn, view = drawn_sample(simulator, photo, generator, f"samples/{number:03d}.png")
-        write_sample(job.folder / drawn.file, view)
-        samples.append(drawn)
+        sample, view = drawn_sample(simulator, photo, generator, f"samples/{number:03d}.png")
+        write_sample(job.folder / sample.file, view)
+        samples.append(sample)
         if number < PICTURED:
-            pictures.append((drawn.file, drawn.steps, reduced(view)))
+            pictures.append((sample.file, sample.steps, reduced(view)))
     sections.append(sample_section(pictures, draws))
     write_sheets(job.folder, photo, sections, provenance(photo, cfg, fingerprint, gate))
     write_record(job.folder, seed, samples, fingerprint, gate)

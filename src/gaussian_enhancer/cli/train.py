@@ -1,4 +1,4 @@
-"""The train job: fitted runs to weights."""
+"""The job ``train``: train an enhancement network on fitted runs."""
 
 import copy
 import json
@@ -33,12 +33,13 @@ if TYPE_CHECKING:
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
+    """Train, or resume a killed training; write ``weights.safetensors`` and its card.
 
-    With ``trainer.devices=2`` two processes train together and do what one would: each takes half of every batch.
+    With ``trainer.devices=2``, two processes train together and do what one would do alone: each takes half of every
+    batch.
 
     Returns:
-        The mean gain in PSNR over the raw renders of the validation runs, in dB.
+        The mean gain in PSNR over the raw renders of the validation runs, in dB; None where the training was stopped.
     """
     cfg = _without_idle(cfg)
     require(cfg)
@@ -50,15 +51,15 @@ def run(cfg: DictConfig) -> float | None:
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
     quieten()
     require_saveable(_network(cfg))
-    if count > 1:  # samples are prepared by one, however long that takes, before the others wait for it
+    if count > 1:  # prepare all samples, however long that takes, before the processes that wait for them are started
         _data(cfg).prepare_data()
     gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
     return gain
 
 
 def _train(cfg: DictConfig, job: Run) -> float | None:
-    """One process's part; the first writes what comes of it."""
-    # Heavy, and of no use to those who only ask for help.
+    """Train in one of the processes; the first process writes weights and card."""
+    # Slow imports, which are not needed to show help.
     from lightning import seed_everything
 
     from gaussian_enhancer.train.loggers import watching
@@ -69,17 +70,19 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     quieten()
     seed_everything(cfg.seed, workers=True, verbose=False)
     data = _data(cfg)
-    made = build(cfg.loss), gains(psnr=psnr, ssim=ssim), build(cfg.optimizer), build(cfg.lr_scheduler)
-    module = EnhancerModule(_network(cfg), *made, coarse=cfg.coarse, bad_share=_bad_share(cfg))
+    module_parts = build(cfg.loss), gains(psnr=psnr, ssim=ssim), build(cfg.optimizer), build(cfg.lr_scheduler)
+    module = EnhancerModule(_network(cfg), *module_parts, coarse=cfg.coarse, bad_share=_bad_share(cfg))
     trainer = make_trainer(cfg, job, "last")
-    last = job.folder / "last.ckpt"
+    checkpoint = job.folder / "last.ckpt"
     started = time.time()
     with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
-        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        trainer.fit(
+            module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
+        )
         if trainer.interrupted or (trainer.global_step < cfg.trainer.max_steps and cfg.trainer.get("max_time") is None):
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
             return None
-        found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+        validation = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     non_finite = module.non_finite.of_all()
     if not trainer.is_global_zero:
         return None
@@ -94,7 +97,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "simulated": float(cfg.data.simulation.share) if "simulation" in cfg.data else 0.0,
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
-        "validation": found,
+        "validation": validation,
         "seed": int(cfg.seed),
         "run": job.digest,
         **_told(cfg),
@@ -103,8 +106,8 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
-    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in found.items()))
-    return found["gain/psnr"]
+    print(f"{job.folder / 'weights.safetensors'}: " + ", ".join(f"{k} {v:+.4f}" for k, v in validation.items()))
+    return validation["gain/psnr"]
 
 
 def _network(cfg: DictConfig) -> "Network":
@@ -129,27 +132,27 @@ def _network(cfg: DictConfig) -> "Network":
 
 
 def _begun_with(cfg: DictConfig) -> dict[str, str]:
-    """The weights to begin with by the part of the network that they are for, which is empty where it is the whole."""
+    """Initial weights by the name of the network's part that they are for; an empty name is the whole network."""
     initial = cfg.get("initial")
     if initial is None:
         return {}
     parts = initial if isinstance(initial, DictConfig) else {"": initial}
-    return {str(name): str(one) for name, one in parts.items()}
+    return {str(name): str(weights) for name, weights in parts.items()}
 
 
 def _told(cfg: DictConfig) -> dict[str, Any]:
-    """What a card says of the weights that a training began with: the cards of those, one after another."""
-    known = ("run", "seed", "steps", "train", "minutes", "initial")
-    cards = {name: load_weights(one).card for name, one in _begun_with(cfg).items()}
-    told = {name: {key: card[key] for key in known if key in card} for name, card in cards.items()}
-    return {"initial": told.get("", told)} if told else {}
+    """The card's entry on the initial weights: entries of their cards, which may nest those of earlier weights."""
+    kept_keys = ("run", "seed", "steps", "train", "minutes", "initial")
+    cards = {name: load_weights(weights).card for name, weights in _begun_with(cfg).items()}
+    entries = {name: {key: card[key] for key in kept_keys if key in card} for name, card in cards.items()}
+    return {"initial": entries.get("", entries)} if entries else {}
 
 
 def _data(cfg: DictConfig) -> "RunsData":
-    finer = HighResolutionPhotos(Path(cfg.runs) / "photos")
+    fine_photos = HighResolutionPhotos(Path(cfg.runs) / "photos")
     samples = {
         "cache": str(Path(cfg.runs) / "samples"),
-        "finer": finer,
+        "finer": fine_photos,
         "bad_share": _bad_share(cfg),
         "progress": cfg.runtime.progress,
     }
@@ -158,52 +161,57 @@ def _data(cfg: DictConfig) -> "RunsData":
 
 
 def _bad_share(cfg: DictConfig) -> float:
-    """What a training forgives; no part of its address, and so missing where a configuration was cut down to that."""
+    """Share of samples that may be dropped for not being finite.
+
+    It is no part of a run's address, so a configuration that was reduced to the address lacks it.
+    """
     from gaussian_enhancer.train.non_finite import BAD_SHARE
 
     return float(cfg.get("bad_share", BAD_SHARE))
 
 
 def with_effect(cfg: DictConfig) -> DictConfig:
-    """The configuration as it determines what is trained, which names the run.
+    """The part of the configuration that determines the trained network; its hash names the run.
 
     Args:
         cfg: the job's whole configuration.
 
     Raises:
-        InputError: the weights to begin with cannot be read.
+        InputError: the initial weights cannot be read.
     """
     return _named(_without_idle(cfg))
 
 
 def _named(cfg: DictConfig) -> DictConfig:
-    """The configuration that names the run of one without what has no effect."""
-    same = alike(cfg)
-    digests = {name: checkpoint_digest(find_checkpoint(one)) for name, one in _begun_with(same).items()}
-    if digests:  # what they hold, wherever they are
-        same.initial = digests.get("", digests)
-    if same.get("generator") and same.generator.get("weights"):
-        same.generator.weights = _content(str(same.generator.weights))
-    return same
+    """The configuration that names the run, from one without keys of no effect (`_without_idle`)."""
+    run_configuration = alike(cfg)
+    digests = {
+        name: checkpoint_digest(find_checkpoint(weights)) for name, weights in _begun_with(run_configuration).items()
+    }
+    if digests:  # the content of the weights, not their path
+        run_configuration.initial = digests.get("", digests)
+    if run_configuration.get("generator") and run_configuration.generator.get("weights"):
+        run_configuration.generator.weights = _content(str(run_configuration.generator.weights))
+    return run_configuration
 
 
 def _content(weights: str) -> str:
-    """What stands for a second stage's weights in a run's name: the run that they are of, made or not, or a digest."""
+    """Identify the weights of a second stage: by the run that makes them, which may not exist yet, or by a digest."""
     run = Path(weights).parent
     return run.name if run.parent.name == "train_generator" else checkpoint_digest(find_checkpoint(weights))
 
 
 def _without_idle(cfg: DictConfig) -> DictConfig:
-    """The configuration without what has no effect, which is not built and does not make another run of the same.
+    """The configuration without keys of no effect, which are then not built and do not change the run's name.
 
-    That is the simulator with its gate and generator where nothing is simulated, and ``initial`` where none is given.
+    These are the simulator with its gate and generator where nothing is simulated, and ``initial`` where it is null.
     """
-    without = copy.deepcopy(cfg)
-    with open_dict(without):
-        if without.get("initial") is None:
-            without.pop("initial", None)
-        if without.data.simulation.share == 0:
+    reduced = copy.deepcopy(cfg)
+    with open_dict(reduced):
+        if reduced.get("initial") is None:
+            reduced.pop("initial", None)
+        if reduced.data.simulation.share == 0:
             for key in ("gate", "generator"):
-                without.pop(key)
-            without.data.pop("simulation")
-    return without
+                reduced.pop(key)
+            reduced.data.pop("simulation")
+    return reduced

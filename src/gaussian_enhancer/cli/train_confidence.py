@@ -1,4 +1,4 @@
-"""The job ``train_confidence``: from weights and fits with held-out views to weights that know where to hold back."""
+"""The job ``train_confidence``: train the change confidence of weights on fits with held-out views."""
 
 import json
 from pathlib import Path
@@ -22,13 +22,13 @@ from gaussian_enhancer.train.confidence import judged_views, train_confidence
 
 
 def run(cfg: DictConfig) -> None:
-    """Enhance the held-out views, train, and write ``weights.safetensors`` and its card.
+    """Enhance the held-out views, train the change confidence, and write ``weights.safetensors`` and its card.
 
     Args:
         cfg: see ``conf/train_confidence.yaml``.
 
     Raises:
-        InputError: weights or fits cannot be used, nothing may be trained on a scene, or a file cannot be written.
+        InputError: weights or fits cannot be used, a scene must not be trained on, or a file cannot be written.
     """
     refuse_untrained(cfg.fits)
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
@@ -38,36 +38,36 @@ def run(cfg: DictConfig) -> None:
     if job.done:
         console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
         return
-    before = load_weights(cfg.weights)
-    if before.network.scale > 1 or not before.reference_config.references:
+    base = load_weights(cfg.weights)
+    if base.network.scale > 1 or not base.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
-    reference_config = _warped_by(before.reference_config, plain(cfg.warp))
-    whole = EnhancementOptions(strength=1.0, confidence=False)
-    enhancers = {cfg.weights: whole.enhancer(before, reference_config, device)}
+    reference_config = _warped_by(base.reference_config, plain(cfg.warp))
+    full_strength = EnhancementOptions(strength=1.0, confidence=False)
+    enhancers = {cfg.weights: full_strength.enhancer(base, reference_config, device)}
     for fold in cfg.folds:
-        other = load_weights(fold.weights)
-        if other.network.design != before.network.design:
+        fold_weights = load_weights(fold.weights)
+        if fold_weights.network.design != base.network.design:
             raise InputError("folds", f"name {fold.weights}, of another design", "give weights of one design")
-        enhancers[fold.weights] = whole.enhancer(other, reference_config, device)
-    judged = [(cfg.weights, Path(fit)) for fit in cfg.fits]
-    judged += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
-    shown = track(judged, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
-    fits = [list(judged_views(folder, enhancers[name])) for name, folder in shown]
+        enhancers[fold.weights] = full_strength.enhancer(fold_weights, reference_config, device)
+    weights_and_fits = [(cfg.weights, Path(fit)) for fit in cfg.fits]
+    weights_and_fits += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
+    tracked = track(weights_and_fits, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
+    fits = [list(judged_views(folder, enhancers[name])) for name, folder in tracked]
     fits, count = [views for views in fits if views], sum(map(len, fits))
     if not count:
         raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
     confidence = train_confidence(fits, cfg.hidden, cfg.steps, cfg.harm, cfg.block_harm, cfg.seed)
-    learnt = {
+    confidence_card = {
         **plain(cfg.card),
-        "fits": [folder.name for _, folder in judged],
+        "fits": [folder.name for _, folder in weights_and_fits],
         "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
         "views": count,
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
         "warp": plain(cfg.warp),
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
-    card = {**before.card, "reference_config": reference_config_of(reference_config), "confidence": learnt}
-    save_weights(weights, before.network, reference_config, card, confidence)
+    card = {**base.card, "reference_config": reference_config_of(reference_config), "confidence": confidence_card}
+    save_weights(weights, base.network, reference_config, card, confidence)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
     console.print(f"{weights}: learnt from {count} views", highlight=False, soft_wrap=True)

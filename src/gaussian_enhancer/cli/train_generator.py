@@ -1,4 +1,4 @@
-"""The job train_generator: fitted runs to the weights of the simulator's second stage, in two steps."""
+"""The job ``train_generator``: train the second stage of the simulator on fitted runs, in two steps."""
 
 import json
 import time
@@ -22,10 +22,11 @@ STEPS = ("paired", "diffused")
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Train, or go on where a killed training stopped; write ``weights.safetensors`` and its card.
+    """Train, or resume a killed training; write ``weights.safetensors`` and its card.
 
     Returns:
-        How much nearer to real renders sampled views of the validation runs are than stage 1's, dB.
+        Gain in PSNR against real renders of sampled views of the validation runs over stage 1's output, in dB; None
+        where the training was stopped.
     """
     require(cfg)
     start(cfg.runtime)
@@ -38,7 +39,7 @@ def run(cfg: DictConfig) -> float | None:
     if job.done:
         console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/diffused"])
-    # Heavy, and of no use to those who only ask for help.
+    # Slow imports, which are not needed to show help.
     from lightning import seed_everything
 
     quieten()
@@ -46,16 +47,16 @@ def run(cfg: DictConfig) -> float | None:
     samples = {"cache": str(Path(cfg.runs) / "samples"), "progress": cfg.runtime.progress}
     data = build(cfg.data, samples=samples)
     design: FactorDesign = build(cfg.design)
-    found: dict[str, float] = {}
+    validation: dict[str, float] = {}
     started = time.time()
     for step in STEPS:
         if not (job.folder / f"{step}.safetensors").is_file():
-            trained = _train(cfg, job, step, design, data)
-            if trained is None:
+            step_validation = _train(cfg, job, step, design, data)
+            if step_validation is None:
                 console.print("stopped; the same command goes on from there")
                 return None
-            write_text(job.folder / f"{step}.json", json.dumps(trained))
-        found |= json.loads((job.folder / f"{step}.json").read_text())
+            write_text(job.folder / f"{step}.json", json.dumps(step_validation))
+        validation |= json.loads((job.folder / f"{step}.json").read_text())
     model = load_model(job.folder / f"{STEPS[-1]}.safetensors").model
     card: dict[str, Any] = {
         **plain(cfg.card),
@@ -65,19 +66,19 @@ def run(cfg: DictConfig) -> float | None:
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
         "gate": plain(cfg.gate),
-        "validation": found,
+        "validation": validation,
         "run": job.digest,
     }
     save_model(weights, model, card)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
-    told = ", ".join(f"{k} {v:+.4f}" for k, v in found.items())
-    console.print(f"{weights}: {told}", highlight=False, soft_wrap=True)
-    return found["gain/diffused"]
+    summary = ", ".join(f"{k} {v:+.4f}" for k, v in validation.items())
+    console.print(f"{weights}: {summary}", highlight=False, soft_wrap=True)
+    return validation["gain/diffused"]
 
 
 def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
-    """Train one step and keep its running mean; None where it was stopped before its end."""
+    """Train one step, save the EMA of its weights, and return its validation; None where training was stopped."""
     from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
     from gaussian_enhancer.train.loggers import watching
 
@@ -87,14 +88,16 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
     if step == "paired":
         module = PairedModule(FactorModel(design), loss, optimizer, scheduler, seed=cfg.seed)
     else:
-        before = load_model(job.folder / "paired.safetensors").model
-        module = DiffusedModule(before, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
+        paired_model = load_model(job.folder / "paired.safetensors").model
+        module = DiffusedModule(paired_model, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
     trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
-    last = job.folder / f"{step}.ckpt"
+    checkpoint = job.folder / f"{step}.ckpt"
     with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
-        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+        trainer.fit(
+            module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
+        )
         if trainer.interrupted or trainer.global_step < steps:
             return None
-        found = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
+        validation = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
     save_model(job.folder / f"{step}.safetensors", module.model, {})
-    return found
+    return validation

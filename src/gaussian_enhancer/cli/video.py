@@ -51,57 +51,59 @@ def run(cfg: DictConfig) -> None:
     try:
         written = _write(frames, filmed.path, output, job.folder, console, hidden)
     except KeyboardInterrupt:
-        made = sum(folder.has(index) for index in range(len(rendered.targets)))
-        told = f"stopped with {made} of {len(rendered.targets)} frames made; the same command goes on from there"
-        console.print(f"{job.folder}: {told}", highlight=False, soft_wrap=True)
+        frame_count = sum(folder.has(index) for index in range(len(rendered.targets)))
+        message = (
+            f"stopped with {frame_count} of {len(rendered.targets)} frames made; the same command goes on from there"
+        )
+        console.print(f"{job.folder}: {message}", highlight=False, soft_wrap=True)
         raise SystemExit(STOPPED) from None
     job.finish()
     height, width = output.layout.size(*frames.size)
-    told = f"{filmed.path.count} frames of {width}x{height}"
+    message = f"{filmed.path.count} frames of {width}x{height}"
     if output.encoding is not None:
-        told += f", {filmed.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
-    fresh = frames.stored.count(False)
-    kept = "" if fresh == len(rendered.targets) else f"; {fresh} were made now, the others before"
-    console.print(f"{written}: {told}{kept}", highlight=False, soft_wrap=True)
+        message += f", {filmed.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
+    new_count = frames.stored.count(False)
+    note = "" if new_count == len(rendered.targets) else f"; {new_count} were made now, the others before"
+    console.print(f"{written}: {message}{note}", highlight=False, soft_wrap=True)
 
 
 def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
     """Write all frames as they are made, and return the video, or the folder of images."""
     layout = output.layout
-    shown = _shown(frames, path, layout, console, hidden)
+    images = _shown(frames, path, layout, console, hidden)
     if output.encoding is None:
-        place = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
-        for index, image in enumerate(shown):
-            if place != frames.folder.folder or index >= len(frames.stored):
-                write_image(place / frame_name(index), image)
-        return place
+        destination = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
+        for index, image in enumerate(images):
+            if destination != frames.folder.folder or index >= len(frames.stored):
+                write_image(destination / frame_name(index), image)
+        return destination
     container = output.encoding.container
     with VideoWriter(folder / f"{layout.kind}.part.{container}", output.encoding, *layout.size(*frames.size)) as writer:
-        for image in shown:
+        for image in images:
             writer.write(image)
-    place = output.place or folder / f"{layout.kind}.{container}"
-    writer.finish(place, output.sound)
-    return place
+    destination = output.place or folder / f"{layout.kind}.{container}"
+    writer.finish(destination, output.sound)
+    return destination
 
 
 def _shown(
     frames: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
 ) -> Iterator[Float[Tensor, "3 h w"]]:
-    """What the video shows: every frame of the path, then those of a clip that have no camera, as they are."""
+    """Images of the video: every frame of the path, then the clip's frames that have no camera, not enhanced."""
     for frame in _made(frames, console, hidden):
         yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
     for index in range(len(path.cameras), path.count):
-        kept = frames.enlarged(path.frame(index))
-        yield layout(kept, kept, index / path.count)
+        image = frames.enlarged(path.frame(index))
+        yield layout(image, image, index / path.count)
 
 
 def _made(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
-    """The frames, which are made while earlier ones are encoded, with a bar."""
+    """Yield the frames with a progress bar. Further frames are made while earlier ones are encoded."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    fresh = frames.stored.count(False)
+    new_count = frames.stored.count(False)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
-        task = progress.add_task("enhancing" if fresh else "encoding", total=fresh or len(frames.stored))
+        task = progress.add_task("enhancing" if new_count else "encoding", total=new_count or len(frames.stored))
         for frame in frames:
             yield frame
-            if not (fresh and frame.stored):  # the time left is that of frames to be made
+            if not (new_count and frame.stored):  # the bar's remaining time is that of frames still to be made
                 progress.advance(task)

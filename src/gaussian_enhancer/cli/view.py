@@ -1,4 +1,4 @@
-"""The job ``view``: look at a splat in the browser, raw and enhanced."""
+"""The job ``view``: show a splat in the browser, raw and enhanced."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ STOPPED = 130
 
 
 def run(cfg: DictConfig) -> None:
-    """Serve a page until Ctrl-C. Nothing is written but what is saved there.
+    """Serve the viewer's page until Ctrl-C. Only what the user saves on the page is written.
 
     Args:
         cfg: see ``conf/view.yaml``.

@@ -1,4 +1,4 @@
-"""The pictures of one view's card, and the scale that all cards of a page share."""
+"""Pictures of one view's card, and the error scale that all cards of a page share."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ IMAGE_BYTES = 600_000
 
 @dataclass(frozen=True)
 class CardImages:
-    """What the pictures of a page share.
+    """Settings that the pictures of a page share.
 
     Args:
         scale: error of the lightest colour, the same for all maps of the page; None where no view has a photo.
-        budget: bytes for one picture.
+        budget: most bytes of one picture.
         ramp: the error colours as a CSS list, dark to light.
         portrait: whether all pictures are higher than wide.
     """
@@ -31,7 +31,7 @@ class CardImages:
 
     @classmethod
     def of(cls, views: Sequence[ComparedView]) -> "CardImages":
-        """The shared scale and budget of the views that get pictures."""
+        """Determine the settings from the views that get pictures."""
         errors, portrait = [], True
         for view in views:
             images = view.read()
@@ -51,11 +51,11 @@ def pictured(count: int, worst: int | None, most: int) -> list[int]:
     """Indices of the views shown with pictures: all, or an even selection that includes the worst."""
     if count <= most:
         return list(range(count))
-    chosen = {round(i * (count - 1) / max(1, most - 1)) for i in range(most)}
-    if worst is not None and worst not in chosen:
-        chosen.remove(min(chosen, key=lambda i: abs(i - worst)))
-        chosen.add(worst)
-    return sorted(chosen)
+    selected = {round(i * (count - 1) / max(1, most - 1)) for i in range(most)}
+    if worst is not None and worst not in selected:
+        selected.remove(min(selected, key=lambda i: abs(i - worst)))
+        selected.add(worst)
+    return sorted(selected)
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class Picture:
 
     Args:
         name: its CSS class.
-        uri: the picture itself.
-        alt: what it shows, in words.
+        uri: the picture as a ``data:`` URI.
+        alt: alternative text: what the picture shows.
     """
 
     name: str
@@ -78,10 +78,10 @@ class Card:
     """One view as ``templates/card.html`` shows it.
 
     Args:
-        index: the view's place in the report; names the anchor ``view-INDEX``.
+        index: index of the view in the report; names the anchor ``view-INDEX``.
         view: the view.
-        worst: whether this frame fared worst.
-        size: width and height in words.
+        worst: whether this view has the poorest gain.
+        size: width and height as text.
         ratio: width over height.
         with_photo: whether there is a photo.
         pictures: render, enhanced render and, where there is a photo, the photo and both errors.
@@ -100,10 +100,10 @@ def card(index: int, view: ComparedView, shared: CardImages, *, worst: bool) -> 
     """Read a view's images and make its pictures.
 
     Args:
-        index: the view's place in the report.
+        index: index of the view in the report.
         view: the view.
-        shared: what all pictures share.
-        worst: whether this frame fared worst.
+        shared: settings that all pictures share.
+        worst: whether this view has the poorest gain.
     """
     images = view.read()
     ratio = f"{images.raw.shape[-1] / images.raw.shape[-2]:.5f}"

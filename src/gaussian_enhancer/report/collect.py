@@ -21,10 +21,10 @@ def compared_views(
 ) -> tuple[ComparedView, ...]:
     """The views of a report: every render with its enhanced image and the numbers that were measured on both.
 
-    Files and records belong together by name without ending.
+    Files and records are matched by file name without extension.
 
     Args:
-        renders: folder of the renders as they came.
+        renders: folder of the renders before enhancement.
         enhanced: folder of enhanced images.
         photos: folder of photos, which may hold more than these views; None where there are none.
         records: quality of the variants ``raw`` and ``enhanced``, and cost in milliseconds of ``enhanced``; records
@@ -34,25 +34,30 @@ def compared_views(
     Raises:
         InputError: a render has no enhanced image, or a variant of a view was measured twice.
     """
-    after = {path.stem: path for path in list_images(enhanced)}
-    truths = {} if photos is None else {path.stem: path for path in list_images(photos)}
+    enhanced_files = {path.stem: path for path in list_images(enhanced)}
+    photo_files = {} if photos is None else {path.stem: path for path in list_images(photos)}
     by_view = _by_view(records)
     views = []
     for path in list_images(renders):
-        if path.stem not in after:
+        if path.stem not in enhanced_files:
             raise InputError(enhanced, f"has no enhanced image of {path.name}", "enhance the renders again")
-        raw, new, cost = (by_view.get((path.stem, what)) for what in (RAW, ENHANCED, COST))
-        truth = truths.get(path.stem)
+        raw_record, enhanced_record, cost_record = (
+            by_view.get((path.stem, variant)) for variant in (RAW, ENHANCED, COST)
+        )
+        photo_file = photo_files.get(path.stem)
         views.append(
             ComparedView(
                 name=path.name,
                 read_raw=partial(read_photo, path, background),
-                read_enhanced=partial(read_photo, after[path.stem], background),
-                read_photo=None if truth is None else partial(read_photo, truth, background),
-                metrics_raw=_known(raw),
-                metrics_enhanced=_known(new),
-                milliseconds=_known(cost).get("milliseconds"),
-                reasons={**(raw.reasons if raw else {}), **(new.reasons if new else {})},
+                read_enhanced=partial(read_photo, enhanced_files[path.stem], background),
+                read_photo=None if photo_file is None else partial(read_photo, photo_file, background),
+                metrics_raw=_known(raw_record),
+                metrics_enhanced=_known(enhanced_record),
+                milliseconds=_known(cost_record).get("milliseconds"),
+                reasons={
+                    **(raw_record.reasons if raw_record else {}),
+                    **(enhanced_record.reasons if enhanced_record else {}),
+                },
             )
         )
     return tuple(views)
@@ -63,7 +68,7 @@ def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[
 
     Args:
         records: the records that the page shows.
-        others: further lines: configuration, weights.
+        others: further entries: configuration, weights.
     """
     lines = {
         "Scene": [record.scene for record in records],
@@ -80,16 +85,16 @@ def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[
 
 
 def _by_view(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
-    found: dict[tuple[str, str], Record] = {}
+    by_view: dict[tuple[str, str], Record] = {}
     for record in records:
         if not record.view or (record.kind == COST and record.variant != ENHANCED):
             continue
         key = (Path(record.view).stem, record.variant if record.kind == "quality" else record.kind)
-        if key in found:
+        if key in by_view:
             received = f"was measured twice as {record.variant!r}"
             raise InputError(f"view {record.view}", received, "report one run at a time")
-        found[key] = record
-    return found
+        by_view[key] = record
+    return by_view
 
 
 def _known(record: Record | None) -> dict[str, float]:

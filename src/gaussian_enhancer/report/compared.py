@@ -1,6 +1,6 @@
 """A compared view: render, enhanced image, photo, and the measurements of both.
 
-Axes: h height, w width; _ an axis that the user may have got wrong, which is refused with a clear line.
+Axes: h height, w width; _ an axis whose size may be wrong in the user's files, which `ComparedView.read` refuses.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,9 +17,9 @@ class ViewPixels:
     """The pixels of one view.
 
     Args:
-        raw: the render as it came, sRGB in [0, 1].
-        enhanced: the render after enhancing.
-        photo: the truth; None where there is none.
+        raw: the render before enhancement, sRGB in [0, 1].
+        enhanced: the render after enhancement.
+        photo: the ground truth; None where there is none.
     """
 
     raw: Float[Tensor, "3 h w"]
@@ -29,16 +29,16 @@ class ViewPixels:
 
 @dataclass(frozen=True)
 class ComparedView:
-    """One view of a report. Pixels are read when asked for, each time anew, so that long reports stay small.
+    """One view of a report. Pixels are read on each request and not cached, so that long reports take little memory.
 
     Args:
         name: the view's file name, unique in the report.
-        read_raw: returns the render as it came, sRGB in [0, 1].
-        read_enhanced: returns the render after enhancing, of the same size.
-        read_photo: returns the truth, of the same size; None where there is none.
+        read_raw: returns the render before enhancement, sRGB in [0, 1].
+        read_enhanced: returns the render after enhancement, of the same size.
+        read_photo: returns the ground truth, of the same size; None where there is none.
         metrics_raw: numbers measured between render and photo, by the metric's name.
         metrics_enhanced: the same for the enhanced render.
-        milliseconds: time that enhancing took; None where it was not measured.
+        milliseconds: run time of the enhancement; None where it was not measured.
         reasons: why a metric has no number, by the metric's name.
     """
 
@@ -52,7 +52,7 @@ class ComparedView:
     reasons: Mapping[str, str] = field(default_factory=dict)
 
     def read(self) -> ViewPixels:
-        """The view's pixels.
+        """Read the view's pixels.
 
         Raises:
             InputError: the images differ in size, or one cannot be read.
@@ -67,20 +67,20 @@ class ComparedView:
 
 
 def check_names(views: Sequence[ComparedView]) -> None:
-    """Refuse an empty report and views that cannot be told apart.
+    """Refuse a report without views, or with several views of the same name.
 
     Raises:
-        InputError: no view, or a name twice.
+        InputError: there is no view, or a name occurs twice.
     """
     if not views:
         raise InputError("report", "has no view to show", "give at least one enhanced view")
-    seen: set[str] = set()
+    names: set[str] = set()
     for view in views:
-        if view.name in seen:
+        if view.name in names:
             raise InputError(f"view {view.name}", "occurs twice in the report", "give every view its own name")
-        seen.add(view.name)
+        names.add(view.name)
 
 
 def size_of(image: Float[Tensor, "3 h w"]) -> str:
-    """Width and height as people write them, for instance ``640×480``."""
+    """Width and height as text, for instance ``640×480``."""
     return f"{image.shape[-1]}×{image.shape[-2]}"

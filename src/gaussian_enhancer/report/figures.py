@@ -64,7 +64,7 @@ def sampled(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, "
 
 
 def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -> float:
-    """The error that maps to the lightest colour: a quantile over all maps that shall share a scale.
+    """The error that maps to the lightest colour: a quantile over all maps that share the scale.
 
     Args:
         errors: values of each map, in [0, 1].
@@ -96,12 +96,13 @@ def to_bytes(image: Float[Tensor, "3 h w"]) -> UInt8[Tensor, "h w 3"]:
 
 
 def data_uri(image: Float[Tensor, "3 h w"], budget: int = 600_000, edge: int = EDGE) -> str:
-    """An image as a ``data:`` address, without loss where that fits the budget.
+    """Encode an image as a ``data:`` URI, lossless where that fits the budget.
 
     Args:
         image: sRGB in [0, 1].
-        budget: bytes of the encoded image. Lossless WebP comes first, then falling quality, then halved size.
-        edge: longest edge in pixels; a longer one is reduced.
+        budget: most bytes of the encoded image. Lossless WebP is tried first, then falling quality, then halved size.
+            An image whose longest edge is at most 64 pixels may exceed the budget.
+        edge: longest edge in pixels; an image with a longer one is reduced.
     """
     picture = Image.fromarray(to_bytes(image).numpy())
     if max(picture.size) > edge:
@@ -134,29 +135,31 @@ def contact_sheet(
     """Images in rows and columns, with a title over each column and a name under each row.
 
     Args:
-        rows: one row a view; all rows as long as ``titles``.
+        rows: one row per view; all rows as long as ``titles``.
         titles: column titles.
-        names: row names, one a row.
+        names: row names, one per row.
         height: height of an image on the sheet, in pixels.
         gap: space between images, in pixels.
 
     Raises:
-        InputError: rows of differing lengths, or not one name a row.
+        InputError: rows differ in length, or there is not one name per row.
     """
     if not rows or len(rows) != len(names) or any(len(row) != len(titles) for row in rows):
         received = f"has rows of {sorted({len(row) for row in rows})} images, {len(titles)} titles, {len(names)} names"
         raise InputError("contact sheet", received, "give every row one image a title, and a name")
-    line = 18
+    text_height = 18
     thumbnails = [[_thumbnail(image, height) for image in row] for row in rows]
     widths = [max(row[column].width for row in thumbnails) for column in range(len(titles))]
     sheet_width = sum(widths) + gap * (len(widths) + 1)
-    sheet = Image.new("RGB", (sheet_width, 2 * gap + line + len(rows) * (height + line + gap)), (250, 250, 250))
+    sheet = Image.new(
+        "RGB", (sheet_width, 2 * gap + text_height + len(rows) * (height + text_height + gap)), (250, 250, 250)
+    )
     draw = ImageDraw.Draw(sheet)
     lefts = [gap + sum(widths[:column]) + gap * column for column in range(len(widths))]
     for left, title in zip(lefts, titles, strict=True):
         draw.text((left, gap), title, fill=(40, 40, 40))
     for index, (row, name) in enumerate(zip(thumbnails, names, strict=True)):
-        top = 2 * gap + line + index * (height + line + gap)
+        top = 2 * gap + text_height + index * (height + text_height + gap)
         for left, picture in zip(lefts, row, strict=True):
             sheet.paste(picture, (left, top))
         draw.text((lefts[0], top + height + 2), name, fill=(90, 90, 90))

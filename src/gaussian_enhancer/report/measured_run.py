@@ -1,4 +1,4 @@
-"""A measured run as the report shows it: its images, its numbers and where they come from."""
+"""Loading of a measured run for the report: images, numbers and their provenance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,9 +37,9 @@ def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, m
 
     Args:
         path: the HTML file.
-        measured: what it shows.
+        measured: the run that it shows.
         title: the page's title; scene and splat of the records where None.
-        most_pictured: views that get pictures.
+        most_pictured: most views that get pictures.
     """
     quality = [record for record in measured.records if record.kind == "quality"]
     default = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
@@ -60,9 +60,9 @@ def open_measured(folder: str | Path) -> MeasuredRun:
         raise InputError(root, "is no finished measure job", "run: gaussian-enhancer measure run=FOLDER")
     records = read_records(root / "records.jsonl")
     if {record.variant for record in records} != {"raw", "enhanced"}:
-        found = ", ".join(sorted({record.variant for record in records})) or "nothing"
+        variants = ", ".join(sorted({record.variant for record in records})) or "nothing"
         remedy = "measure a run with renders and enhanced renders, or give raw= as well"
-        raise InputError(root, f"holds measurements of {found}, not of raw and enhanced", remedy)
+        raise InputError(root, f"holds measurements of {variants}, not of raw and enhanced", remedy)
     config = _config(root / "config.yaml")
     renders, enhanced, photos = _folders(root, config)
     costs = _costs(config)
@@ -93,17 +93,17 @@ def _folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, Path]:
         steps = run_steps(source) if source.is_dir() else ()
         if not steps:
             raise InputError(source, "holds no renders any more", "measure the run where it lies now")
-        side = source / "test" / f"ours_{config.get('step') or steps[-1]}"
-        return side / "renders", side / "enhanced", side / "gt"
-    given = [config.get(key) for key in ("raw", "images", "photos")]
-    if not all(given):
+        step_folder = source / "test" / f"ours_{config.get('step') or steps[-1]}"
+        return step_folder / "renders", step_folder / "enhanced", step_folder / "gt"
+    paths = [config.get(key) for key in ("raw", "images", "photos")]
+    if not all(paths):
         raise InputError(root / "config.yaml", "does not name raw, images and photos", "measure again")
-    raw, images, photos = (Path(str(value)) for value in given)
+    raw, images, photos = (Path(str(value)) for value in paths)
     return raw, images, photos
 
 
 def _costs(config: Mapping[str, Any]) -> tuple[Record, ...]:
-    """What enhancing cost, from the enhanced run's own records, where it kept any."""
+    """Records of the enhancement's run time from the enhanced run; none where it has no records."""
     path = Path(config.get("run") or "") / "records.jsonl"
     if not config.get("run") or not path.is_file():
         return ()

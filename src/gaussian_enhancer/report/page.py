@@ -18,7 +18,7 @@ from gaussian_enhancer.report.summary import MetricSummary, gain_of, measured, s
 from gaussian_enhancer.report.templating import render
 
 POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-"""Pictures, style and script are inside the page."""
+"""Content security policy: pictures, style and script are inside the page."""
 
 
 def write_report(
@@ -29,18 +29,19 @@ def write_report(
     *,
     most_pictured: int = 60,
 ) -> None:
-    """Write the page that compares renders before and after enhancing.
+    """Write the page that compares renders before and after enhancement.
 
     Args:
-        path: the HTML file; written whole or not at all.
+        path: the HTML file, which is written atomically.
         title: the page's title.
         views: the compared views, in the order in which they are shown.
-        provenance: what made the numbers: commit, configuration, machine, time, weights.
-        most_pictured: views that get pictures; beyond it an even choice with the worst among them, and the page
-            says so. Numbers are always shown of all views.
+        provenance: origin of the numbers: commit, configuration, machine, time, weights.
+        most_pictured: most views that get pictures. Of more views, an even selection that includes the worst gets
+            them, and the page says so. Numbers are shown for all views.
 
     Raises:
-        InputError: no views, a name twice, images of one view that differ in size, or the file cannot be written.
+        InputError: there is no view, a name occurs twice, images of one view differ in size, or the file cannot be
+            written.
     """
     text = document(title, views, provenance, most_pictured=most_pictured)
     write_text(path, text)
@@ -53,13 +54,13 @@ def document(
     check_names(views)
     summaries = [summarise(views, quantity) for quantity in measured(views)]
     worst = worst_view(summaries)
-    shown = pictured(len(views), worst, most_pictured)
-    pictures = CardImages.of([views[i] for i in shown])
+    pictured_indices = pictured(len(views), worst, most_pictured)
+    pictures = CardImages.of([views[i] for i in pictured_indices])
     quantities = [summary.quantity for summary in summaries]
     values = {
         "title": title,
         "policy": POLICY,
-        "subtitle": _subtitle(views, len(shown)),
+        "subtitle": _subtitle(views, len(pictured_indices)),
         "ramp": pictures.ramp,
         "scale": pictures.scale,
         "portrait": pictures.portrait,
@@ -67,10 +68,10 @@ def document(
         "tiles": summaries,
         "times": [view.milliseconds for view in views if view.milliseconds is not None],
         "quantities": quantities,
-        "columns": [one for one in quantities if any(gain_of(view, one.key) is not None for view in views)],
-        "shown": set(shown),
+        "columns": [metric for metric in quantities if any(gain_of(view, metric.key) is not None for view in views)],
+        "shown": set(pictured_indices),
         "worst": worst,
-        "cards": [card(i, views[i], pictures, worst=i == worst) for i in shown],
+        "cards": [card(i, views[i], pictures, worst=i == worst) for i in pictured_indices],
         "gain_of": gain_of,
         "bar_width": partial(_bar_width, views),
         "unmeasured": partial(_unmeasured, views),
@@ -82,26 +83,30 @@ def document(
 
 
 def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -> float:
-    """Half a cell's width in percent for the largest finite gain of a metric, less for smaller ones."""
-    gains = [abs(one) for view in views if (one := gain_of(view, quantity.key)) is not None and math.isfinite(one)]
-    reach = max(gains, default=0.0)
-    return 50 * min(1.0, abs(gain) / reach) if math.isfinite(gain) and reach > 0 else 0.0
+    """Width of a gain's bar in percent of its cell: 50 for the metric's largest finite gain, others in proportion."""
+    gains = [
+        abs(view_gain)
+        for view in views
+        if (view_gain := gain_of(view, quantity.key)) is not None and math.isfinite(view_gain)
+    ]
+    largest = max(gains, default=0.0)
+    return 50 * min(1.0, abs(gain) / largest) if math.isfinite(gain) and largest > 0 else 0.0
 
 
 def _unmeasured(views: Sequence[ComparedView], summary: MetricSummary) -> str:
-    """Why a metric has no mean."""
+    """Reason why a metric has no mean."""
     if summary.infinite:
         return f"not finite in {summary.infinite} views (identical images)"
     key = summary.quantity.key
     reasons = sorted({view.reasons[key] for view in views if key in view.reasons})
-    told = " · ".join(reason.removeprefix("not measured: ") for reason in reasons)
-    return told or "not measured on render and enhanced render alike"
+    text = " · ".join(reason.removeprefix("not measured: ") for reason in reasons)
+    return text or "not measured on render and enhanced render alike"
 
 
 def report_data(
     title: str, views: Sequence[ComparedView], summaries: Sequence[MetricSummary], provenance: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Every number of the page, unrounded, as it stands in the page's JSON block (element ``report-data``)."""
+    """All numbers of the page, unrounded, as the page's JSON block holds them (element ``report-data``)."""
     return {
         "title": title,
         "provenance": dict(provenance),
@@ -136,5 +141,5 @@ def _subtitle(views: Sequence[ComparedView], shown: int) -> str:
     photos = sum(view.read_photo is not None for view in views)
     count = f"{len(views)} view{'s' if len(views) != 1 else ''}"
     against = f"measured against {'their' if photos == len(views) else str(photos)} photos" if photos else "no photos"
-    left = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
-    return f"{count} · {against}{left}"
+    selection = "" if shown == len(views) else f" · pictures of {shown}, numbers of all"
+    return f"{count} · {against}{selection}"

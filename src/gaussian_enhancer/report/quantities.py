@@ -8,12 +8,12 @@ from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 @dataclass(frozen=True)
 class Quantity:
-    """A metric as readers see it.
+    """A metric as it is shown to readers.
 
     Args:
         key: the metric's name in the records.
         label: the name on the page.
-        decimals: digits after the point.
+        decimals: digits after the decimal point.
         unit: unit after the number, without a blank; empty where there is none.
         meaning: the metric in a few words; shown where a reader asks for it.
     """
@@ -30,7 +30,7 @@ class Quantity:
         return HIGHER_IS_BETTER.get(self.key)
 
     def written(self, value: float) -> str:
-        """The number for a reader, ``∞`` and ``–`` for what is not finite."""
+        """Format a value; ``∞``, ``−∞`` and ``–`` (NaN) stand for values that are not finite."""
         if math.isnan(value):
             return "–"
         if math.isinf(value):
@@ -38,7 +38,7 @@ class Quantity:
         return f"{value:.{self.decimals}f}".replace("-", "−")
 
     def gain_written(self, gain: float) -> str:
-        """A difference with its sign; one that rounds to nothing has none."""
+        """Format a difference with its sign; it is ``±0`` with the metric's decimals where `verdict` is ``same``."""
         if not math.isfinite(gain):
             return self.written(gain)
         if self.verdict(gain) == "same":
@@ -46,7 +46,7 @@ class Quantity:
         return f"{gain:+.{self.decimals}f}".replace("-", "−")
 
     def verdict(self, gain: float) -> str:
-        """``better``, ``worse``, or ``same`` where the digits shown do not tell, or no direction is known."""
+        """``better``, ``worse``, or ``same``: the difference rounds to zero, is NaN, or has no known direction."""
         if math.isnan(gain) or self.higher_is_better is None:
             return "same"
         if math.isfinite(gain) and round(gain, self.decimals) == 0:
@@ -70,11 +70,11 @@ KNOWN = (
 """Metrics of the pinned protocol, in the order in which they are shown."""
 
 DECIDING = ("psnr_aligned", "psnr", "psnr_masked")
-"""The first of these that was measured says which frame fared worst."""
+"""The first of these metrics that was measured determines the worst view."""
 
 
 def quantities(keys: set[str]) -> tuple[Quantity, ...]:
-    """The metrics that are there: known ones in their order, then others by name, without a direction."""
+    """The metrics of these keys: known ones in the order of `KNOWN`, then others by name, without a direction."""
     known = tuple(quantity for quantity in KNOWN if quantity.key in keys)
     others = sorted(keys - {quantity.key for quantity in known})
     return known + tuple(Quantity(key, key, 4) for key in others)

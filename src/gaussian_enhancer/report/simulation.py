@@ -25,18 +25,18 @@ PAGE_BYTES = 10_000_000
 """Bytes that all pictures of a page may take together, before base64."""
 
 GROUND = 250 / 255
-"""Grey of a sheet between its images."""
+"""Grey level of a sheet's background."""
 
 
 @dataclass(frozen=True)
 class ImageRow:
-    """Images that belong together.
+    """A row of images that belong together.
 
     Args:
-        name: what they have in common.
+        name: label of the row.
         images: sRGB in [0, 1].
-        captions: one an image.
-        note: more about them, or the reason why there are none.
+        captions: one per image.
+        note: further explanation, or the reason why there are no images.
     """
 
     name: str
@@ -50,10 +50,10 @@ class Section:
     """A part of the page.
 
     Args:
-        title: its heading.
-        text: what is to be seen.
-        rows: its images.
-        file: what its sheet is called, without ending; empty for none.
+        title: heading.
+        text: explanation of the images.
+        rows: the images.
+        file: name of the contact sheet's file, without extension; empty for no sheet.
     """
 
     title: str
@@ -63,11 +63,11 @@ class Section:
 
 
 def sheet(section: Section) -> Image.Image:
-    """A section as one picture; a row without images is named with its reason."""
+    """Contact sheet of a section; a row without images is labelled with the reason."""
     columns = max(len(row.images) for row in section.rows)
     example = next(row for row in section.rows if row.images)
-    same = all(row.captions == example.captions for row in section.rows if row.images)
-    titles = example.captions if same else tuple(str(i + 1) for i in range(columns))
+    same_captions = all(row.captions == example.captions for row in section.rows if row.images)
+    titles = example.captions if same_captions else tuple(str(i + 1) for i in range(columns))
     blank = torch.full_like(_framed(example.images[0]), GROUND)
     rows = [[*map(_framed, row.images), *[blank] * (columns - len(row.images))] for row in section.rows]
     names = [row.name if row.images else f"{row.name}: {row.note}" for row in section.rows]
@@ -77,14 +77,14 @@ def sheet(section: Section) -> Image.Image:
 def write_page(
     path: Path, title: str, subtitle: str, sections: Sequence[Section], provenance: Mapping[str, str]
 ) -> None:
-    """Write one self-contained page, whole or not at all.
+    """Write one self-contained page, atomically.
 
     Args:
         path: the HTML file.
         title: the page's title.
-        subtitle: a line below it.
-        sections: what it shows.
-        provenance: what made it.
+        subtitle: a line below the title.
+        sections: sections of the page.
+        provenance: origin of the images.
 
     Raises:
         InputError: the file cannot be written.
@@ -105,9 +105,9 @@ def write_page(
 
 
 def _framed(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:
-    """The image enlarged by a whole factor and padded, where it is too small for a sheet's words."""
+    """Enlarge an image by an integer factor and pad it, where it is too small for the text of a sheet."""
     image = image.detach().cpu().float()
-    times = max(1, least // max(image.shape[1:]))
-    larger = image.repeat_interleave(times, 1).repeat_interleave(times, 2)
-    right, below = max(0, least - larger.shape[2]), max(0, 24 - larger.shape[1])
-    return F.pad(larger, (0, right, 0, below), value=GROUND)
+    factor = max(1, least // max(image.shape[1:]))
+    enlarged = image.repeat_interleave(factor, 1).repeat_interleave(factor, 2)
+    right, below = max(0, least - enlarged.shape[2]), max(0, 24 - enlarged.shape[1])
+    return F.pad(enlarged, (0, right, 0, below), value=GROUND)

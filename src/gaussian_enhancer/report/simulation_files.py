@@ -1,4 +1,4 @@
-"""What the job ``simulate`` writes: samples, sheets, a page and a record of what was drawn."""
+"""Files that the job ``simulate`` writes: samples, contact sheets, a page, and a record of the random draws."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -26,8 +26,8 @@ class SimulatedRender:
 
     Args:
         file: the image, relative to the job's folder.
-        seed: of its own generator.
-        steps: stage 1, in order.
+        seed: seed of its own random generator.
+        steps: artefacts of stage 1, in the order in which they were applied.
     """
 
     file: str
@@ -42,9 +42,9 @@ def drawn_sample(
 
     Args:
         simulator: gate and second stage.
-        photo: the photo and its real render, where that is known.
-        generator: of this sample alone; its seed repeats the sample.
-        file: where the image will be written, relative to the job's folder.
+        photo: the photo, and its real render where that is known.
+        generator: random generator of this sample alone; its seed reproduces the sample.
+        file: path of the image, relative to the job's folder.
 
     Returns:
         The record of the sample, and its pixels.
@@ -58,8 +58,8 @@ def write_sample(path: Path, view: View) -> None:
     """Write image, depth and opacity of one sample side by side.
 
     Args:
-        path: of the image.
-        view: its pixels.
+        path: path of the image.
+        view: pixels of the sample.
 
     Raises:
         InputError: a file cannot be written.
@@ -72,20 +72,20 @@ def write_sample(path: Path, view: View) -> None:
 
 
 def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | None, gate: Gate) -> dict[str, str]:
-    """What the page says about where its images come from.
+    """Provenance of the page's images.
 
     Args:
         photo: the photo.
         cfg: configuration of the job.
-        fingerprint: of the run's training views, where they are known.
+        fingerprint: fingerprint of the run's training views; None where they are not known.
         gate: the chosen gate.
     """
-    words = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
+    lines = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
     if fingerprint is not None:
-        words["Fingerprint"] = fingerprint.table()
+        lines["Fingerprint"] = fingerprint.table()
     if isinstance(gate, AdaptiveGate):
-        words["Calibrated"] = gate.table()
-    return {**words, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
+        lines["Calibrated"] = gate.table()
+    return {**lines, "Generator": OmegaConf.to_yaml(cfg.generator).strip(), "Seed": str(cfg.seed)}
 
 
 def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section], provenance: Mapping[str, str]) -> None:
@@ -94,8 +94,8 @@ def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section],
     Args:
         folder: the job's folder.
         photo: the photo.
-        sections: of the page.
-        provenance: where the images come from.
+        sections: sections of the page.
+        provenance: origin of the images.
 
     Raises:
         InputError: a file cannot be written.
@@ -112,13 +112,13 @@ def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section],
 def write_record(
     folder: Path, seed: int, samples: Sequence[SimulatedRender], fingerprint: Fingerprint | None, gate: Gate
 ) -> None:
-    """Write what determines the samples. A calibrated gate and a fingerprint become files that other jobs read.
+    """Write what determines the samples. A calibrated gate and a fingerprint are written to files that other jobs read.
 
     Args:
         folder: the job's folder.
-        seed: of the job.
+        seed: seed of the job.
         samples: records of the samples.
-        fingerprint: of the run's training views, where they are known.
+        fingerprint: fingerprint of the run's training views; None where they are not known.
         gate: the chosen gate.
 
     Raises:

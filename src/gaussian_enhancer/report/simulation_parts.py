@@ -1,4 +1,4 @@
-"""The parts of the simulator's page: the view, every type, every gate, stage 2, samples.
+"""Sections of the simulator's page: the view, every type of artefact, every gate, stage 2, samples.
 
 Axes: b batch, h height, w width.
 """
@@ -22,18 +22,21 @@ from gaussian_enhancer.report.simulation import EDGE, ImageRow, Section
 from gaussian_enhancer.scene.photos import resize
 
 STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Columns of the sheet of types."""
+"""Strengths of artefacts, the columns of the sheet of types."""
 
 
 def reduced(view: View, edge: int = EDGE) -> View:
-    """A copy whose longer side has at most ``edge`` pixels; depth keeps values that occur, empty places stay empty."""
+    """Copy of a view whose longer side has at most ``edge`` pixels.
+
+    Depth is resampled to the nearest neighbour: no values are interpolated, and pixels without depth stay so.
+    """
     height, width = view.image.shape[-2:]
-    share = min(1.0, edge / max(height, width))
-    size = max(1, round(height * share)), max(1, round(width * share))
+    factor = min(1.0, edge / max(height, width))
+    size = max(1, round(height * factor)), max(1, round(width * factor))
     if size == (height, width):
         return view
     image, alpha = (
-        None if plane is None else torch.stack([resize(one, *size) for one in plane])
+        None if plane is None else torch.stack([resize(channels, *size) for channels in plane])
         for plane in (view.image, view.alpha)
     )
     depth = None if view.depth is None else F.interpolate(view.depth, size=size, mode="nearest-exact")
@@ -47,41 +50,45 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
         view: one sample, reduced.
         real: the splat's render of the view at any size; None where there is none.
     """
-    shown = {"photo": view.image[0]}
+    images = {"photo": view.image[0]}
     if real is not None:
-        shown["real render"] = reduced(View(real)).image[0]
+        images["real render"] = reduced(View(real)).image[0]
     if view.depth is not None:
-        shown["depth: near is light"] = shown_depth(view.depth[0], view.depth[0])
+        images["depth: near is light"] = shown_depth(view.depth[0], view.depth[0])
     if view.alpha is not None:
-        shown["opacity"] = view.alpha[0].expand(3, -1, -1)
-    return Section("View", "What the simulator is given.", (ImageRow("", tuple(shown.values()), tuple(shown)),))
+        images["opacity"] = view.alpha[0].expand(3, -1, -1)
+    return Section("View", "What the simulator is given.", (ImageRow("", tuple(images.values()), tuple(images)),))
 
 
 def type_sections(view: View, seed: int) -> tuple[Section, ...]:
-    """Every type at five strengths, the same draws along a row: colours and, where it is known, depth.
+    """Every type of artefact at five strengths: colours and, where it is known, depth.
+
+    The random draws are the same along a row.
 
     Args:
         view: one sample.
-        seed: of the draws.
+        seed: seed of the draws.
     """
     strength = view.image.new_tensor(STRENGTHS)
     copies = view[torch.zeros(len(STRENGTHS), dtype=torch.long, device=view.image.device)]
     captions = tuple(f"{value:g}" for value in STRENGTHS)
     colours, depths = [], []
     for name, artefact in ARTEFACTS.items():
-        made = artefact(copies, strength, [torch.Generator().manual_seed(seed) for _ in STRENGTHS])
-        about = (inspect.getdoc(artefact) or "").partition("\n")[0]
-        colours.append(ImageRow(name, tuple(made.image), captions, about))
-        if made.depth is not None and view.depth is not None:
-            depths.append(ImageRow(name, tuple(shown_depth(one, view.depth[0]) for one in made.depth), captions))
+        degraded = artefact(copies, strength, [torch.Generator().manual_seed(seed) for _ in STRENGTHS])
+        description = (inspect.getdoc(artefact) or "").partition("\n")[0]
+        colours.append(ImageRow(name, tuple(degraded.image), captions, description))
+        if degraded.depth is not None and view.depth is not None:
+            depths.append(
+                ImageRow(name, tuple(shown_depth(depth, view.depth[0]) for depth in degraded.depth), captions)
+            )
     text = (
         "From strength 0, the photo itself, to 1, the worst that is seen in splat renders; the same draws along a row."
     )
-    found = [Section("Types", text, tuple(colours), "types")]
+    sections = [Section("Types", text, tuple(colours), "types")]
     if depths:
         text = "What each type does to the depth: near is light, far is dark, and nothing hit is black."
-        found.append(Section("Types: depth", text, tuple(depths), "types_depth"))
-    return tuple(found)
+        sections.append(Section("Types: depth", text, tuple(depths), "types_depth"))
+    return tuple(sections)
 
 
 def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: int = 10) -> Section:
@@ -89,9 +96,9 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
 
     Args:
         view: one sample.
-        gates: by name; a text in a gate's place is the reason why it cannot be drawn.
-        seed: of the draws, the same for all gates.
-        draws: of each gate.
+        gates: gates by name; a text instead of a gate is the reason why there are no draws of it.
+        seed: seed of the draws, the same for all gates.
+        draws: number of draws of each gate.
     """
     copies = view[torch.zeros(draws, dtype=torch.long, device=view.image.device)]
     rows = []
@@ -100,9 +107,9 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
             rows.append(ImageRow(name, note=f"not drawn: {gate}"))
             continue
         generators = spawn(draws, torch.Generator().manual_seed(seed))
-        steps = [gate.draw(one) for one in generators]
-        made = degrade(copies, steps, generators)
-        rows.append(ImageRow(name, tuple(made.image), tuple(map(told, steps))))
+        steps = [gate.draw(generator) for generator in generators]
+        degraded = degrade(copies, steps, generators)
+        rows.append(ImageRow(name, tuple(degraded.image), tuple(map(told, steps))))
     text = (
         "Draws of each gate, stage 1 alone. Below each: what passed, in the order in which it acts, with its strength."
     )
@@ -117,9 +124,9 @@ def generator_section(
     Args:
         view: one sample.
         simulator: both stages.
-        seed: of stage 1; stage 2 takes this one and the following.
+        seed: seed of stage 1; stage 2 takes this one and the following ones.
         real: the splat's render of the view; None where there is none.
-        seeds: how many times stage 2 is drawn.
+        seeds: number of draws of stage 2.
 
     Raises:
         InputError: stage 2 needs a real render and there is none.
@@ -129,23 +136,25 @@ def generator_section(
     generator = torch.Generator().manual_seed(seed)
     steps = simulator.gate.draw(generator)
     manual = degrade(view, [steps], [generator])
-    shown = {"photo": view, "M, stage 1": manual}
-    for drawn in range(seed, seed + seeds):
-        shown[f"L, stage 2, seed {drawn}"] = simulator.second(manual, [torch.Generator().manual_seed(drawn)], real)
+    views = {"photo": view, "M, stage 1": manual}
+    for stage_seed in range(seed, seed + seeds):
+        views[f"L, stage 2, seed {stage_seed}"] = simulator.second(
+            manual, [torch.Generator().manual_seed(stage_seed)], real
+        )
     if real is not None:
-        shown["real render"] = View(real)
-    images = tuple(reduced(one).image[0] for one in shown.values())
-    lacking = "" if real is not None else " There is no real render of a photo without its run."
-    text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{lacking}"
-    return Section("Generator", text, (ImageRow(f"stage 1: {told(steps)}", images, tuple(shown)),), "generator")
+        views["real render"] = View(real)
+    images = tuple(reduced(shown_view).image[0] for shown_view in views.values())
+    note = "" if real is not None else " There is no real render of a photo without its run."
+    text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{note}"
+    return Section("Generator", text, (ImageRow(f"stage 1: {told(steps)}", images, tuple(views)),), "generator")
 
 
 def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], count: int) -> Section:
-    """What the chosen gate and generator made.
+    """Samples of the chosen gate and generator.
 
     Args:
-        samples: file, steps and the reduced image of those that are shown.
-        count: of all that were written.
+        samples: file, steps and reduced image of each sample that is shown.
+        count: number of samples that were written.
     """
     captions = tuple(f"{file}: {told(steps)}" for file, steps, _ in samples)
     text = f"{count} written at full size" + ("." if count == len(samples) else f", the first {len(samples)} shown.")
@@ -153,7 +162,7 @@ def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], 
 
 
 def told(steps: Sequence[ArtefactStep]) -> str:
-    """Describe a sample's steps."""
+    """Text of a sample's artefacts, with their strengths."""
     words = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
     return " · ".join(words) if words else "nothing"
 
@@ -162,13 +171,13 @@ def shown_depth(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -
     """Inverse depth as colours, near light and far dark, black where nothing was hit.
 
     Args:
-        depth: what is shown.
+        depth: the depth that is shown.
         before: the undegraded depth, whose range sets the scale.
     """
     hit = before[before > 0]
     ends = hit.reciprocal().quantile(hit.new_tensor([0.01, 0.99])).tolist() if len(hit) else [0.0, 1.0]
     low, high = ends if ends[1] > ends[0] else (0.0, 2 * ends[1])
     nearness = (depth.clamp(min=1e-9).reciprocal() - low) / (high - low)
-    # The undegraded range takes the middle of the colours, so that nearer and farther things still differ.
+    # The undegraded range maps to the middle of the colours, so that nearer and farther depths remain distinguishable.
     share = torch.where(depth > 0, 0.2 + 0.6 * nearness, 0.0).clamp(0, 1)
     return torch.where(depth > 0, error_map(share[0].cpu(), 1.0).to(depth), 0.0)

@@ -17,8 +17,8 @@ class MetricSummary:
     Args:
         quantity: the metric.
         comparison: means, spread and worst view, as in the tables.
-        improved: views whose gain points the better way by more than the digits hide.
-        infinite: views left out since identical images have no finite number.
+        improved: number of views whose gain is an improvement after rounding.
+        infinite: number of views left out because the gain is not finite, as with identical images.
         worst: index of the view with the poorest gain; None where the metric has no direction or no view.
     """
 
@@ -30,12 +30,12 @@ class MetricSummary:
 
 
 def gain_of(view: ComparedView, key: str) -> float | None:
-    """Enhanced minus raw in the metric's own unit; None where one of them was not measured."""
+    """Enhanced minus raw value in the metric's unit; None where one of them was not measured."""
     return _pair(view).gain(key)
 
 
 def measured(views: Sequence[ComparedView]) -> tuple[Quantity, ...]:
-    """The metrics that at least one view has, or gives a reason for not having."""
+    """The metrics that at least one view has, or whose absence it gives a reason for."""
     keys: set[str] = set()
     for view in views:
         keys |= {*view.metrics_raw, *view.metrics_enhanced, *view.reasons}
@@ -57,14 +57,14 @@ def summarise(views: Sequence[ComparedView], quantity: Quantity) -> MetricSummar
 
 
 def worst_view(summaries: Sequence[MetricSummary]) -> int | None:
-    """Index of the view with the lowest gain in the first measured metric; None if none was measured."""
+    """Index of the view with the poorest gain in the first metric of `DECIDING` that has one; None where none has."""
     by_key = {summary.quantity.key: summary for summary in summaries}
-    found = (by_key[key].worst for key in DECIDING if key in by_key)
-    return next((worst for worst in found if worst is not None), None)
+    worst_indices = (by_key[key].worst for key in DECIDING if key in by_key)
+    return next((worst for worst in worst_indices if worst is not None), None)
 
 
 def _pair(view: ComparedView) -> VariantPair:
-    """The view as the tables' statistics take it."""
+    """The view as a pair of records, which the statistics of tables take."""
     raw, enhanced = (
         Record("quality", "", "", "", view.name, variant, dict(metrics), commit="-", machine="-", time="-")
         for variant, metrics in (("raw", view.metrics_raw), ("enhanced", view.metrics_enhanced))

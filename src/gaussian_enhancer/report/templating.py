@@ -1,4 +1,4 @@
-"""Pages by Jinja2: every value is escaped, a name that a template does not get is an error."""
+"""Rendering of pages by Jinja2. Every value is escaped, and an undefined name is an error."""
 
 import json
 import math
@@ -12,15 +12,15 @@ PACKAGE = "gaussian_enhancer.report"
 
 
 def render(template: str, values: dict[str, Any], package: str = PACKAGE) -> str:
-    """A template of a package with its values.
+    """Render a template of a package.
 
     Characters that no HTML document may hold (control characters, lone surrogates of undecodable file names) become
     U+FFFD.
 
     Args:
         template: file name in the package's folder ``templates``.
-        values: what the template asks for.
-        package: whose template it is; it may include those of this package.
+        values: values by the names that the template uses.
+        package: package of the template, which may include templates of `PACKAGE`.
     """
     return str(_environment(package).get_template(template).render(values)) + "\n"
 
@@ -45,12 +45,12 @@ def _environment(package: str) -> Any:
 
 
 def resource(name: str, package: str = PACKAGE) -> Markup:
-    """The text of a file in a package's folder ``templates``, as it is."""
+    """The text of a file in a package's folder ``templates``, not escaped."""
     return Markup(files(package).joinpath("templates", name).read_text(encoding="utf-8"))
 
 
 def json_block(value: Any) -> Markup:
-    """JSON for a script element: no character that could end it; numbers that are not finite as words."""
+    """JSON for a script element: characters that could end it are escaped; numbers that are not finite become text."""
     text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

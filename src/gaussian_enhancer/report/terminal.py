@@ -15,11 +15,13 @@ STYLES = {"better": "green", "worse": "red", "same": "dim"}
 
 
 def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
-    """Raw against enhanced, a row a view and a column a metric, with the mean in the last row; 80 columns suffice.
+    """Table of raw against enhanced: a row per view, a column per metric, and the mean in the last row.
+
+    The table fits into 80 columns.
 
     Args:
-        views: what is compared.
-        title: the line above the table.
+        views: the compared views.
+        title: title above the table.
     """
     quantities = [quantity for quantity in measured(views) if any(gain_of(v, quantity.key) is not None for v in views)]
     summaries = [summarise(views, quantity) for quantity in quantities]
@@ -28,8 +30,8 @@ def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
     table.box, table.show_lines = box.SIMPLE_HEAD, True
     table.add_column("view", footer="mean", no_wrap=True)
     for quantity, summary in zip(quantities, summaries, strict=True):
-        found = summary.comparison
-        footer = _cell(quantity, found.baseline, found.variant, found.gain)
+        comparison = summary.comparison
+        footer = _cell(quantity, comparison.baseline, comparison.variant, comparison.gain)
         table.add_column(f"{quantity.label} {quantity.unit}".strip(), footer=footer, justify="right")
     times = [view.milliseconds for view in views if view.milliseconds is not None]
     if times:
@@ -44,7 +46,7 @@ def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
 
 
 def reasons(views: Sequence[ComparedView]) -> str:
-    """Why metrics are missing, a line each; empty where all were measured."""
+    """Reasons why metrics are missing, one per line; empty where all were measured."""
     return "\n".join(sorted({f"{key}: {reason}" for view in views for key, reason in view.reasons.items()}))
 
 

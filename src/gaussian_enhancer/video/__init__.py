@@ -1,1 +1,1 @@
-"""Frames of a camera path: rendered ahead, kept on disk, laid out, and encoded."""
+"""Frames of a camera path: rendering in a pipeline, storage on disk, layout, and encoding."""

@@ -1,4 +1,4 @@
-"""Stages of a pipeline that work at the same time."""
+"""Concurrent stages of a pipeline."""
 
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
@@ -10,16 +10,16 @@ END = object()
 
 
 def ahead(items: Iterable[T], count: int = 2) -> Iterator[T]:
-    """Yield the items of an iterable, which a thread of its own makes while earlier ones are in use.
+    """Yield the items of an iterable, which a separate thread computes in advance.
 
-    Rendering, networks and encoders release Python's lock, so that stages that are chained by this overlap, and the
-    slowest one sets the pace. An error that an item raises is raised here in its turn. When the consumer stops early,
-    the item in work is completed and no other is begun; then a generator of items is closed, and with it the stages
-    before it.
+    Rendering, networks and encoders release Python's global interpreter lock. So stages that are chained by this
+    function overlap, and the slowest one sets the pace. An error of an item is raised when the item's turn comes. When
+    the consumer stops early, the current item is completed and no other is started. Then the iterable is closed if it
+    is a generator, and with it the stages before it.
 
     Args:
-        items: made one after the other, in one thread.
-        count: how many are made ahead at most; each stays in memory until it is used.
+        items: the items, which are computed one after the other in one thread.
+        count: most items that are computed in advance; each stays in memory until it is used.
     """
     source = iter(items)
 
@@ -28,14 +28,14 @@ def ahead(items: Iterable[T], count: int = 2) -> Iterator[T]:
 
     try:
         with ThreadPoolExecutor(1) as executor:
-            waiting: deque[Future[object]] = deque(executor.submit(made) for _ in range(count))
+            pending: deque[Future[object]] = deque(executor.submit(made) for _ in range(count))
             try:
-                while (item := waiting.popleft().result()) is not END:
-                    waiting.append(executor.submit(made))
+                while (item := pending.popleft().result()) is not END:
+                    pending.append(executor.submit(made))
                     yield cast(T, item)
             finally:
-                for one in waiting:
-                    one.cancel()
+                for future in pending:
+                    future.cancel()
     finally:
         if isinstance(source, Generator):
             source.close()

@@ -1,4 +1,4 @@
-"""A video that was rendered elsewhere, read frame by frame, and its sound.
+"""Reading of a video that was rendered elsewhere, frame by frame.
 
 Axes: h height, w width.
 """
@@ -18,7 +18,7 @@ REMEDY = "give a video that FFmpeg can read"
 
 
 class Clip:
-    """The frames of a video file. They are decoded in their order; going back begins anew.
+    """The frames of a video file, decoded in order. To go back to an earlier frame, decoding starts again at the first.
 
     Args:
         path: the file.
@@ -37,7 +37,7 @@ class Clip:
                 stream = source.streams.video[0]
                 self.height, self.width = int(stream.height), int(stream.width)
                 self.fps = float(stream.average_rate or stream.guessed_rate)
-                self.sound = tuple(str(one.codec_context.name) for one in source.streams.audio)
+                self.sound = tuple(str(audio.codec_context.name) for audio in source.streams.audio)
                 self.count = sum(packet.size > 0 for packet in source.demux(stream))
         except (OSError, IndexError, TypeError, ValueError) as error:
             raise InputError(self.path, f"cannot be read as a video ({error})", REMEDY) from error

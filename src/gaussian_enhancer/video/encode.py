@@ -1,4 +1,4 @@
-"""Encoding of frames by PyAV, which brings FFmpeg's libraries.
+"""Encoding of frames by PyAV, which includes FFmpeg's libraries.
 
 Axes: h height, w width.
 """
@@ -24,9 +24,9 @@ from gaussian_enhancer.optional_library import optional_library
 CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
 """The encoder of each container."""
 BT709 = 1
-"""FFmpeg's number for the colours of ITU-R BT.709, which players assume of videos that do not say."""
+"""FFmpeg's number for the colour space ITU-R BT.709, which players assume for videos that state none."""
 LIMITED = 1
-"""FFmpeg's number for luma from 16 to 235."""
+"""FFmpeg's number for limited range: luma from 16 to 235."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Encoding:
 
     Args:
         container: "mp4" (H.264) or "webm" (VP9).
-        fps: frames a second, above 0 to 1,000.
+        fps: frames per second, above 0 and at most 1,000.
         quality: constant rate factor: lower is better and larger; 0 to 51 for mp4, 0 to 63 for webm.
 
     Raises:
@@ -51,49 +51,51 @@ class Encoding:
             raise InputError("format", f"is {self.container!r}", f"choose {', '.join(CODECS)} or frames")
         if isinstance(self.fps, bool) or not isinstance(self.fps, int | float) or not 0 < self.fps <= 1000:
             raise InputError("fps", f"is {self.fps!r}", "give frames a second, above 0 to 1000")
-        most = 51 if self.container == "mp4" else 63
-        whole = isinstance(self.quality, int) and not isinstance(self.quality, bool)
-        if not whole or not 0 <= self.quality <= most:
-            raise InputError("quality", f"is {self.quality!r}", f"give a whole number from 0 (best) to {most}")
+        largest = 51 if self.container == "mp4" else 63
+        is_integer = isinstance(self.quality, int) and not isinstance(self.quality, bool)
+        if not is_integer or not 0 <= self.quality <= largest:
+            raise InputError("quality", f"is {self.quality!r}", f"give a whole number from 0 (best) to {largest}")
 
     def check(self, sound: Sequence[str] = ()) -> None:
-        """Look for the encoder before anything is rendered, and whether the container holds sound as it is.
+        """Check that the encoder exists and that the container can hold the sound without re-encoding.
+
+        It is called before anything is rendered.
 
         Args:
-            sound: the codecs of sound that is to be copied into the video.
+            sound: codecs of the sound that is copied into the video.
 
         Raises:
             InputError: PyAV is not installed, its FFmpeg has no such encoder, or the container holds no such sound.
         """
         library = pyav()
         name = CODECS[self.container]
-        other = ", ".join(one for one in CODECS if one != self.container)
+        alternatives = ", ".join(choice for choice in CODECS if choice != self.container)
         try:
             library.codec.Codec(name, "w")
         except (ValueError, library.error.FFmpegError) as error:
             received = f"needs the encoder {name}, which this build of PyAV lacks"
-            raise InputError(f"format={self.container}", received, f"choose format={other} or frames") from error
+            raise InputError(f"format={self.container}", received, f"choose format={alternatives} or frames") from error
         if not sound:
             return
         with library.open(io.BytesIO(), "w", format=self.container) as container:
-            held = container.supported_codecs
-        for name in (name for name in sound if name not in held):
+            supported = container.supported_codecs
+        for name in (name for name in sound if name not in supported):
             received = f"cannot hold sound in {name}, which the input has"
-            raise InputError(f"format={self.container}", received, f"choose format={other} or frames")
+            raise InputError(f"format={self.container}", received, f"choose format={alternatives} or frames")
 
 
 class VideoWriter:
-    """Writes frames to a video file as they come; a context manager.
+    """Context manager that writes frames to a video file as they come.
 
-    The file is written in fragments of about two seconds. Where the process is killed, what was written plays; where
-    the block ends early, by an error or Ctrl-C, every frame that was handed over does. `finish` makes an ordinary file
-    of it.
+    The file is written in fragments of about two seconds. After the process is killed, the fragments that were written
+    are playable. After the block ends early, by an error or Ctrl-C, all frames passed to `write` are playable. `finish`
+    converts the fragments to an ordinary file.
 
     Args:
-        path: the file that is written in fragments; an old one is replaced.
-        encoding: container, frames a second, quality.
-        height: of the frames in pixels, even.
-        width: likewise.
+        path: the file that is written in fragments; an existing one is replaced.
+        encoding: container, frames per second, quality.
+        height: height of the frames in pixels, even.
+        width: width of the frames in pixels, even.
 
     Raises:
         InputError: the file cannot be written.
@@ -102,7 +104,7 @@ class VideoWriter:
     def __init__(self, path: Path, encoding: Encoding, height: int, width: int) -> None:
         library = pyav()
         self.path, self.encoding = path, encoding
-        options = {"flush_packets": "1"}  # to the file as they come: a fragment torn at its end would not play
+        options = {"flush_packets": "1"}  # write packets at once: a fragment without its end would not be playable
         if encoding.container == "mp4":
             options["movflags"] = "frag_keyframe+empty_moov+default_base_moof"
         self._frames = 0
@@ -142,11 +144,11 @@ class VideoWriter:
         self._guarded(lambda: self._encode(values))
 
     def finish(self, path: Path, sound: Path | None = None) -> None:
-        """Make an ordinary, seekable file of the fragments, which are removed; after the block has ended.
+        """Convert the fragments to an ordinary, seekable file, and remove them. Call it after the block has ended.
 
         Args:
-            path: the file to write, whole or not at all.
-            sound: a video whose sound is copied, as it is; None for a silent one.
+            path: the file to write, atomically.
+            sound: a video whose sound is copied without re-encoding; None for a silent video.
 
         Raises:
             InputError: the disk is full, or the file cannot be written.
@@ -157,13 +159,16 @@ class VideoWriter:
             try:
                 with ExitStack() as files:
                     pictures = files.enter_context(library.open(str(self.path)))
-                    heard = () if sound is None else (files.enter_context(library.open(str(sound))),)
+                    audio_files = () if sound is None else (files.enter_context(library.open(str(sound))),)
                     target = files.enter_context(
                         library.open(str(temporary), "w", format=self.encoding.container, options=options)
                     )
-                    streams = (pictures.streams.video[0], *(one for file in heard for one in file.streams.audio))
-                    made = [(one, target.add_stream_from_template(one)) for one in streams]
-                    for packet, stream in heapq.merge(*(_packets(*one) for one in made), key=_moment):
+                    streams = (
+                        pictures.streams.video[0],
+                        *(item for file in audio_files for item in file.streams.audio),
+                    )
+                    copies = [(item, target.add_stream_from_template(item)) for item in streams]
+                    for packet, stream in heapq.merge(*(_packets(*item) for item in copies), key=_moment):
                         packet.stream = stream
                         target.mux(packet)
             except OSError as error:
@@ -197,18 +202,18 @@ def _packets(given: Any, stream: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _moment(one: tuple[Any, Any]) -> float:
-    """When a packet is decoded, in seconds."""
+    """Decoding time of a packet in seconds."""
     packet, _ = one
     return float(packet.dts * packet.time_base)
 
 
 def _speed(container: str) -> dict[str, str]:
-    """VP9's own defaults take seconds a frame."""
+    """Encoder options for speed. VP9 needs them, since its defaults take seconds per frame."""
     return {"b:v": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"} if container == "webm" else {}
 
 
 def pyav() -> Any:
-    """PyAV, which is an extra and imported where it is used.
+    """Import PyAV, an optional library.
 
     Raises:
         InputError: it is not installed.

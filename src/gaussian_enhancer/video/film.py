@@ -1,4 +1,4 @@
-"""The frames of a path: rendered, enhanced and written, each once, in stages that may work at the same time.
+"""Rendering, enhancement and writing of a path's frames, each once, in stages that may run concurrently.
 
 Axes: h height, w width, H, W the same times the network's scale.
 """
@@ -32,9 +32,9 @@ class RenderedFrame:
 
     Args:
         index: 0 for the first.
-        view: its pixels are in memory.
-        target: these pixels; None where neither the frame nor the next one needs its render.
-        kept: the enhanced view in 8 bits and the references that were considered for it, where it was on disk.
+        view: the view, with its pixels in memory.
+        target: pixels of the view; None where neither the frame nor the next one needs its render.
+        kept: the enhanced view in 8 bits and the references that were considered for it; None where it was not on disk.
     """
 
     index: int
@@ -63,20 +63,22 @@ class Frame:
 
 
 class Film:
-    """The frames of a path. Those that are on disk are not made again, and not rendered unless they are shown.
+    """The frames of a path. Frames on disk are not enhanced again.
 
-    Temporal smoothing takes over from the frame before as it is on disk, in 8 bits. So an interrupted film goes on as
-    if it had not been interrupted.
+    A frame on disk is rendered only where its render is shown, or where temporal smoothing of the next frame needs it.
+    Temporal smoothing uses the previous frame as stored on disk, in 8 bits. So an interrupted film continues with the
+    same frames as if it had not been interrupted.
 
     Args:
-        enhancer: with a `PathReferences` for its references; its ``temporal_smoothing`` is applied along the path.
+        enhancer: enhancer whose reference configuration is a `PathReferences`; its ``temporal_smoothing`` is applied
+            along the path.
         rendered: the path's frames as targets, and the references.
-        planner: decides what a frame does not need; None enhances every pixel.
-        pool: the references.
-        folder: of frames on disk; fresh frames are written to it.
+        planner: decides which regions of a frame are enhanced, and with which references; None enhances every pixel.
+        pool: pixels of the references.
+        folder: folder of frames on disk; new frames are written to it.
         show_renders: render every frame, also those whose enhanced view is on disk.
-        overlapped: render, enhance and write at the same time, each in a thread of its own; None does where the network
-            runs on a graphics card. On a processor each stage uses all cores already (docs/video.md).
+        overlapped: run the stages concurrently, each in its own thread; None does so where the network runs on a GPU.
+            On a CPU each stage uses all cores already (docs/video.md).
     """
 
     def __init__(
@@ -110,11 +112,11 @@ class Film:
         return None if frame.render is None else self.enlarged(frame.render)
 
     def enlarged(self, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 H W"]:
-        """An image at the enhanced view's size."""
+        """Enlarge an image to the enhanced view's size."""
         return upsampled(image[None], self.enhancer.network.scale)[0].clamp(0, 1)
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in their order, written.
+        """Yield the frames in order; each is on disk when it is yielded.
 
         Raises:
             InputError: a frame on disk is damaged, a reference cannot be read, or a frame cannot be written.
@@ -124,7 +126,7 @@ class Film:
         return ahead(self.written(ahead(self.enhanced(ahead(self.drawn())))))
 
     def drawn(self) -> Iterator[RenderedFrame]:
-        """The first stage: each frame is rendered, or read from disk, and the references of the next stage are read.
+        """First stage: render each frame, or read it from disk, and read the references for the second stage.
 
         Raises:
             InputError: a frame on disk is damaged, or a reference cannot be read.
@@ -134,9 +136,9 @@ class Film:
             view = held(view)
             target = read_target(view) if self._draws(index) else None
             if self.stored[index]:
-                kept = self.folder.read(index), self.folder.candidates(index)
-                _go_on_from(config, kept[1])
-                yield RenderedFrame(index, view, target, kept)
+                stored_frame = self.folder.read(index), self.folder.candidates(index)
+                _go_on_from(config, stored_frame[1])
+                yield RenderedFrame(index, view, target, stored_frame)
                 continue
             if target is not None:
                 for candidate in config.nearest(target, view, self.pool):
@@ -144,31 +146,31 @@ class Film:
             yield RenderedFrame(index, view, target, None)
 
     def enhanced(self, drawn: Iterable[RenderedFrame]) -> Iterator[Frame]:
-        """The second stage: frames that were not on disk are enhanced and smoothed.
+        """Second stage: enhance and smooth the frames that were not on disk.
 
         Args:
-            drawn: the frames in their order.
+            drawn: output of the first stage.
         """
-        before: PreviousChange | None = None
+        previous: PreviousChange | None = None
         config = self.enhancer.reference_config
-        for one in drawn:
-            if one.kept is not None:
-                image, candidates = one.kept
+        for frame in drawn:
+            if frame.kept is not None:
+                image, candidates = frame.kept
                 _go_on_from(config, candidates)
             else:
-                image = self._enhance(one.view, before)
+                image = self._enhance(frame.view, previous)
                 candidates = tuple(config.kept) if isinstance(config, PathReferences) else ()
-            target = one.target
+            target = frame.target
             smoothing = self.enhancer.temporal_smoothing > 0 and target is not None
-            before = PreviousChange(image - target.image, target) if smoothing and target is not None else None
+            previous = PreviousChange(image - target.image, target) if smoothing and target is not None else None
             render = None if target is None else target.image
-            yield Frame(one.index, image, render, candidates, one.kept is not None)
+            yield Frame(frame.index, image, render, candidates, frame.kept is not None)
 
     def written(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """The third stage: fresh frames are written to the folder.
+        """Third stage: write new frames to the folder.
 
         Args:
-            frames: what comes of the second.
+            frames: output of the second stage.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written.
@@ -179,21 +181,21 @@ class Film:
             yield frame
 
     def _draws(self, index: int) -> bool:
-        """Whether a frame is rendered: to be enhanced, to be shown, or to carry its change to the next one."""
-        follows = index + 1 < len(self.stored) and not self.stored[index + 1]
-        return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and follows)
+        """Whether a frame is rendered: to be enhanced, to be shown, or for temporal smoothing of the next frame."""
+        next_is_new = index + 1 < len(self.stored) and not self.stored[index + 1]
+        return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and next_is_new)
 
     def _enhance(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
-        alone = replace(self.rendered, targets=(view,))
-        (one,) = self.enhancer(alone, self.planner, self.pool, self._features)
-        share, image = self.enhancer.temporal_smoothing, one.image
+        single_view = replace(self.rendered, targets=(view,))
+        (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
+        share, image = self.enhancer.temporal_smoothing, enhanced.image
         if share > 0:
             image, _ = smoothed_over_time(image, read_target(view), before, share)
         return quantised(image)
 
 
 def _own(config: ReferenceConfig) -> ReferenceConfig:
-    """The same choice of references with a memory of its own for what the frame before referred to."""
+    """Copy a reference configuration, so that it remembers the previous frame's references independently."""
     return replace(config, kept=list(config.kept)) if isinstance(config, PathReferences) else config
 
 

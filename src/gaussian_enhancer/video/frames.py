@@ -1,4 +1,4 @@
-"""Enhanced frames on disk, from which an interrupted video goes on.
+"""Enhanced frames on disk, from which an interrupted video is resumed.
 
 Axes: h height, w width.
 """
@@ -18,7 +18,7 @@ from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.scene.photos import read_photo
 
 CANDIDATES = "candidates"
-"""Name of the text in a frame's PNG that lists the references that were considered for it."""
+"""Key of the text in a frame's PNG that lists the references that were considered for the frame."""
 
 
 def frame_name(index: int) -> str:
@@ -32,37 +32,37 @@ def frame_name(index: int) -> str:
 
 @dataclass(frozen=True)
 class FrameFolder:
-    """A folder of enhanced frames, each written whole or not at all, with the references considered for it.
+    """A folder of enhanced frames. Each is written atomically, with the names of the references considered for it.
 
     Args:
-        folder: where they lie; it need not exist.
+        folder: path of the folder, which need not exist.
     """
 
     folder: Path
 
     def has(self, index: int) -> bool:
-        """Whether a frame is there."""
+        """Whether a frame is on disk."""
         return (self.folder / frame_name(index)).is_file()
 
     def write(self, index: int, image: Float[Tensor, "3 h w"], candidates: Sequence[str] = ()) -> None:
         """Write a frame in 8 bits.
 
         Args:
-            index: of the frame.
-            image: its colours, [0, 1].
+            index: index of the frame.
+            image: colours of the frame, [0, 1].
             candidates: names of the references that were considered for it.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written.
         """
         values = np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
-        told = PngImagePlugin.PngInfo()
-        told.add_text(CANDIDATES, json.dumps(list(candidates)))
+        png_info = PngImagePlugin.PngInfo()
+        png_info.add_text(CANDIDATES, json.dumps(list(candidates)))
         with whole_file(self.folder / frame_name(index)) as temporary:
-            Image.fromarray(values).save(temporary, compress_level=3, pnginfo=told)
+            Image.fromarray(values).save(temporary, compress_level=3, pnginfo=png_info)
 
     def read(self, index: int) -> Float[Tensor, "3 h w"]:
-        """A frame.
+        """Read a frame.
 
         Raises:
             InputError: it is missing or damaged.
@@ -73,12 +73,12 @@ class FrameFolder:
         """Names of the references that were considered for a frame.
 
         Raises:
-            InputError: the frame does not say.
+            InputError: the frame cannot be read, or has no such list.
         """
         path = self.folder / frame_name(index)
         try:
             with Image.open(path) as image:
-                found = json.loads(str(image.info[CANDIDATES]))
+                names = json.loads(str(image.info[CANDIDATES]))
         except (OSError, KeyError, ValueError) as error:
             raise InputError(path, f"is no frame of an enhanced video ({error})", "delete it") from error
-        return tuple(map(str, found))
+        return tuple(map(str, names))

@@ -1,4 +1,4 @@
-"""What a frame of a video shows: the enhanced view alone, beside the render, or divided with it.
+"""Layout of a video's frames: enhanced view, render, both side by side, or both divided by a line.
 
 Axes: h height, w width.
 """
@@ -17,7 +17,7 @@ from gaussian_enhancer.typed import check_fields
 
 LAYOUTS = ("enhanced", "render", "side_by_side", "wipe")
 SWEEPS = 2
-"""How often the line of a wipe goes from side to side and back in a video."""
+"""Number of times that the line of a wipe moves from side to side and back in a video."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +49,20 @@ class Layout:
         """Height and width of a frame.
 
         Args:
-            height: of the enhanced view.
-            width: likewise.
+            height: height of the enhanced view.
+            width: width of the enhanced view.
         """
         return height, 2 * width if self.kind == "side_by_side" else width
 
     def __call__(
         self, render: Float[Tensor, "3 h w"] | None, enhanced: Float[Tensor, "3 h w"], moment: float
     ) -> Float[Tensor, "3 h _"]:
-        """A frame.
+        """Compose a frame.
 
         Args:
-            render: of the same size; None where the layout does not show it.
+            render: the render, of the enhanced view's size; None where the layout does not show it.
             enhanced: the enhanced view.
-            moment: where in the video the frame lies, in [0, 1).
+            moment: position of the frame in the video, in [0, 1).
 
         Raises:
             InputError: there is no render where the layout shows it.
@@ -83,7 +83,7 @@ def _wiped(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], col
     """The render left of a column, the enhanced view right of it, and a white line between them."""
     frame = enhanced.clone()
     frame[..., :column] = render[..., :column]
-    half = max(1, enhanced.shape[-1] // 640)
+    half_width = max(1, enhanced.shape[-1] // 640)
     if 0 < column < enhanced.shape[-1]:
-        frame[..., max(0, column - half) : column + half] = 1.0
+        frame[..., max(0, column - half_width) : column + half_width] = 1.0
     return frame

@@ -1,1 +1,1 @@
-"""The interactive viewer: what a camera shows of a splat, raw and enhanced, and the page that it is seen on."""
+"""The interactive viewer: a page in the browser that shows a splat from any camera, raw and enhanced."""

@@ -1,4 +1,4 @@
-"""Where the page is served."""
+"""Address at which the viewer's page is served."""
 
 import errno
 import socket
@@ -9,7 +9,7 @@ from gaussian_enhancer.optional_library import optional_library
 
 
 def refuse_taken(host: str, port: int) -> None:
-    """Refuse an address that cannot be listened at.
+    """Refuse an address at which no server can listen.
 
     Args:
         host: address or name of this machine.
@@ -19,15 +19,15 @@ def refuse_taken(host: str, port: int) -> None:
         InputError: the port is in use or not allowed, or this machine has no such address.
     """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise InputError(f"host={host}", f"is no address ({error})", "give 127.0.0.1, or 0.0.0.0") from error
-    family, kind, protocol, _, address = found[0]
-    with socket.socket(family, kind, protocol) as tried:
-        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+    family, kind, protocol, _, address = addresses[0]
+    with socket.socket(family, kind, protocol) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
         try:
-            tried.bind(address)
-            tried.listen(1)
+            probe.bind(address)
+            probe.listen(1)
         except OSError as error:
             if error.errno == errno.EADDRNOTAVAIL:
                 received, remedy = "is no address of this machine", "give 127.0.0.1, or 0.0.0.0 for all networks"
@@ -37,7 +37,7 @@ def refuse_taken(host: str, port: int) -> None:
 
 
 def library() -> Any:
-    """Viser, which is an extra.
+    """Import viser, an optional library.
 
     Raises:
         InputError: it is not installed.

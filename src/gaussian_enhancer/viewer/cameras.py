@@ -1,4 +1,4 @@
-"""Cameras of the viewer's page: upright pinholes that look through the middle of the picture.
+"""Cameras of the viewer's page: pinhole cameras with the principal point at the centre of the picture.
 
 A page's camera has OpenCV axes, a camera-to-world pose as position and quaternion (w, x, y, z), and a vertical field of
 view in radians.
@@ -27,8 +27,8 @@ class PageCamera:
     """A camera as the page states it.
 
     Args:
-        position: of the camera in the world, scene units.
-        wxyz: quaternion from the camera's axes to the world's.
+        position: position of the camera in the world, in scene units.
+        wxyz: quaternion of the rotation from the camera's axes to the world's.
         fov: vertical field of view in radians.
         aspect: width over height of the page's picture.
     """
@@ -40,10 +40,10 @@ class PageCamera:
 
     @classmethod
     def of(cls, camera: Camera) -> "PageCamera":
-        """The page's camera with the pose and the vertical field of view of another.
+        """Convert a camera: pose, vertical field of view and aspect are kept.
 
         Args:
-            camera: of a photo.
+            camera: camera of a photo.
         """
         x, y, z, w = Rotation.from_matrix(camera.rotation.T.double().cpu().numpy()).as_quat()
         position = tuple(camera.centre.double().tolist())
@@ -51,14 +51,14 @@ class PageCamera:
         return cls(position, (float(w), float(x), float(y), float(z)), fov, camera.width / camera.height)
 
     def at(self, width: int) -> Camera:
-        """The camera of a picture.
+        """Convert to the camera of a picture of a given width.
 
         Args:
-            width: of the picture in pixels; its height follows from the aspect. Both sides are even, as videos have
-                them.
+            width: width of the picture in pixels; its height follows from the aspect. Both are rounded to even numbers,
+                as in videos.
 
         Raises:
-            InputError: the camera is none: a number is not finite, the quaternion is 0, or the field of view is no
+            InputError: the camera is invalid: a number is not finite, the quaternion is 0, or the field of view is no
                 angle between 0 and 180 degrees.
         """
         if not (np.isfinite([*self.position, *self.wxyz]).all() and any(self.wxyz) and 0 < self.fov < math.pi):
@@ -79,10 +79,10 @@ class PageCamera:
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
-    """The mean upward direction of cameras, of length 1; the first camera's where they cancel.
+    """Mean up direction of cameras as a unit vector; the first camera's where the directions cancel out.
 
     Args:
-        cameras: of a capture, at least one.
+        cameras: cameras of a capture, at least one.
     """
     ups = -np.stack([camera.rotation[1].double().cpu().numpy() for camera in cameras])
     mean = ups.mean(0)

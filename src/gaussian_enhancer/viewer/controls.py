@@ -1,4 +1,4 @@
-"""What can be chosen and pressed beside the picture."""
+"""The panel of controls beside the picture."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,21 +15,21 @@ from gaussian_enhancer.viewer.stage import StageView
 TRAINED = "as in training"
 MOST_REFERENCES = 8
 SECONDS = (1.0, 60.0, 8.0)
-"""Of a path: shortest, longest, and at the start."""
+"""Duration of a path in seconds: smallest, largest and initial value."""
 
 
 class Controls:
     """The panel of the page.
 
     Args:
-        server: viser's.
-        session: whose choices are offered.
-        mode: that is shown at the start.
-        changed: called when something else is chosen.
+        server: viser's server.
+        session: the session whose choices are offered.
+        mode: initial mode.
+        changed: called when a choice changes.
     """
 
     def __init__(self, server: Any, session: Session, mode: Mode, changed: Callable[[], None]) -> None:
-        gui, first = server.gui, session.first
+        gui, initial = server.gui, session.first
         self.status = gui.add_markdown("Waiting for the first picture.")
         with gui.add_folder("Show"):
             names = [_label(name) for name in MODES]
@@ -37,13 +37,15 @@ class Controls:
             self._wipe = gui.add_slider("wipe", 0.0, 1.0, 0.01, mode.wipe, hint="the mode wipe's line")
         with gui.add_folder("Enhance"):
             choices = session.choices
-            self._splat = gui.add_dropdown("splat", choices.splats, initial_value=first.splat)
-            self._weights = gui.add_dropdown("weights", choices.weights, initial_value=first.weights)
-            self.strength = gui.add_slider("strength", 0.0, 1.0, 0.01, session.strength(first))
+            self._splat = gui.add_dropdown("splat", choices.splats, initial_value=initial.splat)
+            self._weights = gui.add_dropdown("weights", choices.weights, initial_value=initial.weights)
+            self.strength = gui.add_slider("strength", 0.0, 1.0, 0.01, session.strength(initial))
             counts = [TRAINED, *map(str, range(MOST_REFERENCES + 1))]
-            given = TRAINED if first.max_references is None else str(first.max_references)
-            self._references = gui.add_dropdown("references", counts, initial_value=given, hint="photos a view may use")
-            self._plan = gui.add_dropdown("plan", tuple(choices.plans), initial_value=first.plan)
+            initial_count = TRAINED if initial.max_references is None else str(initial.max_references)
+            self._references = gui.add_dropdown(
+                "references", counts, initial_value=initial_count, hint="photos a view may use"
+            )
+            self._plan = gui.add_dropdown("plan", tuple(choices.plans), initial_value=initial.plan)
         with gui.add_folder("Nearest photo"):
             self._photo = gui.add_image(np.zeros((2, 3, 3), np.uint8), label="", visible=False)
             self.go = gui.add_button("Go to its camera")
@@ -55,26 +57,26 @@ class Controls:
             self.save_path = gui.add_button("Save path", hint="a file that gaussian-enhancer video path=FILE reads")
             self.clear = gui.add_button("Clear path")
         self.show_count(0)
-        chosen = (self._mode, self._wipe, self._splat, self._weights, self.strength, self._references, self._plan)
-        for control in chosen:
+        controls = (self._mode, self._wipe, self._splat, self._weights, self.strength, self._references, self._plan)
+        for control in controls:
             control.on_update(lambda _: changed())
 
     @property
     def mode(self) -> Mode:
-        """What is shown.
+        """The chosen mode.
 
         Raises:
-            InputError: a browser asks for what is not offered.
+            InputError: a browser asks for a value that is not offered.
         """
         name = {_label(name): name for name in MODES}.get(self._mode.value, str(self._mode.value))
         return Mode(name, float(self._wipe.value))
 
     @property
     def choice(self) -> SessionChoice:
-        """What is chosen.
+        """The chosen splat, weights, plan, number of references and strength.
 
         Raises:
-            InputError: a browser asks for what is not offered: a file of its own choice, for instance.
+            InputError: a browser asks for a value that is not offered, for instance another file.
         """
         for control in (self._splat, self._weights, self._references, self._plan):
             if control.value not in control.options:
@@ -84,13 +86,13 @@ class Controls:
         return SessionChoice(self._splat.value, self._weights.value, self._plan.value, count, strength)
 
     def tell(self, frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> None:
-        """Show what a picture took and what it was made of.
+        """Show run times and notes on a picture in the status text.
 
         Args:
             frame: number of the picture, from 1.
-            picture: as it is shown.
-            view: what it shows.
-            mode: how it is shown.
+            picture: the picture as it is shown.
+            view: the view that it shows.
+            mode: the mode that it was made by.
         """
         self.status.content = status(frame, picture, view, mode)
 
@@ -99,7 +101,7 @@ class Controls:
 
         Args:
             image: 8 bits, height x width x 3.
-            name: of the photo.
+            name: name of the photo.
         """
         self._photo.image, self._photo.label, self._photo.visible = image, name, True
 
@@ -109,13 +111,13 @@ class Controls:
 
 
 def status(frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> str:
-    """The line above the controls, in Markdown.
+    """The status text above the controls, in Markdown: run times, size, and notes.
 
     Args:
         frame: number of the picture, from 1.
-        picture: as it is shown.
-        view: what it shows.
-        mode: how it is shown.
+        picture: the picture as it is shown.
+        view: the view that it shows.
+        mode: the mode that it was made by.
     """
     height, width = picture.shape[-2:]
     times = view.times

@@ -1,4 +1,4 @@
-"""What the page shows of a view: render, enhanced, both, or a map.
+"""Display modes of a view: render, enhanced image, both, or a map.
 
 Axes: h height, w width.
 """
@@ -25,11 +25,11 @@ MODES = {
     "confidence": "Share of the photos asked for that show a pixel's surface: dark none, light all.",
     "depth": "Near is light, far is dark; black: nothing is there.",
 }
-"""The modes by name, with what their colours mean."""
+"""The modes by name, with the legend of each."""
 LARGEST = 0.2
-"""Difference, of colours in [0, 1], that the difference map shows lightest."""
+"""Difference of colours in [0, 1] from which the difference map shows its lightest colour."""
 OUTER = 0.02
-"""Share of the pixels that lie nearer, and farther, than the depth map's ends."""
+"""Share of the pixels that is nearer than the depth map's range, and share that is farther."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Mode:
 
     Args:
         name: one of `MODES`.
-        wipe: of the mode "wipe": share of the width left of the line, in [0, 1].
+        wipe: for the mode "wipe": share of the width left of the line, in [0, 1].
 
     Raises:
         InputError: the name is unknown, or the share is out of range.
@@ -55,7 +55,7 @@ class Mode:
 
     @property
     def legend(self) -> str:
-        """What the picture shows; empty where that is plain."""
+        """Explanation of the picture; empty where none is needed."""
         return MODES[self.name]
 
     @property
@@ -69,10 +69,10 @@ class Mode:
         return self.name == "side_by_side"
 
     def __call__(self, view: StageView) -> Float[Tensor, "3 _ _"]:
-        """The picture, in [0, 1].
+        """Make the picture of a view, in [0, 1].
 
         Args:
-            view: enhanced where the mode needs it.
+            view: the view, enhanced where the mode needs that.
         """
         if self.name == "depth":
             return shaded(_nearness(view.depth))
@@ -92,19 +92,19 @@ def shaded(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
     """Values in [0, 1] as colours from dark to light.
 
     Args:
-        values: of each pixel; what lies outside is clamped.
+        values: one value per pixel; values outside of [0, 1] are clamped.
     """
     colours = colour_map().to(values.device)
-    places = (values.clamp(0, 1) * (len(colours) - 1)).round().long()
-    return colours[places].permute(2, 0, 1).contiguous()
+    indices = (values.clamp(0, 1) * (len(colours) - 1)).round().long()
+    return colours[indices].permute(2, 0, 1).contiguous()
 
 
 def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
-    """1 / z between its quantiles: near is light, and what was not hit is dark."""
+    """Inverse depth scaled to its quantiles, 0.1 (far) to 1 (near); 0 where nothing was hit."""
     hit = usable(depth[0])
     if not bool(hit.any()):
         return torch.zeros_like(depth[0])
     inverse = torch.where(hit, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)
-    found = inverse[hit][:: max(1, int(hit.sum()) // 20_000)]
-    low, high = (float(torch.quantile(found, share)) for share in (OUTER, 1 - OUTER))
+    samples = inverse[hit][:: max(1, int(hit.sum()) // 20_000)]
+    low, high = (float(torch.quantile(samples, share)) for share in (OUTER, 1 - OUTER))
     return torch.where(hit, 0.1 + 0.9 * (inverse - low) / max(high - low, 1e-12), 0.0)

@@ -1,4 +1,4 @@
-"""The page in the browser: viser's camera, the picture behind it, and what can be chosen beside it."""
+"""The page in the browser: viser's camera control, the picture in the background, and the panel of controls."""
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable
@@ -22,21 +22,21 @@ from gaussian_enhancer.viewer.session import Session, SessionChoice
 from gaussian_enhancer.viewer.stage import StageView
 
 QUALITY = {True: 95, False: 85}
-"""JPEG quality of full and of small pictures."""
+"""JPEG quality of pictures at full size (True), and of the smaller ones while the camera moves (False)."""
 THUMBNAIL = 400
 """Width in pixels of the nearest photo beside the picture."""
 SHOWN_SECONDS = 10.0
-"""How long a note stays on the page."""
+"""Seconds that a notification stays on the page."""
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """How the page begins, and how large its pictures are.
+    """Initial mode of the page, and sizes of its pictures.
 
     Args:
-        mode: what is shown at the start.
-        width: of the picture in pixels while the camera is still, at most.
-        moving_width: of the picture in pixels while the camera moves, at most.
+        mode: initial mode.
+        width: largest width of the picture in pixels while the camera is still.
+        moving_width: largest width of the picture in pixels while the camera moves.
     """
 
     mode: Mode
@@ -46,13 +46,13 @@ class PageSettings:
 
 @dataclass(frozen=True)
 class _Shown:
-    """What a viewer sees.
+    """The picture that a browser shows.
 
     Args:
-        key: what the view depends on.
-        view: what was drawn.
-        picture: as the mode shows it.
-        camera: of the whole picture, on the page.
+        key: everything that the view depends on; while it is the same, the view is reused.
+        view: the view that was drawn.
+        picture: the picture that the mode made of the view.
+        camera: the page's camera of the whole picture.
         full: whether it is drawn at full size.
     """
 
@@ -64,14 +64,14 @@ class _Shown:
 
 
 class Page:
-    """Serves a session to browsers. Choices are shared among all of them; each has a camera of its own.
+    """Serves a session to browsers. All browsers share the choices; each has its own camera.
 
     Args:
-        server: viser's.
-        session: what is seen.
-        saved: where views and paths go.
-        settings: of the page.
-        told: called with each line that a user at the terminal should read.
+        server: viser's server.
+        session: the session that is shown.
+        saved: files of saved views and paths.
+        settings: settings of the page.
+        told: called with each line for the user at the terminal.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Page:
         server.on_client_disconnect(self._disconnected)
 
     def _bind(self) -> None:
-        """Let the buttons do what they say."""
+        """Connect the buttons to their actions."""
         controls = self.controls
         controls.save_view.on_click(self._guarded(self._save_view))
         controls.add.on_click(self._guarded(self._add_camera))
@@ -103,9 +103,9 @@ class Page:
 
         def moved(_: Any) -> None:
             nonlocal last
-            now = _page_camera(client)
-            if now != last:
-                last = now
+            camera = _page_camera(client)
+            if camera != last:
+                last = camera
                 self.worker.moved(client.client_id)
 
         client.camera.on_update(moved)
@@ -128,43 +128,47 @@ class Page:
             if self._draw(client, full, superseded):
                 self._refused.pop(viewer, None)
         except InputError as error:
-            if str(error) not in self._refused[viewer]:  # once, not with each movement
+            if str(error) not in self._refused[viewer]:  # notify once, not at each movement
                 self._refused[viewer].add(str(error))
                 self._note(client, str(error))
 
     def _draw(self, client: Any, full: bool, superseded: Callable[[], bool]) -> bool:
-        """Draw what a viewer asks for and send it; whether it was sent."""
+        """Draw the picture that a browser asks for, and send it. Return whether it was sent."""
         mode, choice, camera = self.controls.mode, self._choice(), _page_camera(client)
         widest = self.settings.width if full else self.settings.moving_width
         width = min(widest, client.camera.image_width)
-        seen = camera.narrowed().at(width // 2) if mode.halves else camera.at(width)
-        key = (choice, camera, seen.width, mode.halves)
-        before = self._shown.get(client.client_id)
-        if before is not None and before.key == key and (before.view.enhanced is not None or not mode.enhances):
-            view: StageView | None = before.view
+        view_camera = camera.narrowed().at(width // 2) if mode.halves else camera.at(width)
+        key = (choice, camera, view_camera.width, mode.halves)
+        previous = self._shown.get(client.client_id)
+        if previous is not None and previous.key == key and (previous.view.enhanced is not None or not mode.enhances):
+            view: StageView | None = previous.view
         else:
-            view = self.session.draw(choice, seen, mode.enhances, superseded)
+            view = self.session.draw(choice, view_camera, mode.enhances, superseded)
         if view is None:
             return False
         picture = mode(view)
         self._shown[client.client_id] = _Shown(key, view, picture, camera, full)
         if client.client_id not in self.server.get_clients():
-            return False  # gone while its view was drawn
+            return False  # the browser disconnected while its view was drawn
         client.scene.set_background_image(_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
         self._frame += 1
         self.controls.tell(self._frame, picture, view, mode)
         if full:
-            self._show_photo(choice, seen)
+            self._show_photo(choice, view_camera)
         return True
 
     def _choice(self) -> SessionChoice:
-        """What is chosen; other weights come with the strength that their card states."""
+        """The choice of the controls.
+
+        When the weights change, the strength is reset to the configured one or, where none is configured, to what the
+        card of the new weights states.
+        """
         choice = self.controls.choice
         if choice.weights != self._weights:
-            own = self.session.strength(replace(choice, strength=self.session.first.strength))
+            default_strength = self.session.strength(replace(choice, strength=self.session.first.strength))
             self._weights = choice.weights
-            self.controls.strength.value = own
-            choice = replace(choice, strength=own)
+            self.controls.strength.value = default_strength
+            choice = replace(choice, strength=default_strength)
         return choice
 
     def _show_photo(self, choice: SessionChoice, camera: Camera) -> None:
@@ -174,22 +178,22 @@ class Page:
         if self._photo is None or photo.name != self._photo.name:
             image = photo.read_photo()
             width = min(THUMBNAIL, image.shape[-1])
-            small = resize(image, max(1, round(image.shape[-2] * width / image.shape[-1])), width)
-            self.controls.show_photo(_bytes(small), photo.name)
+            thumbnail = resize(image, max(1, round(image.shape[-2] * width / image.shape[-1])), width)
+            self.controls.show_photo(_bytes(thumbnail), photo.name)
             self._photo = photo
 
     def _guarded(self, act: Callable[[Any], str]) -> Callable[[Any], None]:
-        """A button's work, which returns what to tell; a user's mistake is told, too."""
+        """Wrap the action of a button: a text that it returns, or an `InputError`, becomes a notification."""
 
         def pressed(event: Any) -> None:
             if event.client is None:
                 return
             try:
-                told = act(event.client)
+                message = act(event.client)
             except InputError as error:
-                told = str(error)
-            if told:
-                self._note(event.client, told)
+                message = str(error)
+            if message:
+                self._note(event.client, message)
 
         return pressed
 
@@ -220,11 +224,11 @@ class Page:
     def _go_to_photo(self, client: Any) -> str:
         if self._photo is None or self._photo.camera is None:
             raise InputError("nearest photo", "is not known yet", "wait until the picture is at full size")
-        there = PageCamera.of(self._photo.camera)
+        photo_camera = PageCamera.of(self._photo.camera)
         with client.atomic():
-            client.camera.wxyz = there.wxyz
-            client.camera.position = there.position
-            client.camera.fov = there.fov
+            client.camera.wxyz = photo_camera.wxyz
+            client.camera.position = photo_camera.position
+            client.camera.fov = photo_camera.fov
         return ""
 
     def _note(self, client: Any, line: str) -> None:

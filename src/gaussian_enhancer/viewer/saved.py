@@ -1,4 +1,4 @@
-"""What the viewer saves: pictures with their cameras, and camera paths that the job ``video`` reads."""
+"""Files that the viewer saves: pictures with their cameras, and camera paths that the job ``video`` reads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ FPS = 30.0
 
 @dataclass(frozen=True)
 class SavedFiles:
-    """The folder of what is saved; it is made with the first file, and no file is replaced.
+    """The folder of saved files. It is created with the first file; no file is overwritten.
 
     Args:
-        folder: where files go.
+        folder: path of the folder.
 
     Raises:
-        InputError: it is a file.
+        InputError: the path is a file.
     """
 
     folder: Path
@@ -39,8 +39,8 @@ class SavedFiles:
         """Save a picture as ``view_NNN.png``, and its camera as a path of one frame, ``view_NNN.json``.
 
         Args:
-            picture: as it is shown.
-            camera: of the whole picture.
+            picture: the picture as it is shown.
+            camera: camera of the whole picture.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written.
@@ -54,8 +54,8 @@ class SavedFiles:
         """Save a camera path as ``path_NNN.json``.
 
         Args:
-            cameras: of its frames.
-            fps: frames a second.
+            cameras: cameras of the path's frames.
+            fps: frames per second.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written.
@@ -77,21 +77,21 @@ class SavedFiles:
 def path_through(
     kept: Sequence[PageCamera], width: int, seconds: float, capture: Sequence[Camera], fps: float = FPS
 ) -> tuple[Camera, ...]:
-    """The frames of a path through cameras that were kept on the page, at even speed, all of the first one's aspect.
+    """Cameras of a path at constant speed through cameras that were added on the page, all with the first one's aspect.
 
     Args:
-        kept: in the path's order.
-        width: of the frames in pixels.
-        seconds: that the path takes.
+        kept: the cameras that were added, in the path's order.
+        width: width of the frames in pixels.
+        seconds: duration of the path.
         capture: cameras of the capture.
-        fps: frames a second.
+        fps: frames per second.
 
     Raises:
-        InputError: there are fewer than two cameras, or the path leaves the capture, which `video` refuses.
+        InputError: there are fewer than two cameras, or the path leaves the capture, which the job ``video`` refuses.
     """
     if len(kept) < 2:
         raise InputError("camera path", f"passes {len(kept)} cameras", "add the cameras it shall pass, at least 2")
-    passed = [PageCamera(one.position, one.wxyz, one.fov, kept[0].aspect).at(width) for one in kept]
-    laid = smooth_path(passed, max(2, round(seconds * fps)), even_speed=True)
-    refuse_outside(laid, capture, "camera path")
-    return laid
+    waypoints = [PageCamera(camera.position, camera.wxyz, camera.fov, kept[0].aspect).at(width) for camera in kept]
+    path = smooth_path(waypoints, max(2, round(seconds * fps)), even_speed=True)
+    refuse_outside(path, capture, "camera path")
+    return path

@@ -1,4 +1,7 @@
-"""When views are drawn: small while the camera moves, at full size once it is still."""
+"""Scheduling of views: they are drawn small while the camera moves, and at full size once it is still.
+
+A viewer is a browser that shows the page, given by its identifier. Times are seconds of a monotonic clock.
+"""
 
 import threading
 import time
@@ -9,12 +12,12 @@ from functools import partial
 SETTLED = 0.25
 """Seconds without a movement after which a camera is still."""
 ARRIVAL = 1.0
-"""Seconds in which a new browser goes to the start; until then its camera is somewhere else."""
+"""Seconds in which a new browser moves its camera to the initial pose; until then the camera is elsewhere."""
 
 
 @dataclass
 class _Due:
-    """What is due for one viewer: a small view at once, and a full one from a time on."""
+    """Pending views of one viewer: whether a small one is due at once, and when the full one is due."""
 
     small: bool
     full_at: float
@@ -26,9 +29,9 @@ class ViewTask:
     """A view to draw.
 
     Args:
-        viewer: whose it is.
-        full: at full size.
-        version: of what the viewer asked for.
+        viewer: the viewer that it is drawn for.
+        full: whether it is drawn at full size.
+        version: number of the viewer's request.
     """
 
     viewer: Hashable
@@ -37,7 +40,7 @@ class ViewTask:
 
 
 class ViewSchedule:
-    """What is due, by viewer. A new camera takes the place of those that were not begun.
+    """Pending views by viewer. A new camera replaces pending views that are not being drawn yet.
 
     Args:
         settled: seconds without a movement after which a camera is still.
@@ -49,48 +52,51 @@ class ViewSchedule:
         self._versions: dict[Hashable, int] = {}
 
     def came(self, viewer: Hashable, now: float) -> None:
-        """A viewer came: its first movement, to where it starts, is waited for.
+        """Register a new viewer. Its full view is due after the movement to the initial pose.
 
         Args:
-            viewer: who came.
-            now: seconds of a steady clock.
+            viewer: the viewer.
+            now: the present time.
         """
         self._due[viewer] = _Due(False, now + ARRIVAL, self._next(viewer))
 
     def moved(self, viewer: Hashable, now: float) -> None:
-        """A viewer's camera moved: a small view is due at once, a full one when it is still.
+        """Register a movement of a viewer's camera: a small view is due at once, a full one when the camera is still.
 
         Args:
-            viewer: whose camera.
-            now: seconds of a steady clock.
+            viewer: the viewer.
+            now: the present time.
         """
         self._due[viewer] = _Due(True, now + self.settled, self._next(viewer))
 
     def changed(self, viewer: Hashable, now: float) -> None:
-        """What a viewer shows changed; its camera did not: a full view is due at once, or when the camera is still.
+        """Register a change of what is shown, with the same camera.
+
+        A full view is due at once. Where a small view is pending, the camera moves; then the full view is due when the
+        camera is still.
 
         Args:
-            viewer: whose page.
-            now: seconds of a steady clock.
+            viewer: the viewer.
+            now: the present time.
         """
-        waiting = self._due.get(viewer)
-        moving = waiting is not None and waiting.small
+        pending = self._due.get(viewer)
+        moving = pending is not None and pending.small
         self._due[viewer] = _Due(moving, now + self.settled if moving else now, self._next(viewer))
 
     def forget(self, viewer: Hashable) -> None:
-        """A viewer is gone."""
+        """Remove a viewer that disconnected."""
         self._due.pop(viewer, None)
         self._versions.pop(viewer, None)
 
     def take(self, now: float) -> ViewTask | None:
-        """The next view to draw, small ones first; None where none is due yet.
+        """Take the next view to draw, small ones first; None where none is due yet.
 
         Args:
-            now: seconds of a steady clock.
+            now: the present time.
         """
         for viewer, due in self._due.items():
             if due.small:
-                self._due.pop(viewer)  # to the end: viewers take turns
+                self._due.pop(viewer)  # inserted again at the end, so that viewers take turns
                 self._due[viewer] = _Due(False, due.full_at, due.version)
                 return ViewTask(viewer, False, due.version)
         for viewer, due in self._due.items():
@@ -100,12 +106,12 @@ class ViewSchedule:
         return None
 
     def wait(self, now: float) -> float | None:
-        """Seconds until a view is due; None where none will be."""
+        """Seconds until a view is due; None where none is pending."""
         times = [now if due.small else due.full_at for due in self._due.values()]
         return max(0.0, min(times) - now) if times else None
 
     def superseded(self, task: ViewTask) -> bool:
-        """Whether the viewer has asked for another view since, or is gone."""
+        """Whether the viewer has asked for another view since, or has disconnected."""
         return self._versions.get(task.viewer) != task.version
 
     def _next(self, viewer: Hashable) -> int:
@@ -114,12 +120,12 @@ class ViewSchedule:
 
 
 class Worker:
-    """A thread that draws what is due. Only a full view is given up for another; small ones are always completed.
+    """A thread that draws pending views. Only a full view is abandoned for a newer one; small ones are completed.
 
     Args:
-        draw: draws a view for a viewer: viewer, whether at full size, whether another took its place. An error
-            ends the thread; `wait` raises it.
-        schedule: what is due.
+        draw: draws a view; it is called with the viewer, whether to draw at full size, and a function that tells
+            whether the view is superseded. An error ends the thread; `wait` raises it.
+        schedule: the pending views.
     """
 
     def __init__(
@@ -133,7 +139,7 @@ class Worker:
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Start the thread."""
         self._thread.start()
 
     def wait(self) -> None:
@@ -143,7 +149,7 @@ class Worker:
             raise self._error
 
     def stop(self) -> None:
-        """Complete what is being drawn and end the thread."""
+        """Complete the view that is being drawn, and end the thread."""
         with self._news:
             self._stopped = True
             self._news.notify()
@@ -151,19 +157,19 @@ class Worker:
             self._thread.join()
 
     def came(self, viewer: Hashable) -> None:
-        """A viewer came."""
+        """Register a new viewer."""
         self._tell(self._schedule.came, viewer)
 
     def moved(self, viewer: Hashable) -> None:
-        """A viewer's camera moved."""
+        """Register a movement of a viewer's camera."""
         self._tell(self._schedule.moved, viewer)
 
     def changed(self, viewer: Hashable) -> None:
-        """What a viewer shows changed."""
+        """Register a change of what a viewer shows."""
         self._tell(self._schedule.changed, viewer)
 
     def forget(self, viewer: Hashable) -> None:
-        """A viewer is gone."""
+        """Remove a viewer that disconnected."""
         with self._news:
             self._schedule.forget(viewer)
 

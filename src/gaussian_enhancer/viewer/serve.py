@@ -1,4 +1,4 @@
-"""Serving the page until Ctrl-C."""
+"""Serving the viewer's page."""
 
 import io
 import logging
@@ -18,7 +18,7 @@ from gaussian_enhancer.viewer.saved import SavedFiles
 from gaussian_enhancer.viewer.session import Session
 
 FIRST_WIDTH = 160
-"""Width in pixels of the render that tells how far the camera turns round."""
+"""Width in pixels of the render whose depth gives the distance of the point that the camera orbits."""
 
 
 @contextmanager
@@ -29,33 +29,33 @@ def served(
     address: tuple[str, int],
     told: Callable[[str], None],
 ) -> Iterator[tuple[Page, str]]:
-    """A page that is served until the block ends, and its address.
+    """Serve a page until the block ends; yield the page and its address.
 
     Args:
-        session: what is seen.
-        saved: where views and paths go.
-        settings: of the page.
+        session: the session that is shown.
+        saved: files of saved views and paths.
+        settings: settings of the page.
         address: host and port to listen at; port 0 takes a free one.
-        told: called with each line that a user at the terminal should read.
+        told: called with each line for the user at the terminal.
 
     Raises:
-        InputError: viser is not installed, or the address cannot be listened at.
+        InputError: viser is not installed, or no server can listen at the address.
     """
     viser, (host, port) = library(), address
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # stray connections are no concern of the user's
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # do not report stray connections to the user
     refuse_taken(host, port)
-    with redirect_stdout(io.StringIO()):  # the address is told below
+    with redirect_stdout(io.StringIO()):  # viser prints the address, which is yielded below
         server = viser.ViserServer(host=host, port=port, label="gaussian-enhancer", verbose=False)
     try:
-        found = server.get_port()
-        if port not in (0, found):
+        bound_port = server.get_port()
+        if port not in (0, bound_port):
             raise InputError(f"port={port}", "is in use", "give another port, or port=0 for a free one")
         _without_sharing(server)
         _aim(server, session)
         page = Page(server, session, saved, settings, told)
         page.worker.start()
         try:
-            yield page, f"http://{'localhost' if host in ('0.0.0.0', '::') else host}:{found}"
+            yield page, f"http://{'localhost' if host in ('0.0.0.0', '::') else host}:{bound_port}"
         finally:
             page.worker.stop()
     finally:
@@ -63,32 +63,35 @@ def served(
 
 
 def _without_sharing(server: Any) -> None:
-    """Take away viser's button, and its message, that hand the page to the whole internet through others' servers."""
+    """Disable viser's sharing, both button and message, which publishes the page through a third party's servers."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     server.gui.main_panel.dock_right()  # beside the picture, not over it
     server.request_share_url = lambda *_, **__: None
 
 
 def _aim(server: Any, session: Session) -> None:
-    """Let the first camera of a browser be the capture's first, turning round what that looks at."""
+    """Set the initial camera of browsers to the capture's first camera, orbiting the point that it looks at."""
     camera = session.cameras[0]
-    page = PageCamera.of(camera)
+    page_camera = PageCamera.of(camera)
     server.scene.set_up_direction(tuple(upward(session.cameras)))
     start = server.initial_camera
-    start.position, start.fov = page.position, page.fov
-    start.look_at = tuple((camera.centre + distance(session, page) * camera.forward).tolist())
-    start.near, start.far = 1e-4 * distance(session, page), 1e4 * distance(session, page)
+    start.position, start.fov = page_camera.position, page_camera.fov
+    start.look_at = tuple((camera.centre + distance(session, page_camera) * camera.forward).tolist())
+    start.near, start.far = 1e-4 * distance(session, page_camera), 1e4 * distance(session, page_camera)
 
 
 def distance(session: Session, camera: PageCamera) -> float:
-    """How far what a camera looks at is: the median depth of the middle of its picture, in scene units.
+    """Distance to what a camera looks at, in scene units: the median depth in the middle of its picture.
+
+    Where the middle shows nothing, it is the median depth of the whole picture, else the spread of the capture's
+    cameras.
 
     Args:
-        session: what is seen.
-        camera: on the page.
+        session: the session that is shown.
+        camera: camera of the page.
     """
-    seen: Camera = camera.at(FIRST_WIDTH)
-    view = session.draw(session.first, seen, enhance=False)
+    picture_camera: Camera = camera.at(FIRST_WIDTH)
+    view = session.draw(session.first, picture_camera, enhance=False)
     if view is None:
         raise ValueError("a view that nothing takes the place of is drawn")
     height, width = view.depth.shape[-2:]
@@ -96,12 +99,12 @@ def distance(session: Session, camera: PageCamera) -> float:
     for depth in (middle, view.depth):
         if bool(usable(depth).any()):
             return float(depth[usable(depth)].median())
-    spread = torch.stack([one.centre for one in session.cameras]).std(0, correction=0).norm()
+    spread = torch.stack([capture_camera.centre for capture_camera in session.cameras]).std(0, correction=0).norm()
     return float(spread) or 1.0
 
 
 def _stop(server: Any) -> None:
-    """Stop the server, which prints, and wait for its thread no longer than it needs."""
+    """Stop the server without its output, and wait for that for 5 seconds at most."""
     with redirect_stdout(io.StringIO()):
         stopper = threading.Thread(target=server.stop, daemon=True)
         stopper.start()

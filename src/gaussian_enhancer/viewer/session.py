@@ -1,4 +1,4 @@
-"""What can be chosen in the viewer, and the stages of what was chosen."""
+"""Choices of the viewer, and the stages that draw them."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -10,18 +10,18 @@ from gaussian_enhancer.types import Camera
 from gaussian_enhancer.viewer.stage import Stage, StageView, never
 
 KEPT = 4
-"""Stages that stay in memory."""
+"""Number of stages that stay in memory."""
 
 
 @dataclass(frozen=True)
 class SessionChoice:
-    """What is shown, and by what it is enhanced.
+    """The splat that is shown, and how it is enhanced.
 
     Args:
         splat: name of the splat.
         weights: shipped name or file.
-        plan: name of the rules on what may be left out.
-        max_references: photos that the network sees at most; None takes as many as in training.
+        plan: name of the plan's rules, which say what may be left out.
+        max_references: most photos that the network uses; None takes as many as in training.
         strength: share of the network's change that is applied, in [0, 1]; None takes what the weights' card states.
 
     Raises:
@@ -41,12 +41,12 @@ class SessionChoice:
 
 @dataclass(frozen=True)
 class Choices:
-    """What the page offers.
+    """Choices that the page offers.
 
     Args:
-        splats: names.
+        splats: names of splats.
         weights: shipped names and files.
-        plans: rules by name.
+        plans: rules of plans by name.
     """
 
     splats: tuple[str, ...]
@@ -55,13 +55,13 @@ class Choices:
 
 
 class Session:
-    """Draws views of what is chosen. One thread draws; stages that were used last stay in memory.
+    """Draws views by the present choice. Only one thread draws; recently used stages stay in memory.
 
     Args:
-        name: of the capture.
-        cameras: of the capture's photos, at least one.
-        choices: what there is to choose from.
-        first: what is chosen at the start.
+        name: name of the capture.
+        cameras: cameras of the capture's photos, at least one.
+        choices: choices that the page offers.
+        first: initial choice.
         open_stage: builds the stage of a choice.
     """
 
@@ -78,16 +78,16 @@ class Session:
         self._stages: OrderedDict[tuple[object, ...], tuple[Stage, float]] = OrderedDict()
 
     def stage(self, choice: SessionChoice) -> Stage:
-        """The stage of a choice, with its strength.
+        """The stage of a choice, with the strength of the choice.
 
         Args:
-            choice: what is shown.
+            choice: the choice.
 
         Raises:
             InputError: a splat or weights cannot be read, or a number is out of range.
         """
-        stage, own = self._kept(choice)
-        stage.enhancer.strength = own if choice.strength is None else choice.strength
+        stage, default_strength = self._kept(choice)
+        stage.enhancer.strength = default_strength if choice.strength is None else choice.strength
         return stage
 
     def strength(self, choice: SessionChoice) -> float:
@@ -101,7 +101,7 @@ class Session:
     def draw(
         self, choice: SessionChoice, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never
     ) -> StageView | None:
-        """What a camera sees; see `Stage.draw`.
+        """Draw the view of a camera; see `Stage.draw`.
 
         Raises:
             InputError: see `stage`, or a reference cannot be read.

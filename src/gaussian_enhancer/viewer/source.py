@@ -1,4 +1,4 @@
-"""From the configuration of the job ``view`` to its session."""
+"""Opening of the viewer's session from the configuration of the job ``view``."""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -30,7 +30,7 @@ GIVEN = "given"
 
 
 def open_session(cfg: DictConfig, device: torch.device) -> Session:
-    """Open what is to be seen, and build its first stage: what cannot be used is refused before a page is served.
+    """Open the session and build its first stage, so that invalid input is refused before a page is served.
 
     Args:
         cfg: configuration of the job ``view``.
@@ -43,8 +43,8 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
     files = {RAW: capture.splat} | ({} if cfg.distilled is None else {DISTILLED: _file(cfg.distilled)})
     plans = _plans(build(cfg.plan))
     strength = None if cfg.strength is None else float(cfg.strength)
-    shown = DISTILLED if cfg.distilled is not None else RAW
-    first = SessionChoice(shown, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
+    initial_splat = DISTILLED if cfg.distilled is not None else RAW
+    first = SessionChoice(initial_splat, str(cfg.weights), next(iter(plans)), cfg.max_references, strength)
     choices = Choices(tuple(files), _weights(first.weights), plans)
     stages = _Stages(cfg, device, capture, files, plans)
     session = Session(_name(capture), capture.cameras, choices, first, stages.open)
@@ -53,14 +53,14 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
 
 
 class _Stages:
-    """Opens the stages of choices. Splats, and photos that were read, are shared among them.
+    """Opens the stages of choices. The stages share splats, and photos that were read.
 
     Args:
         cfg: configuration of the job ``view``.
         device: where splats are rendered and networks run.
         capture: cameras and photos.
-        files: splats by name.
-        plans: rules by name.
+        files: files of splats by name.
+        plans: rules of plans by name.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class _Stages:
         self._task = cache(self._with_photos)
 
     def open(self, choice: SessionChoice) -> Stage:
-        """The stage of a choice.
+        """Build the stage of a choice.
 
         Raises:
             InputError: a splat or weights cannot be read, or a number is out of range.
@@ -91,51 +91,56 @@ class _Stages:
         )
         fine = pretrained.reference_config.fine
         task = self._task(choice.splat, fine)
-        asked = options.reference_config(pretrained, task.depth)
+        requested = options.reference_config(pretrained, task.depth)
         pool = self._pool(choice.splat, fine)
-        found = validate_inputs(task.rendered, asked, options.rules, pretrained.network.scale, pool)
-        config = PathReferences.of(found.reference_config)
-        found = replace(found, reference_config=config)
+        validated = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, pool)
+        config = PathReferences.of(validated.reference_config)
+        validated = replace(validated, reference_config=config)
         enhancer = options.enhancer(pretrained, config, self.device)
-        uses_depth = found.rendered.targets[0].read_depth is not None
+        uses_depth = validated.rendered.targets[0].read_depth is not None
         renderer, _ = self._splat(choice.splat)
         return Stage(
-            renderer.target, enhancer, found.rendered, found.planner(options.rules), found.pool, uses_depth=uses_depth
+            renderer.target,
+            enhancer,
+            validated.rendered,
+            validated.planner(options.rules),
+            validated.pool,
+            uses_depth=uses_depth,
         )
 
     def _read(self, splat: str) -> tuple[SplatRenderer, RenderedSet]:
-        """What renders a splat, and the photos with its renders of their views."""
+        """Open a splat: its renderer, and the set of photos with the splat's renders of their views."""
         renderer = self.capture.renderer(self.cfg, self.device.type, self.files[splat])
         rendered = self.capture.rendered_by(renderer)
         if splat == RAW or self.capture.scene is not None:
             return renderer, rendered
-        photos = (Photo(one.name, one.camera, one.read_photo) for one in rendered.references)  # type: ignore[arg-type]
+        photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]
         return renderer, replace(rendered, references=tuple(map(renderer.reference, photos)))
 
     def _with_photos(self, splat: str, fine: bool) -> Task:
-        """The photos to refer to, with finer ones where they are wanted, and one view that stands for all."""
+        """Task of a splat: references, with fine photos where ``fine`` is set, and one target as an example."""
         renderer, rendered = self._splat(splat)
         example = renderer.target("view.png", self.capture.cameras[0])
-        alone = replace(rendered, targets=(example,), own_depth=True)
-        task = Task(alone, depth="surface" if self.device.type == "cpu" else "expected")
+        example_set = replace(rendered, targets=(example,), own_depth=True)
+        task = Task(example_set, depth="surface" if self.device.type == "cpu" else "expected")
         task = InputPaths(attach_fine=partial(attach_fine, self.cfg)).with_fine_photos(task, fine)
         return replace(task, rendered=replace(task.rendered, targets=(example,), own_depth=True))
 
 
 def _file(distilled: str) -> Path:
-    """The file of a splat that was named by itself or by its run."""
+    """The file of a splat, which is given by its own path or by its run's."""
     return splat_file(distilled) if Path(distilled).is_dir() else Path(distilled)
 
 
 def _plans(given: Rules) -> dict[str, Rules]:
-    """The plans to choose from, the given one first."""
+    """The plans to choose from, the configured one first."""
     known = {"auto": AUTO, "full": Rules()}
     named = {name: rules for name, rules in known.items() if rules == given} or {GIVEN: given}
     return {**named, **{name: rules for name, rules in known.items() if name not in named}}
 
 
 def _weights(given: str) -> tuple[str, ...]:
-    """The weights to choose from: the given ones and the shipped ones."""
+    """The weights to choose from: the configured ones first, then those that are shipped."""
     shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED.glob(f"{prefix}_*.safetensors"))
     return tuple(dict.fromkeys((given, *shipped)))
 

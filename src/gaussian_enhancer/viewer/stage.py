@@ -1,4 +1,4 @@
-"""One splat before one network: what a camera sees of it, raw and enhanced.
+"""Views of one splat, rendered and enhanced by one network.
 
 Axes: h height, w width, H, W the same times the network's scale.
 """
@@ -23,18 +23,18 @@ from gaussian_enhancer.types import Camera, usable
 
 
 def never() -> bool:
-    """Nothing takes the place of what is being drawn."""
+    """Return False: the view that is being drawn is never superseded."""
     return False
 
 
 @dataclass(frozen=True)
 class Times:
-    """What a view took, in milliseconds.
+    """Run times of a view in milliseconds.
 
     Args:
-        rendering: of the splat.
+        rendering: rendering of the splat.
         preparing: choosing, reading and warping references.
-        enhancing: the network.
+        enhancing: inference of the network.
     """
 
     rendering: float
@@ -43,23 +43,23 @@ class Times:
 
     @property
     def total(self) -> float:
-        """All of it."""
+        """Sum of the run times."""
         return self.rendering + self.preparing + self.enhancing
 
 
 @dataclass(frozen=True)
 class StageView:
-    """What a camera sees.
+    """The view of a camera, rendered and enhanced.
 
     Args:
-        camera: of the render.
+        camera: camera of the render.
         render: the splat's colours, [0, 1].
         depth: rendered z, 0 where nothing was hit.
         alpha: rendered opacity.
         enhanced: the enhanced render; None where it was not asked for.
         coverage: share of the references asked for that show each pixel, in [0, 1]; None without enhancement.
         references: names of the photos that were used, best first.
-        times: what it took.
+        times: run times.
     """
 
     camera: Camera
@@ -73,7 +73,7 @@ class StageView:
 
     @property
     def blank(self) -> bool:
-        """Whether nothing of the splat is seen: the camera looks past it, or stands within it."""
+        """Whether the view shows nothing of the splat: the camera looks past it, or is inside of it."""
         return not bool(usable(self.depth).any()) or float(self.alpha.mean()) < 1e-3
 
 
@@ -81,11 +81,11 @@ class Stage:
     """Draws the views of a splat and enhances them.
 
     Args:
-        target: gives the view of a camera, which is rendered when it is read.
-        enhancer: with the references' configuration for paths, so that they change seldom.
-        rendered: the references.
-        planner: decides what a view does not need; None enhances every pixel.
-        pool: the references' pixels.
+        target: returns the view of a name and a camera; its pixels are rendered when they are read.
+        enhancer: enhancer whose reference configuration is a `PathReferences`, so that references change rarely.
+        rendered: set with the references.
+        planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
+        pool: pixels of the references.
         uses_depth: whether views are enhanced with their depth.
     """
 
@@ -106,12 +106,12 @@ class Stage:
         self._names = map("view {}.png".format, itertools.count())
 
     def draw(self, camera: Camera, enhance: bool = True, superseded: Callable[[], bool] = never) -> StageView | None:
-        """What a camera sees; None where another view took its place before it was enhanced.
+        """Draw the view of a camera; None where it was superseded before it was enhanced.
 
         Args:
-            camera: of the picture; the render is smaller by the network's scale.
-            enhance: whether the network is needed.
-            superseded: asked between rendering and enhancing.
+            camera: camera of the picture; the render is smaller by the network's scale.
+            enhance: whether to enhance the render.
+            superseded: called between rendering and enhancing; tells whether a newer view is wanted instead.
 
         Raises:
             InputError: a reference cannot be read.
@@ -124,26 +124,26 @@ class Stage:
         if pixels.depth is None or pixels.alpha is None:
             raise ValueError("a splat's view has depth and opacity")
         rendering = 1e3 * (time.perf_counter() - started)
-        parts = camera, pixels.image, pixels.depth, pixels.alpha
+        fields = camera, pixels.image, pixels.depth, pixels.alpha
         if not enhance:
-            return StageView(*parts, None, None, (), Times(rendering))
+            return StageView(*fields, None, None, (), Times(rendering))
         if superseded():
             return None
-        given = view if self.uses_depth else replace(view, read_depth=None)
-        alone = replace(self.rendered, targets=(given,))
-        (one,) = self.enhancer(alone, self.planner, self.pool, self._features)
+        target = view if self.uses_depth else replace(view, read_depth=None)
+        single_view = replace(self.rendered, targets=(target,))
+        (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
         if self.planner is not None:
-            self.planner.known.clear()  # no view comes twice
-        asked = max(1, self.enhancer.reference_config.references)
-        coverage = None if one.coverage is None else (one.coverage / asked).clamp(0, 1)
-        times = Times(rendering, one.preparing, one.enhancing)
-        return StageView(*parts, one.image, coverage, one.references, times)
+            self.planner.known.clear()  # no view is drawn twice, so its plan is not needed again
+        requested = max(1, self.enhancer.reference_config.references)
+        coverage = None if enhanced.coverage is None else (enhanced.coverage / requested).clamp(0, 1)
+        times = Times(rendering, enhanced.preparing, enhanced.enhancing)
+        return StageView(*fields, enhanced.image, coverage, enhanced.references, times)
 
     def nearest(self, camera: Camera) -> RenderedView | None:
-        """The photo that was taken nearest to a camera, by place and direction; None without photos.
+        """The photo nearest to a camera by position and viewing direction; None without photos.
 
         Args:
-            camera: of the page.
+            camera: camera of the page.
         """
         if not self.pool.views:
             return None
