@@ -9,10 +9,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
-
-RUN_LENGTHS = 3
-"""zlib's strategy Z_RLE, which looks for runs alone: several times as fast as the default on photos, and files are a
-few percent larger (docs/performance.md)."""
+from gaussian_enhancer.scene.png import encode_png
 
 
 def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
@@ -30,10 +27,9 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
         raise InputError(path, f"ends in {path.suffix!r}, which no image format has", "name it .png")
     lossy = path.suffix.lower() in (".jpg", ".jpeg", ".webp")
     with whole_file(path) as temporary:
-        picture = Image.fromarray(values)
-        if lossy:
-            picture.save(temporary, quality=95)
-        elif path.suffix.lower() in (".png", ".apng"):
-            picture.save(temporary, compress_type=RUN_LENGTHS)
+        if path.suffix.lower() == ".png":
+            temporary.write_bytes(encode_png(values))
+        elif lossy:
+            Image.fromarray(values).save(temporary, quality=95)
         else:
-            picture.save(temporary)
+            Image.fromarray(values).save(temporary)
