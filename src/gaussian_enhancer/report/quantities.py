@@ -38,10 +38,10 @@ class Quantity:
         return f"{value:.{self.decimals}f}".replace("-", "−")
 
     def gain_written(self, gain: float) -> str:
-        """Format a difference with its sign; it is ``±0`` with the metric's decimals where `verdict` is ``same``."""
+        """Format a difference with its sign; it is ``±0`` with the metric's decimals where it rounds to zero."""
         if not math.isfinite(gain):
             return self.written(gain)
-        if self.verdict(gain) == "same":
+        if round(gain, self.decimals) == 0:
             return f"±{0:.{self.decimals}f}"
         return f"{gain:+.{self.decimals}f}".replace("-", "−")
 

@@ -1,9 +1,13 @@
-"""Writing of enhanced images."""
+"""Eight-bit pixels of images, and writing of enhanced images.
+
+Axes: c channels, h height, w width.
+"""
 
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, UInt8
 from PIL import Image
 from torch import Tensor
 
@@ -22,10 +26,10 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
     Raises:
         InputError: the disk is full, the folder cannot be written, or the ending is unknown.
     """
-    values = np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
     if path.suffix.lower() not in Image.registered_extensions():
         raise InputError(path, f"ends in {path.suffix!r}, which no image format has", "name it .png")
     lossy = path.suffix.lower() in (".jpg", ".jpeg", ".webp")
+    values = to_bytes(image)
     with whole_file(path) as temporary:
         if path.suffix.lower() == ".png":
             temporary.write_bytes(encode_png(values))
@@ -33,3 +37,21 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
             Image.fromarray(values).save(temporary, quality=95)
         else:
             Image.fromarray(values).save(temporary)
+
+
+def to_bytes(image: Float[Tensor, "c h w"]) -> UInt8[np.ndarray, "h w c"]:
+    """Pixels as image files hold them: clamped to [0, 1], then the nearest of 256 levels, ties to even.
+
+    Args:
+        image: colours, on any device.
+    """
+    if image.device.type != "cpu" or image.dtype != torch.float32:
+        return np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+    from gaussian_enhancer.scene.image_kernels import quantise
+    from gaussian_enhancer.splat.compiled import kernel_lock
+
+    channels, height, width = image.shape
+    pixels = np.empty((height, width, channels), np.uint8)
+    with kernel_lock:
+        quantise(image.detach().contiguous().numpy(), pixels)
+    return pixels

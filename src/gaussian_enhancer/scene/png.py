@@ -32,7 +32,7 @@ def encode_png(image: UInt8[np.ndarray, "h w 3"]) -> bytes:
     Args:
         image: sRGB colours.
     """
-    from gaussian_enhancer.scene.png_kernels import filter_rows
+    from gaussian_enhancer.scene.image_kernels import filter_rows
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     height, width, channels = image.shape

@@ -20,6 +20,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import unwritable, whole_file
 from gaussian_enhancer.optional_library import optional_library
+from gaussian_enhancer.scene.image_files import to_bytes
 
 CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
 """The encoder of each container."""
@@ -140,7 +141,7 @@ class VideoWriter:
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
-        values = np.ascontiguousarray((frame.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+        values = to_bytes(frame)
         self._guarded(lambda: self._encode(values))
 
     def finish(self, path: Path, sound: Path | None = None) -> None:

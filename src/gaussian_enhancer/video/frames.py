@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from jaxtyping import Float
 from PIL import Image, PngImagePlugin
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
+from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.photos import read_photo
 
 CANDIDATES = "candidates"
@@ -55,7 +55,7 @@ class FrameFolder:
         Raises:
             InputError: the disk is full, or the folder cannot be written.
         """
-        values = np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
+        values = to_bytes(image)
         png_info = PngImagePlugin.PngInfo()
         png_info.add_text(CANDIDATES, json.dumps(list(candidates)))
         with whole_file(self.folder / frame_name(index)) as temporary:

@@ -5,11 +5,11 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera
@@ -150,7 +150,7 @@ class Page:
         self._shown[client.client_id] = _Shown(key, view, picture, camera, full)
         if client.client_id not in self.server.get_clients():
             return False  # the browser disconnected while its view was drawn
-        client.scene.set_background_image(_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
+        client.scene.set_background_image(to_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
         self._frame += 1
         self.controls.tell(self._frame, picture, view, mode)
         if full:
@@ -179,7 +179,7 @@ class Page:
             image = photo.read_photo()
             width = min(THUMBNAIL, image.shape[-1])
             thumbnail = resize(image, max(1, round(image.shape[-2] * width / image.shape[-1])), width)
-            self.controls.show_photo(_bytes(thumbnail), photo.name)
+            self.controls.show_photo(to_bytes(thumbnail), photo.name)
             self._photo = photo
 
     def _guarded(self, act: Callable[[Any], str]) -> Callable[[Any], None]:
@@ -240,8 +240,3 @@ def _page_camera(client: Any) -> PageCamera:
     camera = client.camera
     position, wxyz = (tuple(float(value) for value in values) for values in (camera.position, camera.wxyz))
     return PageCamera(position, wxyz, float(camera.fov), camera.image_width / max(1, camera.image_height))
-
-
-def _bytes(image: Float[Tensor, "3 h w"]) -> np.ndarray:
-    """An image in 8 bits, height x width x 3."""
-    return np.ascontiguousarray((image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())

@@ -16,6 +16,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import save_array, whole_file
 from gaussian_enhancer.scene.cameras import write_scene_cameras
+from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
 from gaussian_enhancer.splat.methods import Method
@@ -79,6 +80,6 @@ def _write_view(folder: Path, stem: str, photo: Photo, view: Render, surface: Fl
 
 
 def _write_png(path: Path, image: Float[Tensor, "_ h w"]) -> None:
-    pixels = (image.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy()
+    pixels = to_bytes(image)
     with whole_file(path) as temporary:
         Image.fromarray(pixels.squeeze(-1) if pixels.shape[-1] == 1 else pixels).save(temporary, compress_level=3)

@@ -1,6 +1,6 @@
-"""Compiled filter of PNG's rows.
+"""Compiled steps of writing an image: 8-bit pixels, and the filter of PNG's rows.
 
-Axes: h height, n bytes of a row.
+Axes: c channels, h height, w width, n bytes of a row.
 """
 
 from typing import no_type_check
@@ -10,7 +10,26 @@ from numba import prange
 
 from gaussian_enhancer.splat.compiled import inner, kernel
 
+_F = np.float32
+_ZERO, _ONE, _LEVELS = _F(0), _F(1), _F(255)
 _PAETH = np.uint8(4)
+
+
+@kernel
+@no_type_check
+def quantise(image, result):
+    """Write planes (c, h, w) of colours in [0, 1] as 8-bit pixels (h, w, c); what lies outside is clamped."""
+    channels, height, _ = image.shape
+    for y in prange(height):
+        for c in range(channels):
+            _quantise_row(image[c, y], result[y], c)
+
+
+@inner
+@no_type_check
+def _quantise_row(row, pixels, channel):
+    for x in range(len(row)):
+        pixels[x, channel] = np.uint8(np.int32(np.rint(min(max(row[x], _ZERO), _ONE) * _LEVELS)))
 
 
 @kernel
