@@ -2,6 +2,9 @@
 
 from collections.abc import Iterable
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, by the convention of shells."""
+
 
 class InputError(ValueError):
     """The user's input cannot be used. The command line reports it in one line with exit code 2.

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
 from gaussian_enhancer.cli.pipeline import enhanced, finished_fit, measured
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.metrics.comparison import compare, paired
 from gaussian_enhancer.report.measured_run import open_measured, write_page
 from gaussian_enhancer.report.terminal import comparison_table, reasons
@@ -43,8 +44,8 @@ def run(cfg: DictConfig) -> float | None:
     demo_run.finish()
     Console().print(comparison_table(measured_run.views, title))
     if missing_reasons := reasons(measured_run.views):
-        Console().print(missing_reasons, highlight=False, soft_wrap=True)
-    console.print(f"{page.resolve().as_uri()}\n{time.monotonic() - started:.0f} s", highlight=False, soft_wrap=True)
+        print_line(Console(), missing_reasons)
+    print_line(console, f"{page.resolve().as_uri()}\n{time.monotonic() - started:.0f} s")
     return compare(paired(records), "psnr_aligned").gain
 
 

@@ -5,6 +5,7 @@ import time
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.distil.task import (
     DistilTask,
     better_splat,
@@ -58,7 +59,7 @@ def distilled(cfg: DictConfig) -> Run:
             _make(job, task, enhancer, cfg, console)
     psnr_before, psnr_after = held_out_psnr(job.folder)
     quality = "no view held out" if psnr_after is None else f"held-out PSNR {psnr_before:.2f} -> {psnr_after:.2f} dB"
-    console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)
+    print_line(console, f"{job.folder}: {quality}")
     return job
 
 
@@ -69,7 +70,7 @@ def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictCon
         enhancer,
         job.folder,
         progress=cfg.runtime.progress,
-        on_pruned=lambda found: console.print(str(found), highlight=False, soft_wrap=True),
+        on_pruned=lambda found: print_line(console, found),
     )
     seconds = time.monotonic() - started
     step = 1 if task.settings is None else task.settings.steps

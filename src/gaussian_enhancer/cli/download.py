@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain, require
 from gaussian_enhancer.scene.checksum import check_archive
@@ -49,13 +50,13 @@ def run(cfg: DictConfig) -> None:
                     _unpacked(scene, name, folder / "archives" / archive.file, progress)
             if not cfg.keep_archives:
                 (folder / "archives" / archive.file).unlink()
-    console.print(f"{dataset.title}: {len(wanted)} scenes in {folder / dataset.name}", highlight=False, soft_wrap=True)
+    print_line(console, f"{dataset.title}: {len(wanted)} scenes in {folder / dataset.name}")
 
 
 def _fetched(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, progress: Progress) -> None:
     """Fetch an archive and verify its checksum; an archive that exists is only verified."""
     if path.is_file():
-        progress.console.print(f"{path}: checking", highlight=False, soft_wrap=True)
+        print_line(progress.console, f"{path}: checking")
         check_archive(archive, path, path)
         return
     task = progress.add_task(archive.file, total=archive.bytes)
@@ -67,7 +68,7 @@ def _fetched(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, pr
         patience=patience,
         advance=lambda done, total: progress.update(task, completed=done, total=total),
     )
-    progress.console.print(f"{path}: SHA-256 {digest}, {checksum_note(archive)}", highlight=False, soft_wrap=True)
+    print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")
 
 
 def _unpacked(entry: Wanted, name: str, archive: Path, progress: Progress) -> None:

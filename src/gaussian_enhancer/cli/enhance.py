@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
+from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import Enhanced
 from gaussian_enhancer.infer.plan import Plan
@@ -53,7 +54,7 @@ def run(cfg: DictConfig) -> float | None:
     enhancer, task, validated = ready(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
     planner = validated.planner(rules)
-    hidden = not (cfg.runtime.progress and console.is_terminal)
+    hidden = hides_progress(cfg, console)
     reads = file_reads(validated, not cfg.output, planner, cfg.dry_run)
     for read in track(reads, "reading", console=console, disable=hidden):
         read()
@@ -116,7 +117,7 @@ def _of_distilled(cfg: DictConfig) -> DictConfig:
 
 def _print(lines: Sequence[str], console: Console) -> None:
     for line in filter(None, lines):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        print_line(console, line)
 
 
 def _summarised(written: Sequence[Enhanced], folder: Path, console: Console) -> float:
@@ -127,7 +128,7 @@ def _summarised(written: Sequence[Enhanced], folder: Path, console: Console) -> 
     if unchanged:
         reason = "no photo shows anything of them, or the splat was fitted to them and is nearer to their photos"
         line = f"{unchanged} of {len(written)} views are as they were rendered: {reason}"
-        console.print(line, highlight=False, soft_wrap=True)
+        print_line(console, line)
     times = f"{network_ms:.0f} ms each (median) and {preparation_ms:.0f} ms for its references"
-    console.print(f"{folder}: {len(written)} images, {times}", highlight=False, soft_wrap=True)
+    print_line(console, f"{folder}: {len(written)} images, {times}")
     return network_ms

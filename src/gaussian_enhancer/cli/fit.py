@@ -5,6 +5,7 @@ import time
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.fit_records import held_out_psnr, write_fit_records
 from gaussian_enhancer.runs.instantiate import build
@@ -51,5 +52,5 @@ def run(cfg: DictConfig) -> float | None:
             console.print(stopwatch.table(), highlight=False)
     _, mean_psnr = held_out_psnr(job.folder)
     quality = "no view held out" if mean_psnr is None else f"held-out PSNR {mean_psnr:.2f} dB"
-    console.print(f"{job.folder}: {quality}", highlight=False, soft_wrap=True)
+    print_line(console, f"{job.folder}: {quality}")
     return mean_psnr

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from gaussian_enhancer.configurations import configurations as configurations
-from gaussian_enhancer.errors import InputError, LostProcessError
+from gaussian_enhancer.errors import INTERRUPTED, InputError, LostProcessError
 from gaussian_enhancer.files import unwritable
 
 JOBS = {
@@ -95,9 +95,6 @@ DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAM
 
 SWEEPS = ("-m", "--multirun")
 """Arguments that start a sweep."""
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, by the convention of shells."""
 
 USAGE = """\
 usage: gaussian-enhancer JOB [key=value ...] [--help] [--cfg job] [-m]

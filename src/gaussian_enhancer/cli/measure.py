@@ -7,6 +7,7 @@ from omegaconf import DictConfig, ListConfig
 from rich.console import Console
 from rich.progress import track
 
+from gaussian_enhancer.console import hides_progress
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.comparison import (
@@ -100,7 +101,7 @@ def _measured(
 ) -> tuple[Record, ...]:
     steps = measure_files(files, distances, _colour(cfg.background))
     console = Console(stderr=True)
-    hidden = not (cfg.runtime.progress and console.is_terminal)
+    hidden = hides_progress(cfg, console)
     return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
 
 

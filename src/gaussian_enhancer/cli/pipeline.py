@@ -13,7 +13,7 @@ from gaussian_enhancer.cli import enhance, fit
 from gaussian_enhancer.cli.measure import write_measurement
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.runs import status as status
+from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.run import Run, find_run
 
 

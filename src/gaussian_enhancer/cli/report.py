@@ -5,6 +5,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.report.measured_run import open_measured, write_contact_sheet, write_page
 from gaussian_enhancer.runs.instantiate import require
@@ -29,7 +30,7 @@ def run(cfg: DictConfig) -> float | None:
     path = Path(cfg.output or measured_run.folder) / "report.html"
     write_page(path, measured_run, title=cfg.title, most_pictured=cfg.most_pictured)
     console = Console(stderr=True)
-    console.print(f"{path}: {len(measured_run.views)} views", highlight=False, soft_wrap=True)
+    print_line(console, f"{path}: {len(measured_run.views)} views")
     if cfg.contact_sheet:
         with whole_file(path.with_name("contact_sheet.png")) as temporary:
             write_contact_sheet(temporary, measured_run.views)

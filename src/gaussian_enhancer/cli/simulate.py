@@ -5,6 +5,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
+from gaussian_enhancer.console import hides_progress, print_line
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.generative.second_stage import DiffusedGenerator, PairedGenerator
@@ -68,7 +69,7 @@ def run(cfg: DictConfig) -> float | None:
     if isinstance(gate, AdaptiveGate):
         console.print(gate.table(), highlight=False)
     job = open_run(cfg, "simulate", photo.name)
-    hidden = not (cfg.runtime.progress and console.is_terminal)
+    hidden = hides_progress(cfg, console)
     samples, pictures = [], []
     generators = spawn(draws, torch.Generator().manual_seed(seed))
     for number, generator in enumerate(track(generators, "simulating", console=console, disable=hidden)):
@@ -82,5 +83,5 @@ def run(cfg: DictConfig) -> float | None:
     write_record(job.folder, seed, samples, fingerprint, gate)
     job.finish()
     page = job.folder / "simulation.html"
-    console.print(f"{page}: {draws} samples of {photo.name}", highlight=False, soft_wrap=True)
+    print_line(console, f"{page}: {draws} samples of {photo.name}")
     return None

@@ -10,6 +10,7 @@ from rich.progress import track
 
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -36,7 +37,7 @@ def run(cfg: DictConfig) -> None:
     console = Console(stderr=True)
     weights = job.folder / "weights.safetensors"
     if job.done:
-        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        print_line(console, f"trained already: {weights}")
         return
     base = load_weights(cfg.weights)
     if base.network.scale > 1 or not base.reference_config.references:
@@ -70,7 +71,7 @@ def run(cfg: DictConfig) -> None:
     save_weights(weights, base.network, reference_config, card, confidence)
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
-    console.print(f"{weights}: learnt from {count} views", highlight=False, soft_wrap=True)
+    print_line(console, f"{weights}: learnt from {count} views")
 
 
 def _warped_by(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceConfig:

@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import DictConfig
 from rich.console import Console
 
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.degrade.generative.second_stage import FactorDesign, FactorModel
 from gaussian_enhancer.degrade.generative.weights import load_model, save_model
 from gaussian_enhancer.errors import InputError
@@ -37,7 +38,7 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     weights = job.folder / "weights.safetensors"
     if job.done:
-        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        print_line(console, f"trained already: {weights}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/diffused"])
     # Slow imports, which are not needed to show help.
     from lightning import seed_everything
@@ -73,7 +74,7 @@ def run(cfg: DictConfig) -> float | None:
     write_text(job.folder / "card.json", json.dumps(card, indent=2) + "\n")
     job.finish()
     summary = ", ".join(f"{k} {v:+.4f}" for k, v in validation.items())
-    console.print(f"{weights}: {summary}", highlight=False, soft_wrap=True)
+    print_line(console, f"{weights}: {summary}")
     return validation["gain/diffused"]
 
 

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from torch import Tensor
 
+from gaussian_enhancer.console import hides_progress, print_line
+from gaussian_enhancer.errors import INTERRUPTED
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
@@ -19,9 +21,6 @@ from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder, frame_name
 from gaussian_enhancer.video.layout import Layout
-
-STOPPED = 130
-"""Exit code of a program that Ctrl-C ended."""
 
 
 def run(cfg: DictConfig) -> None:
@@ -41,13 +40,13 @@ def run(cfg: DictConfig) -> None:
     filmed = film(cfg, device)
     output = read_output(cfg, filmed.path)
     for line in filter(None, (filmed.task.note, *filmed.found.lacks, filmed.path.note)):
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        print_line(console, line)
     rendered = filmed.task.rendered
     job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
     planner = filmed.found.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")
     frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)
-    hidden = not (cfg.runtime.progress and console.is_terminal)
+    hidden = hides_progress(cfg, console)
     try:
         written = _write(frames, filmed.path, output, job.folder, console, hidden)
     except KeyboardInterrupt:
@@ -55,8 +54,8 @@ def run(cfg: DictConfig) -> None:
         message = (
             f"stopped with {frame_count} of {len(rendered.targets)} frames made; the same command goes on from there"
         )
-        console.print(f"{job.folder}: {message}", highlight=False, soft_wrap=True)
-        raise SystemExit(STOPPED) from None
+        print_line(console, f"{job.folder}: {message}")
+        raise SystemExit(INTERRUPTED) from None
     job.finish()
     height, width = output.layout.size(*frames.size)
     message = f"{filmed.path.count} frames of {width}x{height}"
@@ -64,7 +63,7 @@ def run(cfg: DictConfig) -> None:
         message += f", {filmed.path.count / output.encoding.fps:.1f} s at {output.encoding.fps:g} a second"
     new_count = frames.stored.count(False)
     note = "" if new_count == len(rendered.targets) else f"; {new_count} were made now, the others before"
-    console.print(f"{written}: {message}{note}", highlight=False, soft_wrap=True)
+    print_line(console, f"{written}: {message}{note}")
 
 
 def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:

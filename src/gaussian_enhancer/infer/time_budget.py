@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from gaussian_enhancer.checkpoint import SHIPPED
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.presets import Preset, choose, read_presets
@@ -58,7 +59,7 @@ def within_budget(
     milliseconds, megapixels = calibrated(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
     chosen, told = choose(presets, float(budget), megapixels, speed)
-    console.print(told, highlight=False, soft_wrap=True)
+    print_line(console, told)
     return _with(cfg, chosen)
 
 
