@@ -315,7 +315,7 @@ def test_the_job_measures_and_makes_its_page_and_makes_it_again(tmp_path, job, m
     ]  # fmt: skip
     first = next(one for one in found if one.kind == NETWORK)
     assert first.metrics["giga_multiply_adds_per_megapixel"] == pytest.approx(34.35, abs=0.1)
-    assert sum(one.kind == TRIED for one in found) == 9
+    assert sum(one.kind == TRIED for one in found) == 13
     pipeline = next(one for one in found if one.kind == PIPELINE).metrics
     assert pipeline["part: read"] > 0
     assert pipeline["part: write"] > 0
@@ -335,7 +335,7 @@ def test_both_ways_of_a_trial_give_the_same() -> None:
     photo = plane(48, 64).targets[0].read_photo()
     found = list(trials(48, 64, photo))
     assert [one.kept for one in found].count(False) == 1
-    for one in found[:-1]:
+    for one in (one for one in found if "PNG" not in one.change):  # those write files; tests/scene/test_png.py
         for before, after in zip(*map(tensors, (one.before(), one.after())), strict=True):
             assert before.shape == after.shape
             assert torch.allclose(before, after, atol=1e-6)

@@ -118,8 +118,10 @@ def test_images_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("PIL.Image.Image.save", full)
-    with pytest.raises(InputError, match="No space left"):
-        write_image(tmp_path / "b.png", image)
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    for name in ("b.png", "b.jpg"):
+        with pytest.raises(InputError, match="No space left"):
+            write_image(tmp_path / name, image)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["deep"]
 
 

@@ -102,10 +102,11 @@ NAMES = [
 def test_a_fused_part_is_as_near_to_single_precision_as_its_twin(name) -> None:
     call = part(name)
     with torch.inference_mode():
-        exact = flat(call(torch.Tensor.float))
+        with FlopCounterMode(display=False):  # watches operations, which asks for the twin
+            exact = flat(call(torch.Tensor.float))
         with torch.autocast("cpu", torch.bfloat16):
             fused = flat(call(torch.Tensor.bfloat16))
-            with FlopCounterMode(display=False):  # watches operations, which asks for the twin
+            with FlopCounterMode(display=False):
                 plain = flat(call(torch.Tensor.bfloat16))
     scale = exact.square().mean().sqrt()
     assert (fused - exact).abs().max() < 0.05 * exact.abs().max()
@@ -114,6 +115,16 @@ def test_a_fused_part_is_as_near_to_single_precision_as_its_twin(name) -> None:
 
 def flat(found):
     return torch.cat([one.float().flatten() for one in (found if isinstance(found, tuple) else (found,))])
+
+
+def test_kernels_are_for_plain_images_without_a_gradient() -> None:
+    image = torch.rand(1, 3, 4, 4)
+    assert bfloat16.compilable(image, None)
+    assert not bfloat16.compilable(image.double())
+    assert not bfloat16.compilable(image, image.to("meta"))
+    assert not bfloat16.compilable(image.clone().requires_grad_())
+    with FlopCounterMode(display=False):
+        assert not bfloat16.compilable(image)
 
 
 def test_the_fused_ways_are_for_inference_in_bfloat16_alone() -> None:

@@ -38,7 +38,7 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
             row = _nearest(v * (_F(high) / height), high)
             there = seen[row, column]
             difference = (z - there) / (tolerance * max(z, _TINY))
-            agrees = exp2_nonpositive(-_HALF * _LOG2E * difference * difference)
+            agrees = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)  # rounded up, it exceeds 1
             result[y, x] = agrees if there > _ZERO else _ONE
 
 

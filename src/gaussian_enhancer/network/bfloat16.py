@@ -10,28 +10,40 @@ from torch import Tensor
 
 from gaussian_enhancer.splat.compiled import kernel_lock
 
-__all__ = ["bits", "empty_features", "fusable", "kernel_lock", "plane"]
+__all__ = ["bits", "compilable", "empty_features", "fusable", "kernel_lock", "plane"]
 
 PLAIN = (torch.float32, torch.bfloat16)
 
 
-def fusable(*images: Tensor | None) -> bool:
-    """Whether the fused ways of inference on a processor may be taken.
+def compilable(*images: Tensor | None) -> bool:
+    """Whether compiled kernels may take the place of PyTorch's operations.
 
-    They want autocast to bfloat16, no gradient, and nobody who watches operations: compilers, tracers, counters.
+    They need plain tensors on the CPU, no gradient, and that nothing observes operations: compilers, tracers, counters.
 
     Args:
         images: what is computed on; None is left out.
     """
-    device = "cpu"
+    tensors = [image for image in images if image is not None]
     return (
-        not torch.is_grad_enabled()
-        and torch.is_autocast_enabled(device)
-        and torch.get_autocast_dtype(device) == torch.bfloat16
-        and all(type(x) is Tensor and x.device.type == device and x.dtype in PLAIN for x in images if x is not None)
+        all(type(x) is Tensor and x.device.type == "cpu" and x.dtype in PLAIN for x in tensors)
+        and not (torch.is_grad_enabled() and any(x.requires_grad for x in tensors))
         and not torch.compiler.is_compiling()
         and not torch.jit.is_tracing()
         and torch._C._len_torch_dispatch_stack() == 0
+    )
+
+
+def fusable(*images: Tensor | None) -> bool:
+    """Whether inference is in bfloat16 (by autocast, without gradients) and `compilable`: fused ways may be taken.
+
+    Args:
+        images: what is computed on; None is left out.
+    """
+    return (
+        not torch.is_grad_enabled()
+        and torch.is_autocast_enabled("cpu")
+        and torch.get_autocast_dtype("cpu") == torch.bfloat16
+        and compilable(*images)
     )
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
-from gaussian_enhancer.network.bfloat16 import fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import compilable, fusable, kernel_lock, plane
 from gaussian_enhancer.network.halving import halved
 from gaussian_enhancer.types import NetworkInput, usable
 
@@ -82,13 +82,13 @@ def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c
     """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
     if scale == 1:
         return image
-    if scale in (2, 4) and fusable(image):
+    if scale in (2, 4) and image.dtype == torch.float32 and compilable(image):
         return _upsampled(image, scale)
     return F.interpolate(image, scale_factor=scale, mode="bicubic", align_corners=False)
 
 
 def _upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
-    """The same axis by axis, where inference is `fusable`."""
+    """The same by a compiled kernel, axis by axis."""
     from gaussian_enhancer.network.ssif_sr_kernels import upsample
 
     height, width = image.shape[-2:]
