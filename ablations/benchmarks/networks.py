@@ -64,11 +64,11 @@ def _papers() -> Iterator[Subject]:
     names = sorted(path.stem.removeprefix("paper_") for path in (conf / "network").glob("paper_*.yaml"))
     for fusion in names:
         for buffer in (True, False) if fusion == "ssif_sr" else (True,):
-            told = f"{fusion}, paper" + ("" if buffer else ", without its buffer")
+            description = f"{fusion}, paper" + ("" if buffer else ", without its buffer")
             for size in SIZES:
                 unbuffered = [] if buffer else ["+fusion.buffer=false"]
                 cfg = compose("train", ["mode=paper", f"fusion={fusion}", f"size={size}", *unbuffered])
-                yield Subject(told, size, "deformable", build(cfg.fusion).eval())
+                yield Subject(description, size, "deformable", build(cfg.fusion).eval())
 
 
 def _ours() -> Iterator[Subject]:
@@ -77,8 +77,8 @@ def _ours() -> Iterator[Subject]:
     kinds = {values.get("_target_", "").rpartition(".")[2]: name for name, values in files.items()}
     for kind in (name for name in NETWORKS if name in kinds):
         fusion = kinds[kind]
-        said = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
-        aligned, sized = ("${" + group in said for group in ("alignment", "size"))
+        fusion_yaml = OmegaConf.to_yaml(compose("train", [f"fusion={fusion}"]).fusion)
+        aligned, sized = ("${" + group in fusion_yaml for group in ("alignment", "size"))
         for alignment in ALIGNMENTS if aligned else ("-",):
             for size in SIZES if sized else ("-",):
                 chosen = [f"{k}={v}" for k, v in (("alignment", alignment), ("size", size)) if v != "-"]
@@ -147,8 +147,12 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     if cfg.times:
         prepared = [subject.network.to(memory_format=torch.channels_last) for subject in found]  # type: ignore[call-overload]
         each = microseconds(prepared, example(cfg.height, cfg.width, cfg.references), cfg.rounds)
-        how = {"timed_on": f"{cfg.height}x{cfg.width}", "threads": torch.get_num_threads(), "precision": "bfloat16"}
-        times = [{"seconds_per_megapixel": round(one, 4), **how} for one in each]
+        conditions = {
+            "timed_on": f"{cfg.height}x{cfg.width}",
+            "threads": torch.get_num_threads(),
+            "precision": "bfloat16",
+        }
+        times = [{"seconds_per_megapixel": round(one, 4), **conditions} for one in each]
     for subject, time in zip(found, times, strict=True):
         yield {
             "fusion": subject.fusion,

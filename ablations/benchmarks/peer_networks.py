@@ -68,11 +68,11 @@ def names(cfg: DictConfig) -> tuple[str, ...]:
     Raises:
         InputError: one is unknown.
     """
-    known = (*cfg.ours, *cfg.published)
+    known_names = (*cfg.ours, *cfg.published)
     for name in cfg.networks or ():
-        if name not in known:
-            raise InputError("networks", f"names {name!r}", f"choose among {', '.join(known)}")
-    return tuple(name for name in known if cfg.networks is None or name in cfg.networks)
+        if name not in known_names:
+            raise InputError("networks", f"names {name!r}", f"choose among {', '.join(known_names)}")
+    return tuple(name for name in known_names if cfg.networks is None or name in cfg.networks)
 
 
 def built(cfg: DictConfig, name: str, device: torch.device) -> Peer:
@@ -256,5 +256,5 @@ def yardsticks(device: torch.device) -> Iterator[tuple[str, Callable[[], object]
 @torch.inference_mode()
 def _repeated(layer: nn.Module, image: Tensor, repeats: int) -> Tensor:
     for _ in range(repeats):
-        found: Tensor = layer(image)
-    return found
+        result: Tensor = layer(image)
+    return result

@@ -252,14 +252,16 @@ def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder
 def tried_records(cfg: DictConfig) -> Iterator[Record]:
     """Every trial's two ways in turn, on the CPU."""
     width, height = map(int, cfg.tried.split("x"))
-    read = synthetic_views(height, width, cfg.family).targets[0].read_photo
-    if read is None:
+    read_photo = synthetic_views(height, width, cfg.family).targets[0].read_photo
+    if read_photo is None:
         raise ValueError("synthetic views have photos")
-    found = list(trials(height, width, read()))
-    calls = {f"{place} {name}": getattr(one, name) for place, one in enumerate(found) for name in ("before", "after")}
+    all_trials = list(trials(height, width, read_photo()))
+    calls = {
+        f"{place} {name}": getattr(one, name) for place, one in enumerate(all_trials) for name in ("before", "after")
+    }
     with torch.inference_mode():
         times = timed(calls, cfg.rounds, 1)
-    for place, one in enumerate(found):
+    for place, one in enumerate(all_trials):
         before, after = (times[f"{place} {name}"] for name in ("before", "after"))
         ratio, low, high = after.times_faster(before)
         metrics: dict[str, float | None] = {"before": before.milliseconds, "after": after.milliseconds}
@@ -286,11 +288,11 @@ def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]
 
 def _process(command: list[str]) -> None:
     """Run a command with compiled Python modules kept, as installations do, whatever this process was told."""
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    done = subprocess.run(command, env=kept, capture_output=True, text=True, check=False)
-    if done.returncode:
-        said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
-        raise InputError(" ".join(command[1:]), f"fails ({said})", "try it by itself")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if process.returncode:
+        last_line = (process.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        raise InputError(" ".join(command[1:]), f"fails ({last_line})", "try it by itself")
 
 
 def _to_file(name: str, enhance: Call, stopwatch: Stopwatch, path: Path) -> None:
@@ -317,8 +319,8 @@ def _time(timing: Timing, megapixels: float, yardstick: Timing) -> dict[str, flo
 
 
 def _protocol(cfg: DictConfig, device: torch.device) -> str:
-    where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of a process of its own, above its imports"
     compiled = "networks by torch.compile" if cfg.compiled else "nothing by torch.compile"
     rounds = f"medians of {cfg.rounds} interleaved rounds after a warm-up"
-    return f"{where}: {rounds}; channels-last; {compiled}; memory {memory}"
+    return f"{device_label}: {rounds}; channels-last; {compiled}; memory {memory}"

@@ -91,10 +91,10 @@ class Stopwatch:
         try:
             yield
         finally:
-            taken = self._now() - began
-            self._lap[part] += taken - self._open.pop()
+            elapsed = self._now() - began
+            self._lap[part] += elapsed - self._open.pop()
             if self._open:
-                self._open[-1] += taken
+                self._open[-1] += elapsed
 
     def _now(self) -> float:
         if self.device.type == "cuda":

@@ -118,7 +118,11 @@ def fused(call: Callable[[], object]) -> object:
 def _compiled(views: NetworkInput) -> Iterator[Trial]:
     """Parts of a view in compiled kernels, beside their twins on tensors."""
     height, width = views.render.shape[-2:]
-    image, opaque, seen = torch.rand(1, 3, height, width), torch.ones(1, 1, height, width), torch.ones(1, height, width)
+    image, opaque, visibility = (
+        torch.rand(1, 3, height, width),
+        torch.ones(1, 1, height, width),
+        torch.ones(1, height, width),
+    )
     yield Trial(
         "colours clamped by a compiled kernel, a row at a time",
         "a third of the time: a window's limits stay in the cache instead of six passes a channel",
@@ -169,13 +173,13 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
     photo, render = views.references[0, 0], views.references[0, 1]
 
     def read(one: Tensor) -> Tensor:
-        return read_at(one, landing, (height, width), seen, "bicubic")
+        return read_at(one, landing, (height, width), visibility, "bicubic")
 
     yield Trial(
         "photo and render of a reference read together",
         "two thirds of the time: places and weights are computed once",
         lambda: (read(photo), read(render)),
-        lambda: read_both(photo, render, landing, (height, width), seen, "bicubic"),
+        lambda: read_both(photo, render, landing, (height, width), visibility, "bicubic"),
     )
 
 
@@ -200,8 +204,8 @@ def composed_before(
     weight = weight.unflatten(0, views.visibility.shape[:2]) * (views.visibility > 0)
     for i in range(views.visibility.shape[1]):
         photo = views.references[:, i]
-        news = decoded[:, 4:5] * (photo - views.render)
+        weighted_change = decoded[:, 4:5] * (photo - views.render)
         if views.reference_renders is not None:
-            news = news + decoded[:, 5:6] * (photo - views.reference_renders[:, i])
-        enhanced = enhanced + weight[:, i] * news
+            weighted_change = weighted_change + decoded[:, 5:6] * (photo - views.reference_renders[:, i])
+        enhanced = enhanced + weight[:, i] * weighted_change
     return enhanced

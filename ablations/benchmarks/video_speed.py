@@ -132,8 +132,8 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
             times = measured(bench, cfg.rounds)
             height, width = output.layout.size(*bench.fresh().size)
         about = {"run": run, "options": " ".join(cfg.overrides), "frames": frames, "size": f"{width}x{height}"}
-        how = {"rounds": cfg.rounds, "threads": torch.get_num_threads(), "load_before": round(load, 2)}
-        yield {**about, **summary(times, frames), **how}
+        conditions = {"rounds": cfg.rounds, "threads": torch.get_num_threads(), "load_before": round(load, 2)}
+        yield {**about, **summary(times, frames), **conditions}
 
     return Study((Path(cfg.run).name,), measure, ("run", "options", "frames", "size", "threads"), option="run")
 

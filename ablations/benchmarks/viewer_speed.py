@@ -74,8 +74,8 @@ def viewing(words: Sequence[str]) -> Iterator[tuple[str, int]]:
                 yield line.split()[0], job.pid
                 return
             lines.append(line.strip())
-        told = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
-        raise InputError("the job view", f"does not start ({told})", "correct run, show, width or overrides")
+        last_line = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
+        raise InputError("the job view", f"does not start ({last_line})", "correct run, show, width or overrides")
     finally:
         job.terminate()  # Ctrl-C would be ignored where this process was started in a shell's background
         job.wait(timeout=60)
@@ -111,8 +111,8 @@ def status(driver: Any) -> tuple[int, int, int, int] | None:
 
 def stated(text: str) -> tuple[int, int, int, int] | None:
     """Milliseconds, width, height and number of a picture, as a page's text states them; None where it does not."""
-    found = STATUS.search(text)
-    return None if found is None else tuple(map(int, found.groups()))  # type: ignore[return-value]
+    match = STATUS.search(text)
+    return None if match is None else tuple(map(int, match.groups()))  # type: ignore[return-value]
 
 
 def settled(driver: Any, seconds: float = 5.0) -> None:
@@ -176,8 +176,8 @@ def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
 def words_of(cfg: DictConfig) -> list[str]:
     """Options of the job ``view`` beside run, width and what it shows."""
     device, threads = cfg.runtime.device, cfg.runtime.threads
-    words = [f"runtime.device={device}"] if device != "auto" else []
-    return [*words, *([f"runtime.threads={threads}"] if threads is not None else []), *cfg.overrides]
+    overrides = [f"runtime.device={device}"] if device != "auto" else []
+    return [*overrides, *([f"runtime.threads={threads}"] if threads is not None else []), *cfg.overrides]
 
 
 def pictured(driver: Any, path: str) -> None:
@@ -205,15 +205,15 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     refuse_without_browser()
     words, load = words_of(cfg), os.getloadavg()[0]
-    own = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
+    overrides = [f"run={quoted(cfg.run)}", f"show={cfg.show}", f"width={cfg.width}", f"moving_width={cfg.width}"]
 
     def draw() -> None:
-        with viewing([*own, *words]) as (address, _), browsing(address) as driver:
+        with viewing([*overrides, *words]) as (address, _), browsing(address) as driver:
             pictured(driver, cfg.picture)
 
     def measure(run: str) -> Iterator[dict[str, object]]:
         about = {"run": run, "show": cfg.show, "width": cfg.width, "options": " ".join(words)}
-        with viewing([*own, *words]) as (address, job), browsing(address) as driver:
+        with viewing([*overrides, *words]) as (address, job), browsing(address) as driver:
             found = dragged(driver, job, float(cfg.seconds))
         yield {**about, **found, "cores": len(os.sched_getaffinity(0)), "load_before": round(load, 2)}
 

@@ -89,15 +89,17 @@ def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) 
     Raises:
         InputError: a view has no render, photo, camera or depth.
     """
-    pool, found = Pool(rendered.references, capacity=len(rendered.references)), []
+    pool, samples = Pool(rendered.references, capacity=len(rendered.references)), []
     for view in rendered.references:
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to learn from", "give fits with their training photos")
         target = read_target(view)
         sources = choice.sources(view, target, pool)
         mapping = applied_exposure(target.image, sources, exposure)
-        found.append(TrainingView(ResidualInput.of(target.image, sources, choice.visible), view.read_photo(), mapping))
-    return found
+        samples.append(
+            TrainingView(ResidualInput.of(target.image, sources, choice.visible), view.read_photo(), mapping)
+        )
+    return samples
 
 
 def applied_exposure(render: Float[Tensor, "3 h w"], sources: Sources, exposure: bool) -> Float[Tensor, "3 4"]:
@@ -131,11 +133,11 @@ def train_residual(
         network = IBGSResidual().train()
     optimizer = torch.optim.Adam(network.parameters(), settings.lr)
     identity = json.dumps(asdict(settings), sort_keys=True)
-    found = load_checkpoint(folder, identity)
-    if found is not None:
-        network.load_state_dict(found["network"])
-        optimizer.load_state_dict(found["optimizer"])
-    for step in range(found["step"] if found is not None else 0, settings.steps):
+    checkpoint = load_checkpoint(folder, identity)
+    if checkpoint is not None:
+        network.load_state_dict(checkpoint["network"])
+        optimizer.load_state_dict(checkpoint["optimizer"])
+    for step in range(checkpoint["step"] if checkpoint is not None else 0, settings.steps):
         for group in optimizer.param_groups:
             group["lr"] = settings.lr_at(step)
         optimizer.zero_grad()

@@ -74,8 +74,8 @@ class Age:
         parts = [f"{name} ({len(files)} files)" for name, files in self.changed.items()]
         parts += [f"unknown commit {commit}" for commit in self.unknown]
         parts += [] if self.commits else ["its records state no commit"]
-        told = f"{'FALSE' if self.false else 'stale'}  {self.page.path}: {', '.join(parts)}"
-        return told + (f"; {self.behind} commits behind" if self.behind else "")
+        line = f"{'FALSE' if self.false else 'stale'}  {self.page.path}: {', '.join(parts)}"
+        return line + (f"; {self.behind} commits behind" if self.behind else "")
 
 
 def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
@@ -104,15 +104,19 @@ def age(root: Path, page: CommittedPage) -> Age:
         page: one of its pages.
     """
     commits = sorted({commit.rstrip("+") for file in page.records for commit in stated_commits(root / file)})
-    known = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
+    known_commits = [commit for commit in commits if _git(root, "cat-file", "-e", f"{commit}^{{commit}}") is not None]
     changed: dict[str, tuple[str, ...]] = {}
     for name, specs in page.inputs.items():
-        files = {file for commit in known for file in _changed(root, commit, specs)}
+        files = {file for commit in known_commits for file in _changed(root, commit, specs)}
         if files:
             changed[name] = tuple(sorted(files))
-    behind = max((int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known), default=0)
+    commits_behind = max(
+        (int(_git(root, "rev-list", "--count", f"{commit}..HEAD") or 0) for commit in known_commits), default=0
+    )
     claims = CLAIM in (root / page.path).read_text(encoding="utf-8")
-    return Age(page, tuple(commits), tuple(c for c in commits if c not in known), changed, behind, claims)
+    return Age(
+        page, tuple(commits), tuple(c for c in commits if c not in known_commits), changed, commits_behind, claims
+    )
 
 
 def stated_commits(path: Path) -> set[str]:
@@ -123,8 +127,8 @@ def stated_commits(path: Path) -> set[str]:
 
 def _git(root: Path, *arguments: str) -> str | None:
     """What git prints; None where it refuses."""
-    found = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True)
-    return found.stdout.strip() if found.returncode == 0 else None
+    process = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True)
+    return process.stdout.strip() if process.returncode == 0 else None
 
 
 def _changed(root: Path, commit: str, specs: Sequence[str]) -> list[str]:

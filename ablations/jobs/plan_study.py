@@ -126,8 +126,8 @@ def enhanced_by(rules: Rules, pretrained: Pretrained, rendered: RenderedSet, dev
     found = validate_inputs(rendered, pretrained.reference_config, rules, pretrained.network.scale)
     enhancer = EnhancementOptions().enhancer(pretrained, found.reference_config, device)
     planner = found.planner(rules)
-    for read in file_reads(found, False, planner, False):
-        read()
+    for read_file in file_reads(found, False, planner, False):
+        read_file()
     images = tuple(enhancer(found.rendered, planner, found.pool))
     views = tuple(one.plan for one in images if one.plan is not None)
     return PlanOutcome(Plan(rendered.name, rules, found.parts, views), images)
@@ -151,17 +151,17 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     rendered = read_run(fit)
     rendered = replace(rendered, targets=rendered.targets[:: cell.every])
     device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
-    rules = {str(name): build(composed("enhance", cfg, words).plan) for name, words in cfg.worlds.plans.items()}
-    done: dict[str, PlanOutcome] = {}
+    rules = {str(name): build(composed("enhance", cfg, overrides).plan) for name, overrides in cfg.worlds.plans.items()}
+    outcomes: dict[str, PlanOutcome] = {}
 
     def enhance(name: str) -> None:
-        done[name] = enhanced_by(rules[name], pretrained, rendered, device)
+        outcomes[name] = enhanced_by(rules[name], pretrained, rendered, device)
 
     calls: dict[str, Callable[[], object]] = {name: partial(enhance, name) for name in rules}
     times = timed(calls, cfg.repeats, 1, device)
     alone = replace(rendered, targets=rendered.targets[:1])
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
-    for name, one in done.items():
+    for name, one in outcomes.items():
         peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
         record = _scene_record(fit.name, cell, name, one, times[name], peak, background)
         ratios = dict(zip(RATIOS, times[name].times_faster(times[cfg.baseline]), strict=True))
@@ -191,8 +191,8 @@ def _scene_record(
     reasons = {f"part {part.name}": part.why for part in one.plan.parts}
     height, width = one.images[0].image.shape[-2:]
     rounds = f"{len(timing.repeats)} interleaved repeats of reading, planning and enhancing {count} views"
-    how = f"{rounds}, median; times faster: median of the repeats' own ratios"
-    return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), how)
+    protocol = f"{rounds}, median; times faster: median of the repeats' own ratios"
+    return Record(KIND, fit, cell.scene, cell.splat, "", name, metrics, reasons, (width, height), protocol)
 
 
 def _view_records(rendered: RenderedSet, one: PlanOutcome, distances: list[PerceptualDistance]) -> Iterator[Record]:

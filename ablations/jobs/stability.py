@@ -48,8 +48,8 @@ def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
     console = Console(stderr=True)
     for record in measured(cases, threads=threads):
         if record.variant == FAILED:
-            words = f"{record.scene} {record.splat} {record.view}: {record.reasons['outcome']}"
-            console.print(words, highlight=False, soft_wrap=True, markup=False)
+            outcome = f"{record.scene} {record.splat} {record.view}: {record.reasons['outcome']}"
+            console.print(outcome, highlight=False, soft_wrap=True, markup=False)
         yield record
 
 

@@ -48,12 +48,12 @@ def _whose(table: TableDescription, records: Sequence[Record]) -> list[str]:
     """Whose system the rows are, and whether the paper's own were made."""
     if not any(method.mode for method in table.methods.values()):
         return []
-    told = [
+    lines = [
         "Rows named paper are the paper's system to the letter, those named ours have its parts by our own networks"
     ]
     measured = {record.variant for record in records if record.kind != MISSING}
     lacking = [row.title for name, row in table.methods.items() if row.mode == "paper" and name not in measured]
-    return told + ([f"Not made at this scale: {'; '.join(lacking)}"] if lacking else [])
+    return lines + ([f"Not made at this scale: {'; '.join(lacking)}"] if lacking else [])
 
 
 def stand_in(what: str, dataset: str) -> str:

@@ -133,15 +133,15 @@ def _difference(results: Results, block: str, method: str, other: str, metric: s
     """One difference with its interval; known where nothing is missing and the interval leaves out zero."""
     gains = results.gains(block, method, metric, other)
     label = quantities({metric})[0].label
-    where = f"{results.study.name}, {SPLATS.get(block, block)}, {method} over {other}, {label}"
+    context = f"{results.study.name}, {SPLATS.get(block, block)}, {method} over {other}, {label}"
     if not gains.values:
-        return None, f"{where}: missing"
+        return None, f"{context}: missing"
     low, high = interval(gains)
     ends = sorted((better(metric) * low, better(metric) * high))
     outcome = None if not gains.whole else True if ends[0] > 0 else False if ends[1] < 0 else None
     lacking = "" if gains.whole else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
     between = "" if math.isnan(low) else f" [{low:+.4f}, {high:+.4f}]"
-    return outcome, f"{where} {gains.mean():+.4f}{between}{lacking}"
+    return outcome, f"{context} {gains.mean():+.4f}{between}{lacking}"
 
 
 def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
@@ -155,12 +155,15 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
         for line in table_lines(results, results.records):
             if line.statistic == "std" and table.methods[line.method].mode == "paper":
                 for metric, number in line.numbers.items():
-                    where = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"
+                    context = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"
                     ours, paper = number.gain, number.paper_gain
                     if ours is None or paper is None or number.seeds < RUNS:
-                        yield None, f"{where}: {number.seeds} runs" if paper is not None else f"{where}: none printed"
+                        yield (
+                            None,
+                            f"{context}: {number.seeds} runs" if paper is not None else f"{context}: none printed",
+                        )
                     else:
-                        yield ours <= paper, f"{where} {ours:.4f} against {paper:g} ({number.seeds} runs)"
+                        yield ours <= paper, f"{context} {ours:.4f} against {paper:g} ({number.seeds} runs)"
 
 
 def _printed(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:

@@ -68,13 +68,13 @@ def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "READM
 
 def _worst(found: pd.DataFrame) -> str:
     """How many frames gain, and what the worst one gains or loses."""
-    told = []
+    lines = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):
         gains = found[f"gain {metric}"]
         worse = (gains < 0).sum()
         if worse:
-            told.append(f"in {name}, {worse} of {len(gains)} frames lose, at most {-gains.min():.2f} dB")
+            lines.append(f"in {name}, {worse} of {len(gains)} frames lose, at most {-gains.min():.2f} dB")
         else:
-            told.append(f"in {name}, every one of the {len(gains)} frames gains, at least {gains.min():.3f} dB")
-    sentence = "; ".join(told)
+            lines.append(f"in {name}, every one of the {len(gains)} frames gains, at least {gains.min():.3f} dB")
+    sentence = "; ".join(lines)
     return f"{sentence[0].upper()}{sentence[1:]}."

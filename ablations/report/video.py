@@ -41,9 +41,9 @@ def speed_table(measured: pd.DataFrame) -> str:
         return UNMEASURED
     first = measured.iloc[0]
     loads = " and ".join(f"{load:g}" for load in measured["load_before"])
-    told = f"{first['run']}, {first['frames']} frames of {first['size']}, medians of {first['rounds']} rounds; "
-    told += f"{first['machine']}, commit {first['commit']}; load of the machine before: {loads}."
-    return f"{markdown(row_table(measured, read_layout('video_speed')))}\n{told}\n"
+    description = f"{first['run']}, {first['frames']} frames of {first['size']}, medians of {first['rounds']} rounds; "
+    description += f"{first['machine']}, commit {first['commit']}; load of the machine before: {loads}."
+    return f"{markdown(row_table(measured, read_layout('video_speed')))}\n{description}\n"
 
 
 def flicker_table(records: Sequence[Record]) -> str:

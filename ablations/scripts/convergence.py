@@ -102,8 +102,8 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
         enhancer = options.enhancer(pretrained, pretrained.reference_config, device)
         whole = enhancer.confidence is not None and enhancer.strength == 1
         left_out = extra.replace("_", " ")
-        told = " ".join(filter(None, (f"{Path(name).stem}{'' if whole else f'@{enhancer.strength:g}'}", left_out)))
-        made[told] = checkpoint_digest(find_checkpoint(name)), enhancer
+        label = " ".join(filter(None, (f"{Path(name).stem}{'' if whole else f'@{enhancer.strength:g}'}", left_out)))
+        made[label] = checkpoint_digest(find_checkpoint(name)), enhancer
     return made
 
 
@@ -316,16 +316,16 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
         InputError: weights or fits cannot be read, or what a method is made of is missing.
     """
     chosen = fits(cfg.runs) if cfg.methods else []
-    made = asked_methods(cfg, device)
-    for fit, method in ((fit, method) for fit in chosen for method in made.values()):
+    methods = asked_methods(cfg, device)
+    for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
             method.of(fit, step)  # what is missing is refused before anything is measured
     distances = asked_distances(cfg.lpips, cfg.backbones, device) if chosen else []
 
     def measure(fit: Path) -> Iterator[dict[str, object]]:
-        yield from rows(made, fit, distances, cfg.last)
+        yield from rows(methods, fit, distances, cfg.last)
         if cfg.pictures and scene_of(fit) in (*CREDITS, *ROLES["procedural"]):
-            for name, picture, text in extremes(made, fit):
+            for name, picture, text in extremes(methods, fit):
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
 
     def above(frame: pd.DataFrame, page: Path) -> list[str]:

@@ -159,10 +159,10 @@ def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[st
     warp = base.warp
     if not isinstance(warp, Reprojected):
         raise InputError("weights", "do not reproject their references", "give weights with alignment=reprojected")
-    known = [row for row in SEARCHED if row[1] in depths]
+    known_depths = [row for row in SEARCHED if row[1] in depths]
     return {
         name: replace(base, warp=Through(depths[kind], replace(warp, depth=how, smooth=smooth, consistent=consistent)))
-        for name, kind, how, smooth, consistent in known
+        for name, kind, how, smooth, consistent in known_depths
     }
 
 

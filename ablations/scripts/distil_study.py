@@ -67,9 +67,9 @@ def rows(
     about: dict[str, object] = {"role": role_of(one.capture), "scene": one.capture, "splat": one.splat}
     about |= {"seconds": one.seconds, "gaussians": one.gaussians}
     for view in enhanced_views(read_run(one.run), {method: enhancer}, distances):
-        where = {**about, "view": view.view.name}
-        yield {**where, "image": "render", "weights": "", **view.raw.metrics}
-        yield {**where, "image": method, "weights": digest, **view.results[method].measured.metrics}
+        row_key = {**about, "view": view.view.name}
+        yield {**row_key, "image": "render", "weights": "", **view.raw.metrics}
+        yield {**row_key, "image": method, "weights": digest, **view.results[method].measured.metrics}
 
 
 def gains(frame: pd.DataFrame) -> pd.DataFrame:

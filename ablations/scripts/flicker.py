@@ -160,7 +160,7 @@ def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record
     for variant, images in sequence.images.items():
         for t, error in enumerate(sequence_errors(images, sequence.places)):
             size = (images[t].shape[2], images[t].shape[1])
-            what = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
+            record_key = (run.name, scene_of(run), f"ours_{run_steps(run)[-1]}", f"path_{t:04d}.png", variant)
             extra: dict[str, float | None] = {}
             if variant in changed:
                 new, reordered = changed[variant][t]
@@ -170,7 +170,7 @@ def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record
             if "photo" in sequence.images and variant not in ("photo", "change"):
                 extra["psnr"] = float(peak_signal_noise_ratio(images[t], sequence.images["photo"][t], data_range=1.0))
             note = PROTOCOL if variant in ("raw", "photo") else f"{PROTOCOL}; weights {weights}"
-            yield Record("consistency", *what, {**_metrics(error), **extra}, _reasons(error), size, note)
+            yield Record("consistency", *record_key, {**_metrics(error), **extra}, _reasons(error), size, note)
 
 
 def compared(frame: pd.DataFrame) -> pd.DataFrame:

@@ -41,7 +41,7 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
         test: real renders of other scenes.
         cfg: conf/realism.yaml, composed.
     """
-    begun, worked = time.perf_counter(), time.process_time()
+    started, worked = time.perf_counter(), time.process_time()
     learn = cut_patches(simulated_pairs(train, row, cfg.seed), cfg.patch_size, cfg.patches, cfg.seed)
     pairs = list(simulated_pairs(test, row, cfg.seed + 1))
     judge = cut_patches(pairs, cfg.patch_size, cfg.patches, cfg.seed + 1)
@@ -53,7 +53,7 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
     found |= {"train_patches": 2 * len(learn), "train_views": len(learn.views), "train_scenes": learn.scenes}
     found |= {"test_scenes": judge.scenes, "test_renders": len(pairs)}
     found["distances"] = distances(pairs)
-    elapsed = {"simulation": simulated - begun, "tests": time.perf_counter() - simulated}
+    elapsed = {"simulation": simulated - started, "tests": time.perf_counter() - simulated}
     found["seconds"] = {**elapsed, "processor": time.process_time() - worked}
     return found
 

@@ -54,9 +54,9 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     with torch.no_grad():
         true = model.extractor(manual, real).grid.std((0, 2, 3))
         for name, sampler in SAMPLERS.items():
-            begun = time.perf_counter()
+            started = time.perf_counter()
             codes = model.sample(manual, sampler, spawn(len(manual), torch.Generator().manual_seed(1)))
-            seconds = time.perf_counter() - begun
+            seconds = time.perf_counter() - started
             made = model.combine(manual, codes, spawn(len(manual), torch.Generator().manual_seed(2))).clamp(0, 1)
             change = [float((image - photo).square().mean().sqrt()) for image in (made, real)]
             spread = float((codes.grid.std((0, 2, 3)) / true).mean())

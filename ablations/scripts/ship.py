@@ -27,8 +27,8 @@ def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, 
     """
     if not isinstance(network, Cascade):
         raise InputError("weights", f"are of {type(network).__name__}", "give those of a cascade with first=")
-    told = {name: first.card.get(name) for name in ("name", "run", "steps")}
-    return Cascade(first.network, network.second, network.colour_clamping), told
+    first_card = {name: first.card.get(name) for name in ("name", "run", "steps")}
+    return Cascade(first.network, network.second, network.colour_clamping), first_card
 
 
 def run(cfg: DictConfig) -> None:

@@ -106,8 +106,8 @@ def _panel(axis: Any, panel: Panel, names: Sequence[str], lines: dict[str, Any])
         x, y = [mark.x for mark in own], [mark.y for mark in own]
         spread = [[mark.x - (mark.low or mark.x) for mark in own], [(mark.high or mark.x) - mark.x for mark in own]]
         marker = MARKERS[number % len(MARKERS)]
-        how = {"color": f"C{number % 10}", "marker": marker, "markersize": 5, "linewidth": 1.4, "label": name}
-        lines.setdefault(name, axis.errorbar(x, y, xerr=spread, **how))
+        style = {"color": f"C{number % 10}", "marker": marker, "markersize": 5, "linewidth": 1.4, "label": name}
+        lines.setdefault(name, axis.errorbar(x, y, xerr=spread, **style))
     base = panel.baseline[1] if panel.baseline and panel.baseline[1] > 0 else None
     if panel.baseline and base:
         axis.axhline(base, color="grey", linestyle="--", linewidth=1.2)
@@ -129,8 +129,8 @@ def _name_points(axis: Any, points: Sequence[Point]) -> None:
         x, y = axis.transAxes.inverted().transform(axis.transData.transform((point.cost, point.error)))
         if all(math.hypot(x - other_x, y - other_y) > 0.12 for other_x, other_y in named):
             left = x > 0.6
-            how = {"textcoords": "offset points", "fontsize": 7, "ha": "right" if left else "left"}
-            axis.annotate(point.name, (point.cost, point.error), (-8 if left else 8, 6), **how)
+            style = {"textcoords": "offset points", "fontsize": 7, "ha": "right" if left else "left"}
+            axis.annotate(point.name, (point.cost, point.error), (-8 if left else 8, 6), **style)
             named.append((x, y))
 
 
@@ -199,8 +199,8 @@ def category_matrix(
     numbers = [[names.index(cells[row, c]) if (row, c) in cells else math.nan for c in columns] for row in rows]
     with plt.rc_context({**STYLE, "axes.grid": False, "font.size": 7}):
         figure, axis = plt.subplots(figsize=(2.5 + 0.35 * len(columns), 2 + 0.15 * len(rows)), layout="constrained")
-        how = {"cmap": ListedColormap(list(colours.values())), "vmin": -0.5, "vmax": len(names) - 0.5}
-        axis.pcolormesh(numbers, edgecolors="white", linewidth=1, **how)
+        style = {"cmap": ListedColormap(list(colours.values())), "vmin": -0.5, "vmax": len(names) - 0.5}
+        axis.pcolormesh(numbers, edgecolors="white", linewidth=1, **style)
         axis.set_xticks([i + 0.5 for i in range(len(columns))], columns, rotation=60, ha="left")
         axis.set_yticks([i + 0.5 for i in range(len(rows))], rows)
         axis.invert_yaxis()

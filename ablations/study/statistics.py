@@ -134,13 +134,13 @@ def _bca(units: list[ndarray], totals: Callable[[Sequence[ndarray]], ndarray], l
     counts = [len(one) for one in units]
     size, freedom = len(counts) / sum(1 / count for count in counts), sum(counts) - len(counts)
     tail = stats.norm.cdf(math.sqrt(size / (size - 1)) * stats.t.ppf((1 - level) / 2, freedom))
-    value, how = float(mean(*units)), {"n_resamples": DRAWS, "confidence_level": 1 - 2 * float(tail), "axis": -1}
+    value, options = float(mean(*units)), {"n_resamples": DRAWS, "confidence_level": 1 - 2 * float(tail), "axis": -1}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-        found = stats.bootstrap(units, mean, method="BCa", rng=np.random.default_rng(0), **how)
+        found = stats.bootstrap(units, mean, method="BCa", rng=np.random.default_rng(0), **options)
     low, high = float(found.confidence_interval.low), float(found.confidence_interval.high)
     if math.isnan(low) or math.isnan(high):  # every draw has the same mean, or the correction has no value
-        found = stats.bootstrap(units, mean, method="percentile", rng=np.random.default_rng(0), **how)
+        found = stats.bootstrap(units, mean, method="percentile", rng=np.random.default_rng(0), **options)
         low, high = float(found.confidence_interval.low), float(found.confidence_interval.high)
     return (value, value) if math.isnan(low) else (low, high)
 

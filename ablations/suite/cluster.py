@@ -114,8 +114,8 @@ def worker_count(cfg: DictConfig) -> int:
 def _client(cfg: DictConfig, workers: int) -> Client:
     """A client of the scheduler that the user names, or of a cluster of processes on this machine."""
     if not cfg.scheduler:
-        how = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
-        return _LocalClient(LocalCluster(n_workers=workers, **how))
+        options = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
+        return _LocalClient(LocalCluster(n_workers=workers, **options))
     try:
         return Client(str(cfg.scheduler), timeout=10)
     except OSError as error:

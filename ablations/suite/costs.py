@@ -73,8 +73,8 @@ def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int,
         size: its name.
         shape: height and width of the output, in pixels.
     """
-    how = {"shape": list(shape), "repeats": runs.cfg.scale.repeats, "machine": this_machine()}
-    return OmegaConf.create({"runs": runs.cfg.runs, "size": size, "train": dict(learnt), **how})
+    conditions = {"shape": list(shape), "repeats": runs.cfg.scale.repeats, "machine": this_machine()}
+    return OmegaConf.create({"runs": runs.cfg.runs, "size": size, "train": dict(learnt), **conditions})
 
 
 def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[Record, ...]:
@@ -96,9 +96,9 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
     seen.cache_clear()  # memory is that of a method's own inputs
-    where = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
+    device_label = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
-    protocol = f"{where}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
+    protocol = f"{device_label}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
     for method, timing in times.items():
         peak = peak_memory(_call(weights[method], shape, device, plane), device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}

@@ -177,8 +177,8 @@ def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: Metho
     """
     label = Label(images.run, cell.scene, cell.splat, method)
     wanted = {"label": vars(label), "images": str(images.folder), "photos": str(images.photos), "every": images.every}
-    how = {"protocol": PROTOCOL, "lpips": cfg.lpips, "backbones": cfg.backbones}
-    job = OmegaConf.create({"runs": cfg.runs, **wanted, **how})
+    conditions = {"protocol": PROTOCOL, "lpips": cfg.lpips, "backbones": cfg.backbones}
+    job = OmegaConf.create({"runs": cfg.runs, **wanted, **conditions})
     before = find_run(job, "measure_row")
     if before is not None and before.done:
         return read_records(before.folder / "records.jsonl")

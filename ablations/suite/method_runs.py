@@ -168,10 +168,10 @@ class Runs:
         """What determines a method's records in a cell; ``seed`` is None where it learns nothing."""
         choice = experiment.table.methods[method]
         learnt = "" if seed is None else self.train_digest(experiment, method, seed)
-        where = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
-        how = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
+        scene_keys = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
+        settings = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
         measured = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
-        values = {**where, "train": learnt, "weights": choice.weights, **how, **measured}
+        values = {**scene_keys, "train": learnt, "weights": choice.weights, **settings, **measured}
         return OmegaConf.create({"runs": self.cfg.runs, **values})
 
     def measurable(self) -> dict[str, bool]:
@@ -247,14 +247,14 @@ class Runs:
             settings |= {"upscale": choice.upscale, "render": choice.render}
             images = images_of(self.cfg, cell, method, OmegaConf.create(settings))
             label = Label(images.run, cell.scene, cell.splat, method)
-            how = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
-            how.runtime = self.cfg.runtime
+            measures = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
+            measures.runtime = self.cfg.runtime
             sources = {**images.sources, "fit": cell_fit.folder.name}
             if seed is not None:
                 sources["train"] = Path(weights).parent.name
             found = [
                 replace(one, seed=seed, sources=sources, weights=images.weights)
-                for one in measure_now(how, label, images)
+                for one in measure_now(measures, label, images)
             ]
             write_records(own.folder / "records.jsonl", found)
             where = {"images": str(images.folder), "photos": str(images.photos)}

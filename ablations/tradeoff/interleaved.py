@@ -180,9 +180,9 @@ def _measured(
     repeats = max(1, min(study.repeats, int(rounds)))
     times = timed(calls, repeats, 0, device)
     (target,) = view.targets
-    where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
-    protocol = f"{PROTOCOL}; {where}: median and quartiles of {repeats} interleaved repeats after a warm-up, "
+    protocol = f"{PROTOCOL}; {device_label}: median and quartiles of {repeats} interleaved repeats after a warm-up, "
     protocol += f"views in memory, references chosen and aligned anew; peak memory {memory}"
     for name, one in firsts.items():
         read: Callable[[], torch.Tensor] | None = target.read_fine_photo if study.finer else target.read_photo

@@ -71,9 +71,9 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
     errors: dict[str, tuple[float, float]] = {}
     for way, call in case.ways.items():
         try:
-            begun = time.perf_counter()
+            started = time.perf_counter()
             found = call().double()
-            spent += time.perf_counter() - begun
+            spent += time.perf_counter() - started
             errors[way] = errors_of(found, true)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
@@ -81,8 +81,10 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
     calls = {way: partial(_called, case.ways[way]) for way in errors}
     repeats = repeats if spent * repeats <= seconds else max(1, int(seconds / spent))
     times = timed(calls, repeats, 0, device)  # each was called once already
-    where = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
-    protocol = f"{where}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
+    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+    protocol = (
+        f"{device_label}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
+    )
     protocol += "the difference from float64 over that of float64's result"
     for way, (relative, largest) in errors.items():
         low, high = times[way].quartiles

@@ -118,7 +118,7 @@ class Unwarped:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        photos = [read().to(target.image.device) / 255 for read in _fine_reads(chosen)]
+        photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_reads(chosen)]
         fine = torch.stack([resize(photo, 4 * height, 4 * width) for photo in photos]) if photos else None
         return _aligned(target, warped, [reference.name for reference in chosen], fine)
 
@@ -189,15 +189,15 @@ class Reprojected:
         renders = [reference.render for reference in references]
         sources = [Source(*source) for source in zip(cameras, photos, renders, strict=True)]
         with torch.no_grad():
-            how = self.depth, self.smooth, self.consistent
-            depth = refine_depth(camera, target.depth, target.image, sources, *how)
+            search_options = self.depth, self.smooth, self.consistent
+            depth = refine_depth(camera, target.depth, target.image, sources, *search_options)
         rendered = target.depth
         if target.alpha is not None:  # says where holes are; they are filled once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
         warped, worth = [], []
         for i, (other, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
-            there = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
-            one = reproject(camera, depth, other, photo, *there)
+            warp_options = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
+            one = reproject(camera, depth, other, photo, *warp_options)
             if self.match_colour and exposures[i] is None:
                 exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
@@ -210,8 +210,8 @@ class Reprojected:
         reads, fine = _fine_reads([references[i] for i in order]), None
         if reads:
             fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
-            for i, read, result in zip(order, reads, fine, strict=True):
-                photo = read().to(target.image.device)
+            for i, read_photo, result in zip(order, reads, fine, strict=True):
+                photo = read_photo().to(target.image.device)
                 _warp_finely(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
         return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
@@ -254,9 +254,9 @@ def _warp_finely(
     for top in range(0, height, STRIP):
         rows = slice(top, min(top + STRIP, height))
         coarse = slice(top // 4, -(-rows.stop // 4))
-        shown = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
+        visibility = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
         strip = fine.cut(Region(top, 0, rows.stop, width))
-        finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=shown, footprint=step)
+        finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=step)
         _finish(finely, colours, warped.colour, top, result)
 
 
@@ -282,9 +282,9 @@ def _finish(
         from gaussian_enhancer.align.reproject_kernels import finish_fine
         from gaussian_enhancer.splat.compiled import kernel_lock
 
-        given = finely.colour, finely.visibility[0], colours, coarse
+        inputs = finely.colour, finely.visibility[0], colours, coarse
         with kernel_lock:
-            finish_fine(*map(array, given), top, result.numpy())
+            finish_fine(*map(array, inputs), top, result.numpy())
         return
     bottom = top + finely.colour.shape[-2]
     colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]

@@ -37,8 +37,8 @@ def shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, flo
     """
     height, width = seen.visibility.shape[-2:]
     total = float(height * width if alpha is None else alpha.clamp(0, 1).sum())
-    found = (seen.visibility.sum((1, 2, 3)) / max(total, 1e-6)).clamp(0, 1).tolist()
-    return dict(zip(seen.names, found, strict=True))
+    fractions = (seen.visibility.sum((1, 2, 3)) / max(total, 1e-6)).clamp(0, 1).tolist()
+    return dict(zip(seen.names, fractions, strict=True))
 
 
 def coarse(pixels: Pixels, edge: int = EDGE) -> Pixels:

@@ -12,8 +12,8 @@ from gaussian_enhancer.types import precise, usable
 
 def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
     """The median usable depth of each image, 1 where there is none: the length that counts as 1."""
-    known = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
-    return torch.nan_to_num(precise(known).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
+    known_depth = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
+    return torch.nan_to_num(precise(known_depth).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
 
 
 def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]) -> Float[Tensor, "b 1 h w"]:

@@ -141,8 +141,8 @@ def refine_depth(
         how = how if consistent else replace(how, inconsistency=0.0)
         z = fill_depth(depth).to(render.dtype)[..., :: how.stride, :: how.stride].contiguous()
         image = render[..., :: how.stride, :: how.stride].contiguous()
-        seen = [_seen(target, z, image, source, how) for source in sources]
-        change = (_search_compiled if compiled(z, image) else search)(z, image, seen, how)
+        source_differences = [_seen(target, z, image, source, how) for source in sources]
+        change = (_search_compiled if compiled(z, image) else search)(z, image, source_differences, how)
         change = _spread(change, how.stride, depth.shape[-2], depth.shape[-1])
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
     return depth
@@ -210,8 +210,8 @@ def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
     images = np.empty((sum(rows), 6), np.float32)
     for start, length, one in zip(starts, rows, seen, strict=True):
         count = one.projection.height * one.projection.width
-        place = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
-        pack(array(one.photo), array(one.render), array(one.colours), place)
+        pixels = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
+        pack(array(one.photo), array(one.render), array(one.colours), pixels)
         images[start + count : start + length] = 0
     return images, starts
 
@@ -230,11 +230,11 @@ def _seen(
     render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
     projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).strided(how.stride)
     landing = land(projection, z)
-    there = read_at(render, landing, (height, width), landing.inside)
-    colours = fit_colour(there, image, landing.inside).to(photo)
+    sampled = read_at(render, landing, (height, width), landing.inside)
+    colours = fit_colour(sampled, image, landing.inside).to(photo)
     counts = landing.inside
     if how.photo_consistency is not None:
-        fitted = Warped(_coloured(there, colours), counts)
+        fitted = Warped(_coloured(sampled, colours), counts)
         counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
     return _Seen(projection, photo, render, colours, counts)
 
@@ -250,9 +250,9 @@ def _spread(
     if stride == 1:
         return change
     for axis, side in ((1, height), (2, width)):
-        place = torch.arange(side, device=change.device)
-        before, after = place // stride, (place // stride + 1).clamp_max(change.shape[axis] - 1)
-        share = ((place % stride) / stride).to(change)
+        positions = torch.arange(side, device=change.device)
+        before, after = positions // stride, (positions // stride + 1).clamp_max(change.shape[axis] - 1)
+        share = ((positions % stride) / stride).to(change)
         share = share[:, None] if axis == 1 else share
         change = change.index_select(axis, before) * (1 - share) + change.index_select(axis, after) * share
     return change
@@ -261,8 +261,8 @@ def _spread(
 def _valley(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:
     """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
     index = cost.argmin(0, keepdim=True).clamp(1, len(steps) - 2)
-    before, here, after = (cost.gather(0, index + k)[0] for k in (-1, 0, 1))
-    curvature = before - 2 * here + after
+    before, centre, after = (cost.gather(0, index + k)[0] for k in (-1, 0, 1))
+    curvature = before - 2 * centre + after
     shift = torch.where(curvature > 1e-9, 0.5 * (before - after) / curvature.clamp_min(1e-9), 0.0).clamp(-1, 1)
     return steps[index[0]] + shift * (steps[1] - steps[0])
 

@@ -171,8 +171,8 @@ def _window_costs(column_cost, column_weight, left, right, area, steps, penalty,
 def _valley(mean, steps):
     """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
     index = min(max(int(np.argmin(mean)), 1), len(steps) - 2)
-    before, here, after = mean[index - 1], mean[index], mean[index + 1]
-    curvature = before - _F(2) * here + after
+    before, centre, after = mean[index - 1], mean[index], mean[index + 1]
+    curvature = before - _F(2) * centre + after
     shift = _F(0)
     if curvature > _F(1e-9):
         shift = min(max(_F(0.5) * (before - after) / curvature, _F(-1)), _F(1))

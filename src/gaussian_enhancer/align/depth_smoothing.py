@@ -61,11 +61,11 @@ def fitted(depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: 
         top, left = margin + dy * step, margin + dx * step
         return image[:, top : top + height, left : left + width]
 
-    here, colour = at(depth, 0, 0), at(render, 0, 0)
-    sums = [torch.zeros_like(here) for _ in range(9)]
+    centre, colour = at(depth, 0, 0), at(render, 0, 0)
+    sums = [torch.zeros_like(centre) for _ in range(9)]
     for dy in range(-REACH, REACH + 1):
         for dx in range(-REACH, REACH + 1):
-            beyond = (here / at(depth, dy, dx) - 1).clamp_max(FURTHEST)
+            beyond = (centre / at(depth, dy, dx) - 1).clamp_max(FURTHEST)
             contrast = (at(render, dy, dx) - colour).abs().mean(0, keepdim=True) / CONTRAST
             weight = 1 / ((1 + (beyond / SPREAD) ** 2) ** 2 * (1 + contrast**2))
             terms: tuple[Any, ...] = (1, dx, dy, dx * dx, dx * dy, dy * dy, beyond, dx * beyond, dy * beyond)
@@ -87,7 +87,7 @@ def _fitted_compiled(
 
     height, width = (side - 2 * REACH * step for side in depth.shape[-2:])
     result = depth.new_empty(1, height, width)
-    how = (np.float32(value) for value in (1 / SPREAD, 1 / (3 * CONTRAST), RIDGE, FURTHEST))
+    constants = (np.float32(value) for value in (1 / SPREAD, 1 / (3 * CONTRAST), RIDGE, FURTHEST))
     with kernel_lock:
-        fit_planes(array(depth[0]), array(render), step, REACH, *how, result[0].numpy())
+        fit_planes(array(depth[0]), array(render), step, REACH, *constants, result[0].numpy())
     return result

@@ -122,9 +122,9 @@ def depth_consistency(
     if not compiled(depth, seen):
         x, y, z, _ = _landing(projection, depth)
         rows, columns = seen.shape[-2:]
-        there = look_up(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[:, 0]
-        difference = (z - there) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
-        return torch.where(there > 0, torch.exp(-0.5 * difference**2), 1.0)
+        sampled_depth = look_up(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[:, 0]
+        difference = (z - sampled_depth) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
+        return torch.where(sampled_depth > 0, torch.exp(-0.5 * difference**2), 1.0)
     from gaussian_enhancer.align.reproject_kernels import check
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -180,8 +180,8 @@ def read_at(
         raise ValueError("8-bit images are read bilinearly")
     if not ((eight_bit or compiled(image)) and compiled(landing.x, where)):
         values = image.to(landing.x) if eight_bit else image
-        found = look_up(values, landing.x * across, landing.y * down, interpolation)[0]
-        return (found if interpolation == "bilinear" else found.clamp(0, 1)) * (where > 0)
+        samples = look_up(values, landing.x * across, landing.y * down, interpolation)[0]
+        return (samples if interpolation == "bilinear" else samples.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import read, read_cubic
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -207,8 +207,8 @@ def look_up(
     count, height, width = x.shape
     rows, columns = image.shape[-2:]
     grid = torch.stack([2 * x / columns - 1, 2 * y / rows - 1], dim=-1).view(1, count * height, width, 2)
-    read = F.grid_sample(image[None].to(grid.dtype), grid, mode=mode, padding_mode="border", align_corners=False)
-    return read.view(-1, count, height, width).transpose(0, 1)
+    samples = F.grid_sample(image[None].to(grid.dtype), grid, mode=mode, padding_mode="border", align_corners=False)
+    return samples.view(-1, count, height, width).transpose(0, 1)
 
 
 def compiled(*images: Tensor) -> bool:

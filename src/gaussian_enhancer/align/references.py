@@ -93,10 +93,10 @@ class Pool:
         return self._kept(index, fine)
 
     def _read_fine(self, index: int) -> UInt8[Tensor, "3 _ _"]:
-        read = self.views[index].read_fine_photo
-        if read is None:
+        read_photo = self.views[index].read_fine_photo
+        if read_photo is None:
             raise ValueError(f"reference {index} has no fine photo")
-        return torch.stack([channel.mul(255).round_().clamp_(0, 255).byte() for channel in read()])
+        return torch.stack([channel.mul(255).round_().clamp_(0, 255).byte() for channel in read_photo()])
 
     def _read(self, index: int, fine: bool) -> Pixels:
         view = self.views[index]

@@ -63,8 +63,8 @@ def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
         value, weight = levels[-1]
         total = F.avg_pool2d(weight, 2, ceil_mode=True, count_include_pad=False)
         mean = F.avg_pool2d(value * weight, 2, ceil_mode=True, count_include_pad=False)
-        known = total > 0
-        levels.append((torch.where(known, mean / total.clamp_min(1e-12), mean), known.to(depth.dtype)))
+        covered = total > 0
+        levels.append((torch.where(covered, mean / total.clamp_min(1e-12), mean), covered.to(depth.dtype)))
     filled = torch.where(levels[-1][1] > 0, levels[-1][0], torch.ones_like(levels[-1][0]))
     for value, weight in reversed(levels[:-1]):
         coarse = F.interpolate(filled, size=value.shape[-2:], mode="bilinear", align_corners=False)

@@ -36,10 +36,10 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
             u, v, z, _ = _landing(x, y, depth[y, x], matrix, offset, width, height, in_front)
             column = _nearest(u * (_F(wide) / width), wide)
             row = _nearest(v * (_F(high) / height), high)
-            there = seen[row, column]
-            difference = (z - there) / (tolerance * max(z, _TINY))
+            expected_depth = seen[row, column]
+            difference = (z - expected_depth) / (tolerance * max(z, _TINY))
             agrees = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)  # rounded up, it exceeds 1
-            result[y, x] = agrees if there > _ZERO else _ONE
+            result[y, x] = agrees if expected_depth > _ZERO else _ONE
 
 
 @inner

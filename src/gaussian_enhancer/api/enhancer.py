@@ -225,10 +225,10 @@ class Enhancer:
         if not known.views or not config.references or not isinstance(config.warp, Reprojected):
             return
         for view in targets:
-            for what, value in (("camera", view.camera), ("depth", view.read_depth)):
+            for name, value in (("camera", view.camera), ("depth", view.read_depth)):
                 if value is None:
-                    remedy = f"give {what}=, or references=[] to enhance from the render alone"
-                    raise InputError(view.name, f"has references but no {what} to reproject them by", remedy)
+                    remedy = f"give {name}=, or references=[] to enhance from the render alone"
+                    raise InputError(view.name, f"has references but no {name} to reproject them by", remedy)
         without_camera = next((view.name for view in known.views if view.camera is None), None)
         if without_camera is not None:
             raise InputError(f"reference {without_camera}", "has no camera", "give Reference(photo, camera, ...)")

@@ -104,13 +104,13 @@ def enhance_folder(
         task = with_geometry(task, pretrained, settings, Path(output) / "geometry")
     enhancer, task, validated = prepared(pretrained, task, settings, target_device)
     planner = validated.planner(settings.rules)
-    for read in file_reads(validated, False, planner, False):
-        read()
+    for read_file in file_reads(validated, False, planner, False):
+        read_file()
     for reason in filter(None, (task.note, *validated.lacks, *lost_references(enhancer, task, validated))):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
-    written = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
-    return tuple(Path(output) / view.name for view in written)
+    enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)
+    return tuple(Path(output) / view.name for view in enhanced)
 
 
 def _fine_photos(

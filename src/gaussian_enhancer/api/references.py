@@ -50,13 +50,13 @@ class Reference:
         photo_size = _size(self.photo, "photo", self.name)
         if self.camera is not None:
             sized_camera(self.camera, *photo_size, f"camera of reference {self.name}".rstrip())
-        for what, image in (("render", self.render), ("depth", self.depth)):
+        for name, image in (("render", self.render), ("depth", self.depth)):
             if image is not None:
-                size = _size(image, what, self.name)
+                size = _size(image, name, self.name)
                 if not _same_aspect(photo_size, size):
                     received = f"is {size[1]}x{size[0]} for a photo of {photo_size[1]}x{photo_size[0]}"
                     raise InputError(
-                        f"{what} of reference {self.name}".rstrip(), received, "give it in the same aspect"
+                        f"{name} of reference {self.name}".rstrip(), received, "give it in the same aspect"
                     )
 
 

@@ -56,8 +56,8 @@ def run(cfg: DictConfig) -> float | None:
     planner = validated.planner(rules)
     hidden = hides_progress(cfg, console)
     reads = file_reads(validated, not cfg.output, planner, cfg.dry_run)
-    for read in track(reads, "reading", console=console, disable=hidden):
-        read()
+    for read_file in track(reads, "reading", console=console, disable=hidden):
+        read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
     notes = validated.lacks if rules.full and not cfg.dry_run else (plan.table(),)
     _print([task.note, *notes], Console() if cfg.dry_run else console)

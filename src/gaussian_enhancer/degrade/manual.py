@@ -26,12 +26,12 @@ def degrade(view: View, steps: Sequence[Sequence[ArtefactStep]], generators: Seq
         generators: one source of randomness for each sample.
     """
     seeds = [int(torch.randint(2**62, (), generator=generator)) for generator in generators]
-    for place in range(max((len(one) for one in steps), default=0)):
-        here = [one[place] if place < len(one) else None for one in steps]
-        for name in dict.fromkeys(step.type for step in here if step is not None):
-            chosen = [i for i, step in enumerate(here) if step is not None and step.type == name]
-            taken = [step for step in here if step is not None and step.type == name]
-            view = _apply(view, chosen, taken, [named(name, seeds[i]) for i in chosen])
+    for position in range(max((len(one) for one in steps), default=0)):
+        current = [one[position] if position < len(one) else None for one in steps]
+        for name in dict.fromkeys(step.type for step in current if step is not None):
+            chosen = [i for i, step in enumerate(current) if step is not None and step.type == name]
+            same_type = [step for step in current if step is not None and step.type == name]
+            view = _apply(view, chosen, same_type, [named(name, seeds[i]) for i in chosen])
     return view
 
 

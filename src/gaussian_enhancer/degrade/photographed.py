@@ -88,20 +88,20 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographe
         InputError: there is no such view, or it has no photo.
     """
     views = {view.name: view for view in rendered.targets}
-    found = next((v for v in rendered.targets if name in (None, v.name, Path(v.name).stem)), None)
-    if found is None:
+    target = next((v for v in rendered.targets if name in (None, v.name, Path(v.name).stem)), None)
+    if target is None:
         raise InputError("view", f"is {name!r}, which {rendered.name} does not hold out", f"choose {_listed(views)}")
-    if found.read is None or found.read_photo is None:
-        raise InputError(f"{rendered.name}, {found.name}", "has no photo beside its render", "name a run that kept gt")
-    depth, alpha = (None if read is None else read() for read in (found.read_depth, found.read_alpha))
+    if target.read is None or target.read_photo is None:
+        raise InputError(f"{rendered.name}, {target.name}", "has no photo beside its render", "name a run that kept gt")
+    depth, alpha = (None if read is None else read() for read in (target.read_depth, target.read_alpha))
     origin = {
         "Run": rendered.name,
-        "Photo": f"held-out view {found.name}",
+        "Photo": f"held-out view {target.name}",
         "Depth": "unknown" if depth is None else "rendered",
         "Opacity": "unknown" if alpha is None else "rendered",
     }
-    label = f"{rendered.name}-{Path(found.name).stem}"
-    return Photographed(label, _view(found.read_photo(), depth, alpha), found.read()[None], origin)
+    label = f"{rendered.name}-{Path(target.name).stem}"
+    return Photographed(label, _view(target.read_photo(), depth, alpha), target.read()[None], origin)
 
 
 def _colour(values: Sequence[object]) -> tuple[float, float, float]:

@@ -107,13 +107,15 @@ class _Work:
         self.views: EnhancedViews | None = None
         self.smoothing = self.first.gaussians.smoothing
         self.step = 0
-        held = load_checkpoint(folder, self._identity())
-        self.optimiser = self._optimiser(self.first.gaussians if held is None else Gaussians(**held["splat"]))
-        if held is not None:
-            device, smoothing = self.first.gaussians.means.device, held["splat"]["smoothing"]
-            self.optimiser.restore({name: value.to(device) for name, value in held["optimiser"].items()})
+        checkpoint = load_checkpoint(folder, self._identity())
+        self.optimiser = self._optimiser(
+            self.first.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"])
+        )
+        if checkpoint is not None:
+            device, smoothing = self.first.gaussians.means.device, checkpoint["splat"]["smoothing"]
+            self.optimiser.restore({name: value.to(device) for name, value in checkpoint["optimiser"].items()})
             self.smoothing = None if smoothing is None else smoothing.to(device)
-            self.step = held["step"]
+            self.step = checkpoint["step"]
 
     def begin_round(self) -> Iterator[int]:
         """Make the enhanced views of the present round that are not on disk yet; yields the number of each."""
@@ -130,8 +132,8 @@ class _Work:
 
     def advance(self) -> tuple[Tensor, Tensor]:
         """One step; returns the loss and the difference of render and image."""
-        drawn = torch.rand((), generator=self._generator(self.step, 1)).item()
-        on_view = self.views is not None and drawn < self.settings.share
+        chance = torch.rand((), generator=self._generator(self.step, 1)).item()
+        on_view = self.views is not None and chance < self.settings.share
         loss, difference = self._view_loss() if on_view else self._photo_loss()
         loss.backward()
         self.optimiser.step(self.step)
@@ -154,8 +156,8 @@ class _Work:
     def _photo_loss(self) -> tuple[Tensor, Tensor]:
         """Every photo once before any comes again, in an order that seed and turn determine."""
         count = len(self.photos)
-        turn, place = divmod(self.step, count)
-        number = int(torch.randperm(count, generator=self._generator(turn, 2))[place])
+        turn, position = divmod(self.step, count)
+        number = int(torch.randperm(count, generator=self._generator(turn, 2))[position])
         colour, target = self._colour(self.photos.cameras[number]), self.photos.target(number)
         loss = photometric_loss(colour, target, self.settings.ssim_weight)
         return loss, colour.detach() - target.photo
@@ -168,19 +170,19 @@ class _Work:
         colour = self._colour(self.views.cameras[number])
         pulled = self.settings.weight * confidence
         # The value of the loss stays; its gradient is scaled pixel by pixel.
-        shown = pulled * colour + (1 - pulled) * colour.detach()
-        loss = photometric_loss(shown, prepare(image), self.settings.ssim_weight)
+        weighted = pulled * colour + (1 - pulled) * colour.detach()
+        loss = photometric_loss(weighted, prepare(image), self.settings.ssim_weight)
         return loss, colour.detach() - image
 
     def _colour(self, camera: Camera) -> Float[Tensor, "3 h w"]:
         gaussians = dataclasses.replace(self.optimiser.gaussians(), smoothing=self.smoothing)
-        how = self.first.method, self.first.background
-        return render(gaussians, camera, *how, near=self.first.near).colour
+        render_options = self.first.method, self.first.background
+        return render(gaussians, camera, *render_options, near=self.first.near).colour
 
     def _optimiser(self, gaussians: Gaussians) -> SplatOptimiser:
-        there = gaussians.to(self.first.gaussians.means.device)
+        on_device = gaussians.to(self.first.gaussians.means.device)
         extent = camera_extent(self.photos.cameras)
-        return SplatOptimiser(there, self.settings.rates, extent, self.settings.steps, float(self.settings.fade))
+        return SplatOptimiser(on_device, self.settings.rates, extent, self.settings.steps, float(self.settings.fade))
 
     def _smooth(self) -> None:
         if isinstance(self.first.method, MipSplatting):
@@ -192,5 +194,5 @@ class _Work:
 
     def _identity(self) -> str:
         """What a checkpoint must agree on to be continued."""
-        told = f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
-        return f"{told}, {self.made_of}" if self.made_of else told
+        description = f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
+        return f"{description}, {self.made_of}" if self.made_of else description

@@ -67,9 +67,9 @@ class EnhancedViews:
             target = read_target(view).on(enhancer.device)
             aligned = enhancer.reference_config.align(target, view, pool)
             image = enhancer.enhance(join(target, aligned), aligned.names)[0]
-            shown = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
+            visibility = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
             write_image(self._image(index), image)
-            _write_grey(self._confidence(index), shown.amax(0))
+            _write_grey(self._confidence(index), visibility.amax(0))
             yield index
 
     def _image(self, index: int) -> Path:

@@ -65,8 +65,8 @@ class Pruned:
 
     def __str__(self) -> str:
         removed = int((~self.kept).sum())
-        told = f"{removed} of {len(self.kept)} Gaussians removed as floaters, {self.suspected} suspected"
-        return f"{told}; training PSNR {self.before:.3f} -> {self.after:.3f} dB"
+        text = f"{removed} of {len(self.kept)} Gaussians removed as floaters, {self.suspected} suspected"
+        return f"{text}; training PSNR {self.before:.3f} -> {self.after:.3f} dB"
 
 
 def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSettings) -> Pruned:
@@ -101,37 +101,37 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     tried = {max(1, round(share * count)) for share in SHARES} if count else set()
     results = {number: _psnr(_without(renderer, order[:number]), photos) for number in sorted(tried)}
     best = max(results, key=results.__getitem__, default=0)
-    kept = torch.ones_like(suspects)
+    kept_mask = torch.ones_like(suspects)
     if not best or results[best] < before - settings.loss:
-        return Pruned(kept, count, before, before)
-    kept[order[:best]] = False
-    return Pruned(kept, count, before, results[best])
+        return Pruned(kept_mask, count, before, before)
+    kept_mask[order[:best]] = False
+    return Pruned(kept_mask, count, before, results[best])
 
 
 def _without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
-    kept = torch.ones(len(renderer.gaussians), dtype=torch.bool, device=index.device)
-    kept[index] = False
-    return replace(renderer, gaussians=renderer.gaussians[kept])
+    kept_mask = torch.ones(len(renderer.gaussians), dtype=torch.bool, device=index.device)
+    kept_mask[index] = False
+    return replace(renderer, gaussians=renderer.gaussians[kept_mask])
 
 
 def _gains(renderer: SplatRenderer, photos: Sequence[Photo]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """By how much the squared error falls without each Gaussian, and how far views agree on it, from -1 to 1."""
     first = torch.zeros_like(renderer.gaussians.opacity_logits)
     absolute, second = torch.zeros_like(first), torch.zeros_like(first)
-    held = (1 - renderer.gaussians.opacity_logits.sigmoid()).clamp_min(1e-6)
+    transmittance = (1 - renderer.gaussians.opacity_logits.sigmoid()).clamp_min(1e-6)
     generator = torch.Generator().manual_seed(0)
     for camera, photo in _posed(photos):
         logits = renderer.gaussians.opacity_logits.clone().requires_grad_()
         shown = replace(renderer.gaussians, opacity_logits=logits)
-        drawn = render(shown, camera, renderer.method, renderer.background, near=renderer.near).colour
-        error = (drawn - photo.read().to(drawn)).square().sum()
+        colour = render(shown, camera, renderer.method, renderer.background, near=renderer.near).colour
+        error = (colour - photo.read().to(colour)).square().sum()
         (fall,) = torch.autograd.grad(error, logits, retain_graph=True)
-        first += fall / held
-        absolute += (fall / held).abs()
+        first += fall / transmittance
+        absolute += (fall / transmittance).abs()
         for _ in range(PROBES):
-            signs = (2 * torch.randint(2, drawn.shape, generator=generator) - 1).to(drawn)
-            (change,) = torch.autograd.grad((drawn * signs).sum(), logits, retain_graph=True)
-            second += (change / held).square() / PROBES
+            signs = (2 * torch.randint(2, colour.shape, generator=generator) - 1).to(colour)
+            (change,) = torch.autograd.grad((colour * signs).sum(), logits, retain_graph=True)
+            second += (change / transmittance).square() / PROBES
     return first - second, first / absolute.clamp_min(1e-12)
 
 
@@ -144,10 +144,10 @@ def _seen_through(
     centres = places.cpu()
     for camera, _ in _posed(photos):
         surface = renderer(camera).surface[0]
-        depth, there, inside = _projected(centres, camera, renderer.near)
-        found = torch.where(inside, surface.flatten()[there], 0.0)
-        through += (found > depth * (1 + margin)) & inside
-        met += (found > depth * (1 - margin)) & (found <= depth * (1 + margin)) & inside
+        depth, pixel, inside = _projected(centres, camera, renderer.near)
+        surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
+        through += (surface_depth > depth * (1 + margin)) & inside
+        met += (surface_depth > depth * (1 - margin)) & (surface_depth <= depth * (1 + margin)) & inside
     return through.to(places), met.to(places)
 
 

@@ -154,15 +154,15 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
     image, render, photos, visibility = (
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
     )
-    seen, change = (visibility > 0).float(), image - render
-    apart = (photos - render[:, None]) * seen
-    own = apart
+    visible, change = (visibility > 0).float(), image - render
+    apart = (photos - render[:, None]) * visible
+    differences = apart
     if views.reference_renders is not None:
-        own = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * seen
-    vectors = torch.cat([change[:, None], render[:, None], change[:, None] * seen, apart, own], dim=1)
+        differences = (photos - views.reference_renders[..., ::STEP, ::STEP].float()) * visible
+    vectors = torch.cat([change[:, None], render[:, None], change[:, None] * visible, apart, differences], dim=1)
     strips = [_products(vectors[..., y : y + STRIP * SAMPLES, :]) for y in range(0, vectors.shape[-2], STRIP * SAMPLES)]
     of_means, of_details = (torch.cat(parts, dim=-2) for parts in zip(*strips, strict=True))
-    share = _pooled(seen.flatten(0, 1)).unflatten(0, seen.shape[:2])[:, :, 0]
+    share = _pooled(visible.flatten(0, 1)).unflatten(0, visible.shape[:2])[:, :, 0]
     return of_means, of_details, share, _pooled(change)
 
 
@@ -174,15 +174,15 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     batch, count, _, height, width = views.references.shape
     vectors, size = 2 + 3 * count, (-(-height // BLOCK), -(-width // BLOCK))
     means, details = enhanced.new_empty(2, batch, vectors, vectors, *size)
-    seen, change = enhanced.new_empty(batch, count, *size), enhanced.new_empty(batch, 3, *size)
-    drawn = views.reference_renders is not None
+    visible, change = enhanced.new_empty(batch, count, *size), enhanced.new_empty(batch, 3, *size)
+    has_renders = views.reference_renders is not None
     renders = views.references if views.reference_renders is None else views.reference_renders
-    given = enhanced, views.render, views.references, renders, views.visibility
+    inputs = enhanced, views.render, views.references, renders, views.visibility
     with kernel_lock:
         for b in range(batch):
-            written = (one[b].numpy() for one in (means, details, seen, change))
-            kernel(*(array(one[b]) for one in given), np.float32(drawn), BLOCK, STEP, *written)
-    return means, details, seen, change
+            outputs = (one[b].numpy() for one in (means, details, visible, change))
+            kernel(*(array(one[b]) for one in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
+    return means, details, visible, change
 
 
 def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:

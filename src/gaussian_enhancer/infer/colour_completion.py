@@ -45,20 +45,20 @@ def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> 
     Returns:
         Colours that may leave [0, 1] slightly.
     """
-    seen = views.visibility.amax(1).float() if views.visibility.shape[1] else torch.zeros_like(views.render[:, :1])
-    if not bool((seen > 0).any()):
+    visible = views.visibility.amax(1).float() if views.visibility.shape[1] else torch.zeros_like(views.render[:, :1])
+    if not bool((visible > 0).any()):
         return enhanced
     size = enhanced.shape[-2:]
     cells = [max(1, round(side * min(1.0, GRID / max(size)))) for side in size]
     render, change, weight = (
-        F.interpolate(image.float(), cells, mode="area") for image in (views.render, enhanced - views.render, seen)
+        F.interpolate(image.float(), cells, mode="area") for image in (views.render, enhanced - views.render, visible)
     )
     matrix, offset = _colour_model(render, change, weight)
-    unseen = (1 - _blurred(weight, EDGE)) * (seen.flatten(1).amax(1) > 0)[:, None, None, None]
+    unseen = (1 - _blurred(weight, EDGE)) * (visible.flatten(1).amax(1) > 0)[:, None, None, None]
     model = torch.cat([matrix.flatten(1, 2), offset - _blurred(change, SMOOTH), unseen], dim=1)
-    opaque = torch.ones_like(seen) if views.alpha is None else (views.alpha / OPAQUE).clamp(max=1)
-    how = completed_compiled if compiled(enhanced, views.render, opaque, model) else completed
-    return how(enhanced, views.render, opaque, model)
+    opaque = torch.ones_like(visible) if views.alpha is None else (views.alpha / OPAQUE).clamp(max=1)
+    complete = completed_compiled if compiled(enhanced, views.render, opaque, model) else completed
+    return complete(enhanced, views.render, opaque, model)
 
 
 def completed(
@@ -101,8 +101,8 @@ def completed_compiled(
     result = torch.empty_like(enhanced, memory_format=torch.contiguous_format)
     with kernel_lock:
         for b, image in enumerate(result):
-            given = array(enhanced[b]), array(render[b]), array(opaque[b, 0]), array(model[b])
-            complete(*given, image.numpy())
+            inputs = array(enhanced[b]), array(render[b]), array(opaque[b, 0]), array(model[b])
+            complete(*inputs, image.numpy())
     return result
 
 
@@ -122,22 +122,22 @@ def _affine(
 ) -> tuple[Float[Tensor, "b 3 3 i j"], Float[Tensor, "b 3 i j"]]:
     """The weighted least-squares fit of the change by the render's colour, over the windows of an average."""
     mass = averaged(weight).clamp_min(1e-6)
-    colour, moved = averaged(render * weight) / mass, averaged(change * weight) / mass
+    colour, mean_change = averaged(render * weight) / mass, averaged(change * weight) / mass
     pairs = torch.cat([render, change], dim=1)[:, :, None] * render[:, None]
     second = averaged((pairs * weight[:, None]).flatten(1, 2)).unflatten(1, (6, 3)) / mass[:, None]
     covariance = second[:, :3] - colour[:, :, None] * colour[:, None]
-    cross = second[:, 3:] - moved[:, :, None] * colour[:, None]
+    cross = second[:, 3:] - mean_change[:, :, None] * colour[:, None]
     regular = covariance.permute(0, 3, 4, 1, 2) + REGULARISATION * torch.eye(3).to(covariance)
     matrix = torch.linalg.solve(regular, cross.permute(0, 3, 4, 2, 1)).permute(0, 4, 3, 1, 2)
-    return matrix, moved - (matrix * colour[:, None]).sum(2)
+    return matrix, mean_change - (matrix * colour[:, None]).sum(2)
 
 
 def _blurred(image: Float[Tensor, "b c i j"], deviation: float) -> Float[Tensor, "b c i j"]:
     """The image under a Gaussian, continued by its border. Kornia has the same, but takes 0.7 s to import."""
-    reach = int(3 * deviation)
-    place = torch.arange(-reach, reach + 1, dtype=image.dtype, device=image.device)
-    window = torch.exp(-place.square() / (2 * deviation**2))
+    radius = int(3 * deviation)
+    offsets = torch.arange(-radius, radius + 1, dtype=image.dtype, device=image.device)
+    window = torch.exp(-offsets.square() / (2 * deviation**2))
     window = (window / window.sum()).expand(image.shape[1], 1, 1, -1)
-    padded = F.pad(image, (reach, reach, reach, reach), mode="replicate")
+    padded = F.pad(image, (radius, radius, radius, radius), mode="replicate")
     rows = F.conv2d(padded, window, groups=image.shape[1])
     return F.conv2d(rows, window.transpose(2, 3), groups=image.shape[1])

@@ -185,9 +185,9 @@ class SetEnhancer:
         """Enhance each target by itself; yield it with the target's pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-        kept = None
+        cached = None
         if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
-            kept = ReferenceFeatures(self.network) if features is None else features
+            cached = ReferenceFeatures(self.network) if features is None else features
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)
@@ -196,11 +196,11 @@ class SetEnhancer:
                 yield self._in_parts(view, target, planner, plan, started), target
                 continue
             chosen = None if planner is None or plan is None else planner.chosen(plan)
-            moved = target.on(self.device)
-            aligned = self.reference_config.align(moved, view, pool, chosen)
+            on_device = target.on(self.device)
+            aligned = self.reference_config.align(on_device, view, pool, chosen)
             prepared = time.perf_counter()
-            views = join(moved, aligned)
-            image = self.enhance(views, aligned.names, kept)[0]
+            views = join(on_device, aligned)
+            image = self.enhance(views, aligned.names, cached)[0]
             ended = time.perf_counter()
             times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
             coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
@@ -218,18 +218,18 @@ class SetEnhancer:
         names: tuple[str, ...] = ()
         enhancing, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
         for region in plan.regions or ():
-            seen = region.grown(planner.rules.margin, height, width)
-            part = cut_pixels(target, seen).on(self.device)
+            grown = region.grown(planner.rules.margin, height, width)
+            part = cut_pixels(target, grown).on(self.device)
             aligned = self.reference_config.align(
                 part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen
             )
             prepared = time.perf_counter()
             enhanced = self.enhance(join(part, aligned, unit), aligned.names)[0]
             enhancing += time.perf_counter() - prepared
-            region.cut(image, scale).copy_(region.within(seen).cut(enhanced, scale))
+            region.cut(image, scale).copy_(region.within(grown).cut(enhanced, scale))
             names = names or aligned.names
             if coverage is not None:
-                region.cut(coverage).copy_(region.within(seen).cut(aligned.visibility.sum(0).cpu()))
+                region.cut(coverage).copy_(region.within(grown).cut(aligned.visibility.sum(0).cpu()))
         preparing = time.perf_counter() - started - enhancing
         return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan, coverage)
 
@@ -300,10 +300,10 @@ def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: 
     """
     if not _same_place(target.camera, pool.views[number].camera):
         return False
-    own, render = pool.read(number), target.image
-    photo = resize(own.image, *render.shape[-2:]).to(render)
-    if own.exposure is not None:
-        photo = apply_colour(photo, own.exposure.to(photo))
+    fitted_photo, render = pool.read(number), target.image
+    photo = resize(fitted_photo.image, *render.shape[-2:]).to(render)
+    if fitted_photo.exposure is not None:
+        photo = apply_colour(photo, fitted_photo.exposure.to(photo))
     before, after = ((image.to(photo) - photo).square().mean() for image in (render, enhanced))
     return bool(before < after)
 

@@ -204,13 +204,13 @@ def export_network(
         require_onnx()
     signature = signature_of(pretrained, references)
     program = traced(pretrained, signature)
-    told = json.dumps(dataclasses.asdict(signature))
+    metadata = json.dumps(dataclasses.asdict(signature))
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         if form == "onnx":
-            _write_onnx(program, signature, told, temporary)
+            _write_onnx(program, signature, metadata, temporary)
         else:
-            torch.export.save(program, temporary, extra_files={METADATA: told})
+            torch.export.save(program, temporary, extra_files={METADATA: metadata})
     inputs = example(signature, 4 * signature.stride, 7 * signature.stride, seed=1)
     with torch.no_grad():
         expected = Program(pretrained.network, signature.inputs)(*inputs.values())
@@ -275,7 +275,7 @@ def load_program(path: Path) -> LoadedProgram:
         import onnxruntime
 
         session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-        told = session.get_modelmeta().custom_metadata_map.get(METADATA)
+        metadata = session.get_modelmeta().custom_metadata_map.get(METADATA)
 
         def run(inputs: Mapping[str, Tensor]) -> Tensor:
             taken = {value.name for value in session.get_inputs()}
@@ -285,7 +285,7 @@ def load_program(path: Path) -> LoadedProgram:
     elif path.suffix == ENDINGS["torch_export"]:
         files = {METADATA: ""}
         module = torch.export.load(path, extra_files=files).module()
-        told = files[METADATA]
+        metadata = files[METADATA]
 
         def run(inputs: Mapping[str, Tensor]) -> Tensor:
             with torch.no_grad():
@@ -294,7 +294,7 @@ def load_program(path: Path) -> LoadedProgram:
 
     else:
         raise InputError(path, "is no exported program", "give a file that ends in .onnx or .pt2")
-    if not told:
+    if not metadata:
         raise InputError(path, "does not say what it takes", "export it again with gaussian-enhancer export")
-    values = json.loads(told)
+    values = json.loads(metadata)
     return LoadedProgram(Signature(**{**values, "inputs": tuple(values["inputs"])}), run)

@@ -98,14 +98,14 @@ class EnhancementOptions:
             InputError: an option is out of range, or does not suit the weights.
         """
         confidence = pretrained.confidence if self.confidence else None
-        own = pretrained.strength if confidence is None else 1.0
+        own_strength = pretrained.strength if confidence is None else 1.0
         enhancer = SetEnhancer(
             pretrained.network,
             reference_config,
             device,
             self.precision,
             self.tile,
-            strength=own if self.strength is None else float(self.strength),
+            strength=own_strength if self.strength is None else float(self.strength),
             temporal_smoothing=float(self.temporal_smoothing),
             colour_clamping=int(self.colour_clamping),
             colour_completion=self.colour_completion,

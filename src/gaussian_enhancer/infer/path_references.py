@@ -40,7 +40,7 @@ class PathReferences(ReferenceConfig):
         if not self.references:
             return ()
         before = [index for index, one in enumerate(pool.views) if one.name in self.kept]
-        how = {"depth": target.depth, "kept": before, "hysteresis": self.hysteresis}
-        found = rank_references(view, pool.views, self.candidates, **how)  # type: ignore[arg-type]
-        self.kept[:] = [pool.views[index].name for index in found]
-        return found
+        ranking = {"depth": target.depth, "kept": before, "hysteresis": self.hysteresis}
+        ranked = rank_references(view, pool.views, self.candidates, **ranking)  # type: ignore[arg-type]
+        self.kept[:] = [pool.views[index].name for index in ranked]
+        return ranked

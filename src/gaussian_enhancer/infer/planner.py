@@ -64,22 +64,22 @@ class Planner:
 
     def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
         height, width = target.image.shape[-2:]
-        plan, warp, seen, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
+        plan, warp, coarse_view, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
         if self.reference_config.references and not self.reference_config.reaches(view):
             return replace(plan, references=())
         if self.reference_config.references and not isinstance(warp, Reprojected):
             return plan  # references that are not warped belong to the whole image
         if self.rules.tiles == "auto":
-            found = ~background_blocks(target.image, self.background, self.rules.tolerance)
-            needed = None if bool(found.all()) else found
+            foreground = ~background_blocks(target.image, self.background, self.rules.tolerance)
+            needed = None if bool(foreground.all()) else foreground
         looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
         if isinstance(warp, Reprojected) and self.reference_config.references and looking:
             indices = self.reference_config.nearest(target, view, self.pool)
             small = coarse(target)
-            seen = coarse_visibility(warp, small, [self._reference(index) for index in indices])
+            coarse_view = coarse_visibility(warp, small, [self._reference(index) for index in indices])
             if self.rules.references == "auto":
-                plan = self._with_references(plan, shares(seen, small.alpha))
-        return plan if needed is None else replace(plan, regions=self._regions(needed, seen, height, width))
+                plan = self._with_references(plan, shares(coarse_view, small.alpha))
+        return plan if needed is None else replace(plan, regions=self._regions(needed, coarse_view, height, width))
 
     def _reference(self, index: int) -> Pixels:
         """A reference on a coarse grid, which stays in memory."""
@@ -90,9 +90,9 @@ class Planner:
     def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:
         """The plan with the best candidates that see enough."""
         enough = [name for name, share in found.items() if share >= self.rules.share]
-        taken = tuple(enough[: self.reference_config.references])
-        left = {name: round(share, 4) for name, share in found.items() if name not in taken}
-        return replace(plan, references=taken, left_out=left)
+        used = tuple(enough[: self.reference_config.references])
+        left = {name: round(share, 4) for name, share in found.items() if name not in used}
+        return replace(plan, references=used, left_out=left)
 
     def _regions(
         self, needed: Bool[Tensor, "i j"], seen: Aligned | None, height: int, width: int
@@ -100,9 +100,9 @@ class Planner:
         """The regions that are enhanced; None where they are nearly all of the image."""
         if seen is not None:
             needed = needed | self._contradicted(seen, *needed.shape)
-        found = regions_of(needed, height, width, self.rules.margin)
-        cost = sum(region.grown(self.rules.margin, height, width).area for region in found)
-        return None if cost > WHOLE * height * width else found
+        regions = regions_of(needed, height, width, self.rules.margin)
+        cost = sum(region.grown(self.rules.margin, height, width).area for region in regions)
+        return None if cost > WHOLE * height * width else regions
 
     def _contradicted(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
         """Blocks where a reference shows something that is not the background."""

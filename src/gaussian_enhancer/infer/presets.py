@@ -93,7 +93,7 @@ def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: f
     if best is None:
         received = f"is {budget:g}, and the fastest setting, {chosen.name}, takes {expected:.0f} ms for this size here"
         raise InputError("budget_ms", received, f"give {expected * 1.1:.0f} or more, or enhance smaller images")
-    words = " ".join((f"weights={chosen.weights}", *chosen.enhance))
-    told = f"budget_ms={budget:g}: {chosen.name} ({words}), {expected:.0f} ms an image expected: "
-    told += f"{chosen.milliseconds:.0f} ms/MP as recorded x {megapixels:.3f} MP x {speed:.2f}, the times of this "
-    return chosen, told + f"machine over those of {chosen.machine}"
+    settings = " ".join((f"weights={chosen.weights}", *chosen.enhance))
+    line = f"budget_ms={budget:g}: {chosen.name} ({settings}), {expected:.0f} ms an image expected: "
+    line += f"{chosen.milliseconds:.0f} ms/MP as recorded x {megapixels:.3f} MP x {speed:.2f}, the times of this "
+    return chosen, line + f"machine over those of {chosen.machine}"

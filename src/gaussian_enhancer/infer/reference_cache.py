@@ -39,12 +39,12 @@ class ReferenceFeatures:
         """
         if not names:
             return None
-        own = [self._features(views, index, name) for index, name in enumerate(names)]
-        return tuple(torch.cat(scale, dim=1) for scale in zip(*own, strict=True))
+        features = [self._features(views, index, name) for index, name in enumerate(names)]
+        return tuple(torch.cat(scale, dim=1) for scale in zip(*features, strict=True))
 
     def _features(self, views: NetworkInput, index: int, name: str) -> tuple[Float[Tensor, "b 1 c _ _"], ...]:
-        known = views.reference_renders is not None, views.fine_references is not None
-        key = (name, tuple(views.render.shape[-2:]), *known)
+        kinds = views.reference_renders is not None, views.fine_references is not None
+        key = (name, tuple(views.render.shape[-2:]), *kinds)
         if key not in self.kept:
             self.kept[key] = self.network.encode(_alone(views, index))
         self.kept.move_to_end(key)

@@ -56,7 +56,9 @@ def smoothed_over_time(
     render = target.image.to(image)
     change = image - render
     if before is not None and before.target.camera is not None:
-        how = before.target.depth, target.alpha, TOLERANCE
-        old = reproject(target.camera, target.depth, before.target.camera, before.change.to(target.depth), *how)
+        view_options = before.target.depth, target.alpha, TOLERANCE
+        old = reproject(
+            target.camera, target.depth, before.target.camera, before.change.to(target.depth), *view_options
+        )
         change = change + share * (old.visibility * (old.colour - change.to(old.colour))).to(change)
     return (render + change).clamp(0, 1), PreviousChange(change, target)

@@ -58,8 +58,8 @@ def within_budget(
     enhancer, task, *_ = ready(_with(cfg, presets[0]), device)
     milliseconds, megapixels = calibrated(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
-    chosen, told = choose(presets, float(budget), megapixels, speed)
-    print_line(console, told)
+    chosen, line = choose(presets, float(budget), megapixels, speed)
+    print_line(console, line)
     return _with(cfg, chosen)
 
 
@@ -97,8 +97,8 @@ def _with(cfg: DictConfig, preset: Preset) -> DictConfig:
 def _refuse_given(cfg: DictConfig) -> None:
     """Refuse options that the budget decides, where the user named one or gave another value than the default."""
     defaults = compose("enhance")
-    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
-    named = {word.split("=")[0].lstrip("+") for word in words}
+    overrides = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
+    named = {word.split("=")[0].lstrip("+") for word in overrides}
     for key in CHOSEN:
         if key in named or cfg[key] != defaults[key]:
             raise InputError(key, f"is {cfg[key]!r} beside budget_ms, which decides it", "give one of the two")

@@ -138,9 +138,9 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
         median = float(small.depth[usable(small.depth)].median())
         others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
         others["a flat plane"] = torch.full_like(small.depth, median)
-        given = _disagreement(warp, small, references)
+        differences = _disagreement(warp, small, references)
         best = min((_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items())
-        if best[0] >= CLEARLY * given:
+        if best[0] >= CLEARLY * differences:
             return ""  # one view that it fits is enough, and the others need not be looked at
         better = better or best[1]
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
@@ -149,13 +149,13 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
 def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
     """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
     exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
-    how = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
-    seen = how(target, references, len(references))
-    colours = seen.references if seen.renders is None else seen.renders
-    difference = (colours - target.image).abs().mean(1, keepdim=True) * seen.visibility
-    if float(seen.visibility.amax(0).mean()) < 0.1:
+    doubting = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)
+    aligned = doubting(target, references, len(references))
+    colours = aligned.references if aligned.renders is None else aligned.renders
+    difference = (colours - target.image).abs().mean(1, keepdim=True) * aligned.visibility
+    if float(aligned.visibility.amax(0).mean()) < 0.1:
         return float("inf")
-    return float(difference.sum() / seen.visibility.sum())
+    return float(difference.sum() / aligned.visibility.sum())
 
 
 def _with_cameras(rendered: RenderedSet) -> tuple[RenderedSet, list[str]]:
@@ -179,12 +179,12 @@ def _depth_part(
 ) -> tuple[RenderedSet, PlanItem]:
     """The set without depth where depth is not used, and the plan's part on depth."""
     kind = reference_config.warp.depth if isinstance(reference_config.warp, Reprojected) else "as given"
-    known = [view for view in rendered.targets if view.read_depth is not None]
-    if not known:
+    with_depth = [view for view in rendered.targets if view.read_depth is not None]
+    if not with_depth:
         return rendered, PlanItem("depth", False, "not given")
     why = "switched off" if rules.depth == "none" else ""
     if rules.depth == "auto" and not rendered.own_depth:
-        why = depth_doubt(pool, reference_config, known[:: max(1, (len(known) + 1) // 2)][:2])
+        why = depth_doubt(pool, reference_config, with_depth[:: max(1, (len(with_depth) + 1) // 2)][:2])
     if not why:
         return rendered, PlanItem("depth", True, origin or kind)
     targets, references = (
@@ -195,13 +195,13 @@ def _depth_part(
 
 def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) -> tuple[ReferenceConfig, PlanItem]:
     """The reference configuration, without references where they cannot be warped, and the plan's part on them."""
-    found = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
+    text = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
-        return reference_config, PlanItem("references", True, found)
+        return reference_config, PlanItem("references", True, text)
     unreached = [view.name for view in rendered.targets if not reference_config.reaches(view)]
     bare = [view.name for view in rendered.references if view.camera is None]
     if not bare and len(unreached) < len(rendered.targets):
         left = f"; none for {len(unreached)} views without camera or depth" if unreached else ""
-        return reference_config, PlanItem("references", True, found + left)
+        return reference_config, PlanItem("references", True, text + left)
     lack = f"{(unreached + bare)[0]} has no camera or no depth, so that photos cannot be reprojected"
     return replace(reference_config, references=0), PlanItem("references", False, f"{lack}: no photo is used")

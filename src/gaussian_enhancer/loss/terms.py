@@ -77,8 +77,8 @@ def _windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
 
 def _band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
     """SSIM's window along an axis as a symmetric band matrix, zeros outside."""
-    place = torch.arange(length, dtype=like.dtype, device=like.device)
-    return gaussian(place[:, None] - place)
+    offsets = torch.arange(length, dtype=like.dtype, device=like.device)
+    return gaussian(offsets[:, None] - offsets)
 
 
 @dataclass(frozen=True)

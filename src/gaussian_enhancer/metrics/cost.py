@@ -49,7 +49,7 @@ class Timing:
         Returns the median of the rounds' ratios, which cancels slow-downs of the machine that last longer than a round,
         and the order statistics that enclose the median in 95 % of all cases; with fewer than six rounds, the range.
         """
-        ratios = sorted(theirs / own for own, theirs in zip(self.repeats, other.repeats, strict=True))
+        ratios = sorted(their_time / our_time for our_time, their_time in zip(self.repeats, other.repeats, strict=True))
         count, below = len(ratios), 0
         while sum(math.comb(count, k) for k in range(below + 1)) <= 0.025 * 2**count:
             below += 1
@@ -76,13 +76,13 @@ def timed(
     for _ in range(warm_up):
         for call in calls.values():
             call()
-    found: dict[str, list[float]] = {name: [] for name in calls}
+    times: dict[str, list[float]] = {name: [] for name in calls}
     turns = list(calls.items())
     for _ in range(repeats):
         for name, call in turns:
-            found[name].append(_once(call, torch.device(device)))
+            times[name].append(_once(call, torch.device(device)))
         turns.reverse()  # what comes second finds another machine
-    return {name: Timing(statistics.median(values), tuple(values)) for name, values in found.items()}
+    return {name: Timing(statistics.median(values), tuple(values)) for name, values in times.items()}
 
 
 def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:

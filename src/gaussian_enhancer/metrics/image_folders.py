@@ -169,11 +169,11 @@ def _by_stem(folder: str | Path) -> dict[str, Path]:
 
 
 def _check_sizes(image: Path, photo: Path, mask: Path | None) -> None:
-    wanted = read_header(image)
+    expected = read_header(image)
     for other in (photo, mask):
         if other is None:
             continue
         header = read_header(other)
-        if (header.height, header.width) != (wanted.height, wanted.width):
-            received = f"is {header.width}x{header.height} where {image} is {wanted.width}x{wanted.height}"
+        if (header.height, header.width) != (expected.height, expected.width):
+            received = f"is {header.width}x{header.height} where {image} is {expected.width}x{expected.height}"
             raise InputError(other, received, "bring both to one size")

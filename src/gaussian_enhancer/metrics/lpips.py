@@ -170,13 +170,13 @@ def _network(net: str, file: Path, device: str) -> nn.Module:
         warnings.simplefilter("ignore")
         network = lpips.LPIPS(net=net, version="0.1", pnet_rand=True, verbose=False)
     weights = _weights(file)
-    wanted = {name: name.split(".", 1)[1] for name in network.net.state_dict()}  # slice2.3.weight -> 3.weight
-    missing = [key for key in wanted.values() if key not in weights]
+    expected = {name: name.split(".", 1)[1] for name in network.net.state_dict()}  # slice2.3.weight -> 3.weight
+    missing = [key for key in expected.values() if key not in weights]
     if missing:
         found = f"does not hold the {BACKBONES[net].builder} backbone (no {missing[0]})"
         raise InputError(file, found, "give the file of that network")
     try:
-        network.net.load_state_dict({name: weights[key] for name, key in wanted.items()})
+        network.net.load_state_dict({name: weights[key] for name, key in expected.items()})
     except RuntimeError as error:
         found = f"does not hold the {BACKBONES[net].builder} backbone ({str(error).splitlines()[-1].strip()})"
         raise InputError(file, found, "give the file of that network") from None

@@ -85,8 +85,8 @@ def pack_references(photos, renders, visibility, drawn, result):
                 for c in range(3):
                     first, second = photos[n, c, y, x], photos[n, c, y, x + 1]
                     result[n, i, j, 2 * c + a] = pair(first - _HALF, second - _HALF)
-                    wrong = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
-                    result[n, i, j, 8 + 2 * c + a] = pair(drawn * wrong[0], drawn * wrong[1])
+                    residual = first - renders[n, c, y, x], second - renders[n, c, y, x + 1]
+                    result[n, i, j, 8 + 2 * c + a] = pair(drawn * residual[0], drawn * residual[1])
                 result[n, i, j, 6 + a] = pair(visibility[n, 0, y, x], visibility[n, 0, y, x + 1])
                 result[n, i, j, 14 + a] = flag
 
@@ -98,14 +98,14 @@ def pack_depth(depth, unit, farthest, result, share):
     height, width = depth.shape
     for i in prange(height // 2):
         for j in range(width // 2):
-            known = _ZERO
+            known_sum = _ZERO
             for a in range(2):
                 first, second = depth[2 * i + a, 2 * j], depth[2 * i + a, 2 * j + 1]
                 one, two = _usable(first, farthest), _usable(second, farthest)
                 result[i, j, a] = pair(_inverse(first, one, unit), _inverse(second, two, unit))
                 result[i, j, 2 + a] = pair(one, two)
-                known += one + two
-            share[i, j] = _QUARTER * known
+                known_sum += one + two
+            share[i, j] = _QUARTER * known_sum
 
 
 @inner
@@ -128,11 +128,11 @@ def modulate(features, modulation, share, result):
     for row in prange(count * height):
         n, i = row // height, row % height
         for j in range(width):
-            known = share[n, i, j]
+            known_share = share[n, i, j]
             for c in range(channels):
                 value = wide(features[n, i, j, c])
                 scale, shift = wide(modulation[n, i, j, c]), wide(modulation[n, i, j, channels + c])
-                result[n, i, j, c] = half(value + known * (value * scale + shift))
+                result[n, i, j, c] = half(value + known_share * (value * scale + shift))
 
 
 @kernel
@@ -229,9 +229,9 @@ def shuffle_and_add(features, skip, result):
     for row in prange(count * height):
         n, y = row // height, row % height
         for x in range(width):
-            place = 2 * (y % 2) + x % 2
+            phase = 2 * (y % 2) + x % 2
             for c in range(channels):
-                value = wide(features[n, y // 2, x // 2, 4 * c + place])
+                value = wide(features[n, y // 2, x // 2, 4 * c + phase])
                 result[n, y, x, c] = half(value + wide(skip[n, y, x, c]))
 
 
@@ -313,14 +313,14 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
             for x in range(width):
                 weight[r, x] = weight[r, x] if visibility[r, 0, y, x] > _ZERO else _ZERO
         for c in range(3):
-            news, wrong = np.zeros(width, np.float32), np.zeros(width, np.float32)
+            news, residual = np.zeros(width, np.float32), np.zeros(width, np.float32)
             for r in range(count):
                 _add_difference(news, weight[r], photos[r, c, y], render[c, y])
                 if drawn > _ZERO:
-                    _add_difference(wrong, weight[r], photos[r, c, y], renders[r, c, y])
+                    _add_difference(residual, weight[r], photos[r, c, y], renders[r, c, y])
             for x in range(width):
                 change = _sigmoid(wide(decoded[3, y, x])) * wide(decoded[c, y, x])
-                change += wide(decoded[4, y, x]) * news[x] + wide(decoded[5, y, x]) * wrong[x]
+                change += wide(decoded[4, y, x]) * news[x] + wide(decoded[5, y, x]) * residual[x]
                 result[c, y, x] = render[c, y, x] + change
 
 
@@ -391,8 +391,8 @@ def combine(fine, decoded, coarser, step, result):
         row = np.empty(2 * width, np.float32)
         for c in range(3):
             double_row(change[c], y, row)
-            place = 4 * c + 2 * (y % 2)
+            first_row = 4 * c + 2 * (y % 2)
             for j in range(width):
                 x = 2 * j
-                result[c, y, x] = fine[c, y, x] + row[x] + wide(decoded[y // 2, j, place])
-                result[c, y, x + 1] = fine[c, y, x + 1] + row[x + 1] + wide(decoded[y // 2, j, place + 1])
+                result[c, y, x] = fine[c, y, x] + row[x] + wide(decoded[y // 2, j, first_row])
+                result[c, y, x + 1] = fine[c, y, x + 1] + row[x + 1] + wide(decoded[y // 2, j, first_row + 1])

@@ -35,12 +35,12 @@ def clamp_to_references(
         InputError: the window has no middle.
     """
     check_window(window)
-    shown = (views.visibility > 0).flatten(1).any(1)
-    if not bool(shown.any()):
+    visible = (views.visibility > 0).flatten(1).any(1)
+    if not bool(visible.any()):
         return image
-    given = image, views.render, views.references, views.visibility
-    kept = (clamped_compiled if compiled(*given) else clamped)(image, views, window // 2)
-    return kept if bool(shown.all()) else torch.where(shown[:, None, None, None], kept, image)
+    inputs = image, views.render, views.references, views.visibility
+    limited = (clamped_compiled if compiled(*inputs) else clamped)(image, views, window // 2)
+    return limited if bool(visible.all()) else torch.where(visible[:, None, None, None], limited, image)
 
 
 def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
@@ -52,11 +52,11 @@ def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) ->
         reach: pixels from a window's middle to its border.
     """
     hidden = views.visibility <= 0
-    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
+    limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     for channel in range(3):  # one by one, so that large images need little memory
         low, high = _limits(views, hidden, channel, reach)
-        kept[:, channel] = image[:, channel].clamp(low, high)
-    return kept
+        limited[:, channel] = image[:, channel].clamp(low, high)
+    return limited
 
 
 def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
@@ -64,12 +64,12 @@ def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
     from gaussian_enhancer.splat.compiled import kernel_lock
 
-    kept = torch.empty_like(image, memory_format=torch.contiguous_format)
+    limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:
-        for one, result in enumerate(kept):
-            given = (array(images[one]) for images in (image, views.render, views.references, views.visibility))
-            clamp(*given, reach, result.numpy())
-    return kept
+        for one, result in enumerate(limited):
+            inputs = (array(images[one]) for images in (image, views.render, views.references, views.visibility))
+            clamp(*inputs, reach, result.numpy())
+    return limited
 
 
 @torch.no_grad()

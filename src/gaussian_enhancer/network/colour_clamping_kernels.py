@@ -49,6 +49,6 @@ def _reach(low, high, least, greatest):
 def _reach_visible(values, visibility, least, greatest):
     """Let limits reach values, where these are visible."""
     for x in range(len(least)):
-        seen = visibility[x] > _ZERO
-        least[x] = min(least[x], values[x] if seen else _INFINITE)
-        greatest[x] = max(greatest[x], values[x] if seen else -_INFINITE)
+        visible = visibility[x] > _ZERO
+        least[x] = min(least[x], values[x] if visible else _INFINITE)
+        greatest[x] = max(greatest[x], values[x] if visible else -_INFINITE)

@@ -45,15 +45,15 @@ def deformable_sample(
         [(2 * (offset[:, :, 1] + column) + 1) / width - 1, (2 * (offset[:, :, 0] + row) + 1) / height - 1], dim=-1
     )
     with torch.autocast(x.device.type, enabled=False):
-        read = F.grid_sample(
+        samples = F.grid_sample(
             x.to(precise).reshape(batch * groups, channels // groups, height, width),
             grid.view(batch * groups, taps * height, width, 2),
             align_corners=False,
         )
-    read = read.view(batch, groups, channels // groups, taps, height, width)
-    read = read * mask.to(precise).reshape(batch, groups, 1, taps, height, width)
-    read = read.reshape(batch, channels * taps, height, width).to(x.dtype)
-    return F.conv2d(read, weight.reshape(weight.shape[0], -1, 1, 1), bias)
+    samples = samples.view(batch, groups, channels // groups, taps, height, width)
+    samples = samples * mask.to(precise).reshape(batch, groups, 1, taps, height, width)
+    samples = samples.reshape(batch, channels * taps, height, width).to(x.dtype)
+    return F.conv2d(samples, weight.reshape(weight.shape[0], -1, 1, 1), bias)
 
 
 class Deformation(nn.Module):

@@ -53,10 +53,10 @@ class DepthModulation(nn.Module):
         if len(depth) == 1 and features.dtype == torch.bfloat16 and fusable(features, depth):
             return self._fused(features, depth, float(unit))
         inverse = normalised_inverse_depth(depth, unit)
-        known = usable(depth).to(inverse.dtype)
-        x = unshuffled(torch.cat([inverse, known], dim=1).to(self.stem.weight.dtype))
+        known_depth = usable(depth).to(inverse.dtype)
+        x = unshuffled(torch.cat([inverse, known_depth], dim=1).to(self.stem.weight.dtype))
         scale, shift = self.modulate(F.relu(self.widen(F.relu(self.stem(x))))).chunk(2, dim=1)
-        share = halved(known).to(features.dtype)
+        share = halved(known_depth).to(features.dtype)
         return features + share * (features * scale + shift)
 
     def _fused(

@@ -64,18 +64,18 @@ class TrustFusion(nn.Module):
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        seen = self.block(self._compared(target, references, visibility))
-        if seen.dtype == torch.bfloat16 and fusable(seen, visibility):
-            news, trust = self._weighed(self.trust(seen), self.value(seen), visibility)
-            return convolution(news, self.project, plus=target), trust
-        logits = LIMIT * torch.tanh(precise(self.trust(seen)) / LIMIT)
+        compared = self.block(self._compared(target, references, visibility))
+        if compared.dtype == torch.bfloat16 and fusable(compared, visibility):
+            fused_values, trust = self._weighed(self.trust(compared), self.value(compared), visibility)
+            return convolution(fused_values, self.project, plus=target), trust
+        logits = LIMIT * torch.tanh(precise(self.trust(compared)) / LIMIT)
         scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
-        values = self.value(seen).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
+        values = self.value(compared).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
         # Reference by reference, so that nothing of all references' size is made of what is added up at once.
         shares = weights.to(values.dtype)[:, :, :, None]
-        news = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
-        return target + self.project(news.flatten(1, 2)), weights.mean(2, keepdim=True)
+        fused_values = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
+        return target + self.project(fused_values.flatten(1, 2)), weights.mean(2, keepdim=True)
 
     def _compared(
         self,
@@ -89,14 +89,16 @@ class TrustFusion(nn.Module):
         """
         batch, count, channels = references.shape[:3]
         weight, bias = self.compare.weight, self.compare.bias
-        theirs = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(0, (batch, count))
-        own = F.conv2d(target, weight[:, channels:], bias, padding=1)
+        reference_part = F.conv2d(references.flatten(0, 1), weight[:, :channels], padding=1).unflatten(
+            0, (batch, count)
+        )
+        target_part = F.conv2d(target, weight[:, channels:], bias, padding=1)
         if self.pool is not None:
-            own = own + self.pool(_pooled(references, visibility))
-        if theirs.dtype == torch.bfloat16 and fusable(theirs, own):
-            _add_and_rectify(theirs, own)
-            return theirs.flatten(0, 1)
-        return F.relu(theirs + own[:, None]).flatten(0, 1)
+            target_part = target_part + self.pool(_pooled(references, visibility))
+        if reference_part.dtype == torch.bfloat16 and fusable(reference_part, target_part):
+            _add_and_rectify(reference_part, target_part)
+            return reference_part.flatten(0, 1)
+        return F.relu(reference_part + target_part[:, None]).flatten(0, 1)
 
     def _weighed(
         self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
@@ -105,20 +107,20 @@ class TrustFusion(nn.Module):
         from gaussian_enhancer.network.bfloat16_kernels import weigh
 
         pairs, trust = visibility.shape[:2], torch.empty_like(visibility, memory_format=torch.contiguous_format)
-        news = empty_features(pairs[0], *values.shape[1:])
-        given = (bits(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
+        fused_values = empty_features(pairs[0], *values.shape[1:])
+        inputs = (bits(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
         with kernel_lock:
-            weigh(*given, plane(visibility[:, :, 0]), np.float32(LIMIT), bits(news), trust[:, :, 0].numpy())
-        return news, trust
+            weigh(*inputs, plane(visibility[:, :, 0]), np.float32(LIMIT), bits(fused_values), trust[:, :, 0].numpy())
+        return fused_values, trust
 
 
 def _add_and_rectify(theirs: Float[Tensor, "b r c h w"], own: Float[Tensor, "b c h w"]) -> None:
     """relu(theirs + own) in place of theirs, in one pass over memory; both are channels-last."""
     from gaussian_enhancer.network.bfloat16_kernels import add_and_rectify
 
-    words = theirs.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
+    reference_words = theirs.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
     with kernel_lock:
-        add_and_rectify(words, bits(own))
+        add_and_rectify(reference_words, bits(own))
 
 
 def _pooled(references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]) -> Float[Tensor, "b _ h w"]:

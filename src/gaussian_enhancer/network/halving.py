@@ -29,8 +29,8 @@ def unshuffled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
     if image.numel() == 0:
         return image.new_zeros(batch, 4 * channels, height // 2, width // 2)
     pairs = image.contiguous().view(word).view(batch, channels, height // 2, 2, width // 2)
-    moved = pairs.permute(0, 2, 4, 1, 3).contiguous().view(image.dtype)
-    return moved.view(batch, height // 2, width // 2, 4 * channels).permute(0, 3, 1, 2)
+    unshuffled_pairs = pairs.permute(0, 2, 4, 1, 3).contiguous().view(image.dtype)
+    return unshuffled_pairs.view(batch, height // 2, width // 2, 4 * channels).permute(0, 3, 1, 2)
 
 
 def halved(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b i j"]:

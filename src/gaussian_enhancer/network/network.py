@@ -33,10 +33,10 @@ class Network(nn.Module, abc.ABC):
         Args:
             arguments: ``locals()`` of the constructor, before it binds anything else.
         """
-        own = {name: value for name, value in arguments.items() if name not in ("self", "__class__")}
+        arguments_used = {name: value for name, value in arguments.items() if name not in ("self", "__class__")}
         plain = {
             name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
-            for name, value in own.items()
+            for name, value in arguments_used.items()
         }
         self.design = {"network": type(self).__name__, **plain}
 

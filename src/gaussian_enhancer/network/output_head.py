@@ -77,13 +77,13 @@ def _composed(
     from gaussian_enhancer.network.bfloat16_kernels import compose as kernel
 
     result = torch.empty_like(views.render, memory_format=torch.contiguous_format)
-    drawn = views.reference_renders is not None
+    has_renders = views.reference_renders is not None
     renders = views.references if views.reference_renders is None else views.reference_renders
     words = decoded.contiguous().view(torch.int16).numpy().view(np.uint16)
     with kernel_lock:
         for b, image in enumerate(result):
-            given = (plane(one[b]) for one in (views.render, views.references, renders, views.visibility))
-            kernel(words[b], *given, plane(trust[b, :, 0]), np.float32(drawn), image.numpy())
+            inputs = (plane(one[b]) for one in (views.render, views.references, renders, views.visibility))
+            kernel(words[b], *inputs, plane(trust[b, :, 0]), np.float32(has_renders), image.numpy())
     return result
 
 

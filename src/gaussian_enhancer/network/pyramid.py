@@ -51,9 +51,11 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
     depth, unit = views.depth, views.depth_unit
     if depth is not None:
         unit = depth_unit(depth) if unit is None else unit
-        known = usable(depth)
-        inverse = torch.where(known, 1 / torch.where(known, depth, torch.ones_like(depth)), torch.zeros_like(depth))
-        mean, covered = _averaged(inverse, factor, size), _averaged(known.to(depth.dtype), factor, size)
+        known_depth = usable(depth)
+        inverse = torch.where(
+            known_depth, 1 / torch.where(known_depth, depth, torch.ones_like(depth)), torch.zeros_like(depth)
+        )
+        mean, covered = _averaged(inverse, factor, size), _averaged(known_depth.to(depth.dtype), factor, size)
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
     return NetworkInput(
         _averaged(views.render, factor, size),
@@ -101,9 +103,9 @@ def _upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b 
 
 def _cubic(scale: int) -> tuple[np.ndarray, np.ndarray]:
     """Factors of the four pixels around each phase of a fine pixel, and where they begin (Keys, 1981, a = -0.75)."""
-    place = (np.arange(scale) + 0.5) / scale - 0.5
-    before = np.floor(place)
-    distance = np.abs(np.arange(-1, 3) - (place - before)[:, None])
+    position = (np.arange(scale) + 0.5) / scale - 0.5
+    before = np.floor(position)
+    distance = np.abs(np.arange(-1, 3) - (position - before)[:, None])
     a = -0.75
     near = ((a + 2) * distance - (a + 3)) * distance**2 + 1
     far = ((a * distance - 5 * a) * distance + 8 * a) * distance - 4 * a
@@ -132,8 +134,8 @@ def _shrunk_references(
     def seen(image: Tensor) -> Tensor:
         return _averaged(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
 
-    drawn = views.reference_renders
-    return seen(views.references), None if drawn is None else seen(drawn), share
+    renders = views.reference_renders
+    return seen(views.references), None if renders is None else seen(renders), share
 
 
 def _halved_references(
@@ -144,10 +146,10 @@ def _halved_references(
     """The same for a factor of 2 in one pass over memory, where inference is `fusable`."""
     from gaussian_enhancer.network.bfloat16_kernels import shrink
 
-    given = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]
+    inputs = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]
     small = [
         torch.empty(*one.shape[:-2], one.shape[-2] // 2, one.shape[-1] // 2) for one in (photos, photos, visibility)
     ]
     with kernel_lock:
-        shrink(*given, np.float32(renders is not None), *(one.flatten(0, 1).numpy() for one in small))
+        shrink(*inputs, np.float32(renders is not None), *(one.flatten(0, 1).numpy() for one in small))
     return small[0], None if renders is None else small[1], small[2]

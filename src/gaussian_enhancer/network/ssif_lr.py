@@ -70,20 +70,23 @@ class SSIFLR(CachesReferences):
             Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
             for _ in (FACTORS[:1] if share else FACTORS)
         )
-        handed = output.outputs + combine.handed
+        passed_on = output.outputs + combine.handed
         self.decode = nn.ModuleList(
             [
                 Decoder(widths[:2], fewer, output.outputs),
-                Decoder(widths[:2], fewer, handed),
+                Decoder(widths[:2], fewer, passed_on),
                 Decoder(widths, blocks, output.outputs),
             ]
         )
-        self.settle = Decoder(widths[:1], blocks[:1], handed)
+        self.settle = Decoder(widths[:1], blocks[:1], passed_on)
         self.combine = nn.ModuleList(combine.build(widths[0], coarser) for coarser in (1, 2))
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
-        return tuple(self._gather(level).encode(seen) for level, seen in enumerate(three_scales(views, self.stride)))
+        return tuple(
+            self._gather(level).encode(scale_views)
+            for level, scale_views in enumerate(three_scales(views, self.stride))
+        )
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
@@ -92,14 +95,16 @@ class SSIFLR(CachesReferences):
         sides = views.render.shape[-2:]
         coarser: list[Tensor] = []
         images: list[Tensor] = []
-        for level, (factor, seen) in enumerate(zip(FACTORS, three_scales(views, self.stride), strict=True)):
-            known = self._gather(level).encode(seen) if encoded is None else encoded[level]
-            image, handed = self._scale(level, seen, known, self.decode[level])
+        for level, (factor, scale_views) in enumerate(zip(FACTORS, three_scales(views, self.stride), strict=True)):
+            reference_features = self._gather(level).encode(scale_views) if encoded is None else encoded[level]
+            image, passed_on = self._scale(level, scale_views, reference_features, self.decode[level])
             if level == 0:
-                image, handed = self._scale(level, dataclasses.replace(seen, render=image), known, self.settle)
+                image, passed_on = self._scale(
+                    level, dataclasses.replace(scale_views, render=image), reference_features, self.settle
+                )
             else:
-                image = self.combine[level - 1](image, seen.render, coarser)
-            coarser.append(torch.cat([image - seen.render, handed.to(image.dtype)], dim=1))
+                image = self.combine[level - 1](image, scale_views.render, coarser)
+            coarser.append(torch.cat([image - scale_views.render, passed_on.to(image.dtype)], dim=1))
             images.append(image[..., : -(-sides[0] // factor), : -(-sides[1] // factor)])
         return tuple(images)
 

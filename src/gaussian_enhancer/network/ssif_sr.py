@@ -96,11 +96,11 @@ class SSIFSR(CachesReferences):
         features = self.decode.features(fused)
         image = self.output(self.decode.outputs(features), views, trust)
         features = F.pixel_shuffle(self.grow(features), 2)
-        known = image, features, *fine_references(views), *(() if encoded is None else encoded[1:])
+        first_stage = image, features, *fine_references(views), *(() if encoded is None else encoded[1:])
         if torch.is_grad_enabled() or torch.compiler.is_compiling() or max(views.render.shape[-2:]) <= TILE:
-            images = image, *self._finer(*known)
+            images = image, *self._finer(*first_stage)
         else:
-            images = image, *self._finer_tiled(known)
+            images = image, *self._finer_tiled(first_stage)
         return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *UPSCALE), images, strict=True))
 
     def _finer(
@@ -240,11 +240,11 @@ def _packed(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Ten
     base, dtype = views.render, _computed(views.render)
     if views.references.shape[1] and fusable(base, views.references, views.visibility, trust):
         return _packed_compiled(views, trust)
-    news, known = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
+    residual, trust_sum = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
     if views.references.shape[1]:
-        news, known = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
-    seen = torch.cat([news.to(dtype), (base - 0.5).to(dtype)], dim=1)
-    return torch.cat([F.pixel_unshuffle(seen, 2), known.to(dtype)], dim=1)
+        residual, trust_sum = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
+    stacked = torch.cat([residual.to(dtype), (base - 0.5).to(dtype)], dim=1)
+    return torch.cat([F.pixel_unshuffle(stacked, 2), trust_sum.to(dtype)], dim=1)
 
 
 def _packed_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
@@ -254,8 +254,8 @@ def _packed_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> 
     result = empty_features(len(trust), 25, *trust.shape[-2:])
     with kernel_lock:
         for b, words in enumerate(bits(result)):
-            given = views.render[b], views.references[b, 0], views.visibility[b, 0, 0], trust[b, 0, 0]
-            pack_merged(*(plane(image) for image in given), words)
+            inputs = views.render[b], views.references[b, 0], views.visibility[b, 0, 0], trust[b, 0, 0]
+            pack_merged(*(plane(image) for image in inputs), words)
     return result
 
 
@@ -320,9 +320,9 @@ def _merged_compiled(
     seen, together = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
     with kernel_lock:
         for b in range(len(base)):
-            given = photos[b], halved[b], visibility[b, :, 0], trust[b, :, 0]
-            written = mean[b], seen[b, 0], soft[b], together[b, 0]
-            merge(*(plane(image) for image in given), *(image.numpy() for image in written))
+            inputs = photos[b], halved[b], visibility[b, :, 0], trust[b, :, 0]
+            outputs = mean[b], seen[b, 0], soft[b], together[b, 0]
+            merge(*(plane(image) for image in inputs), *(image.numpy() for image in outputs))
     return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), together[:, None]
 
 

@@ -67,10 +67,10 @@ class Gather(nn.Module):
             return self.encode_reference.features(_packed(views)).unflatten(0, references.shape[:2])
         further = None
         if self.reference_renders:
-            drawn = views.reference_renders
-            wrong = torch.zeros_like(references) if drawn is None else references - drawn
-            flag = torch.full_like(visibility, float(drawn is not None))
-            further = torch.cat([wrong, flag], dim=2).flatten(0, 1)
+            renders = views.reference_renders
+            residual = torch.zeros_like(references) if renders is None else references - renders
+            flag = torch.full_like(visibility, float(renders is not None))
+            further = torch.cat([residual, flag], dim=2).flatten(0, 1)
         features = self.encode_reference(references.flatten(0, 1), visibility.flatten(0, 1), further)
         return features.unflatten(0, references.shape[:2])
 
@@ -88,8 +88,8 @@ class Gather(nn.Module):
         features = self.encode(views) if encoded is None else encoded.to(target.dtype)
         if features.shape[1]:
             features = self.align(features, target)
-        seen = halved(views.visibility)
-        fused, trust = self.fuse(target, features, seen)
+        visibility = halved(views.visibility)
+        fused, trust = self.fuse(target, features, visibility)
         return self.modulate(fused, views.depth, views.depth_unit), trust
 
 
@@ -98,10 +98,10 @@ def _packed(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
     from gaussian_enhancer.network.bfloat16_kernels import pack_references
 
     photos, visibility = views.references.flatten(0, 1), views.visibility.flatten(0, 1)
-    drawn = views.reference_renders is not None
+    has_renders = views.reference_renders is not None
     renders = photos if views.reference_renders is None else views.reference_renders.flatten(0, 1)
     result = empty_features(len(photos), 32, photos.shape[-2] // 2, photos.shape[-1] // 2)
     images = plane(photos), plane(renders), plane(visibility)
     with kernel_lock:
-        pack_references(*images, np.float32(drawn), bits(result, np.uint32))
+        pack_references(*images, np.float32(has_renders), bits(result, np.uint32))
     return result

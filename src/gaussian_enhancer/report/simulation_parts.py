@@ -163,8 +163,8 @@ def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], 
 
 def told(steps: Sequence[ArtefactStep]) -> str:
     """Text of a sample's artefacts, with their strengths."""
-    words = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
-    return " · ".join(words) if words else "nothing"
+    phrases = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
+    return " · ".join(phrases) if phrases else "nothing"
 
 
 def shown_depth(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -> Float[Tensor, "3 h w"]:

@@ -82,7 +82,7 @@ def with_geometry(
     with RecoveryProgress(shown) as bar:
         found = recover_geometry(task.rendered, folder, bar.update)
     origins = {"cameras": found.cameras, "depth": found.depth}
-    origins = {name: told for name, told in origins.items() if told}
+    origins = {name: origin for name, origin in origins.items() if origin}
     return replace(task, rendered=found.rendered, depth="expected", origins=origins)
 
 
@@ -134,15 +134,15 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     Args:
         cfg: configuration of the job ``enhance``.
     """
-    kept = copy.deepcopy(cfg)
-    with open_dict(kept):
-        unset = {name: not kept.get(name) for name in ("budget_ms", "temporal_smoothing", "distil")}
+    configuration = copy.deepcopy(cfg)
+    with open_dict(configuration):
+        unset = {name: not configuration.get(name) for name in ("budget_ms", "temporal_smoothing", "distil")}
         brought = bool(cfg.get("recover_geometry")) and cfg.get("renders") is None
         idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": brought}
         for name, idle in idle_keys.items():
             if idle:
-                kept.pop(name, None)
-    return kept
+                configuration.pop(name, None)
+    return configuration
 
 
 def process_count(cfg: DictConfig) -> int:

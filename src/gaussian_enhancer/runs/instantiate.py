@@ -41,16 +41,16 @@ def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
     causes = [error]
     while causes[-1].__cause__ is not None:
         causes.append(causes[-1].__cause__)
-    known = next((cause for cause in causes if isinstance(cause, InputError)), None)
+    input_error = next((cause for cause in causes if isinstance(cause, InputError)), None)
     target = str(node.get("_target_"))
-    if known is not None or target.startswith(OURS):
-        return known
+    if input_error is not None or target.startswith(OURS):
+        return input_error
     reason = causes[-1]
     if isinstance(reason, HydraException):
         reason = error
-    said = next(iter(str(reason).splitlines()), type(reason).__name__)
+    first_line = next(iter(str(reason).splitlines()), type(reason).__name__)
     subject = str(node._get_full_key(None) or target)
-    return InputError(subject, f"is refused by {target} ({said})", "give values that it takes")
+    return InputError(subject, f"is refused by {target} ({first_line})", "give values that it takes")
 
 
 def require(cfg: DictConfig) -> None:

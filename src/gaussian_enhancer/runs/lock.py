@@ -60,9 +60,9 @@ def hold(place: Path) -> bool:
     except OSError as error:
         raise unwritable(place, error) from error
     _held[file] = _Held(lock, created)
-    taken = _taken.get()
-    if taken is not None:
-        taken.append(place)
+    locked = _taken.get()
+    if locked is not None:
+        locked.append(place)
     return True
 
 
@@ -72,13 +72,13 @@ def release(place: Path) -> None:
     Args:
         place: as for `hold`.
     """
-    held = _held.pop(_file(place), None)
-    if held is None:
+    lock = _held.pop(_file(place), None)
+    if lock is None:
         return
     _file(place).unlink(missing_ok=True)  # while it is held: who waits for it takes a file of the same name anew
-    held.lock.release()
+    lock.lock.release()
     with suppress(OSError):
-        for folder in held.created:
+        for folder in lock.created:
             folder.rmdir()
 
 
@@ -104,13 +104,13 @@ def alone(place: Path) -> Iterator[None]:
 @contextmanager
 def scope() -> Iterator[None]:
     """Give back all locks that are taken inside the context."""
-    taken: list[Path] = []
-    token = _taken.set(taken)
+    locked: list[Path] = []
+    token = _taken.set(locked)
     try:
         yield
     finally:
         _taken.reset(token)
-        for place in taken:
+        for place in locked:
             release(place)
 
 

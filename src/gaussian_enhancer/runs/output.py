@@ -89,9 +89,9 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
     """
     for view in rendered.targets:
         if scale == 1:
-            for part, read in (("renders", view.read), ("gt", view.read_photo)):
-                if read is not None:
-                    _keep(read, side / part / view.name)
+            for part, read_image in (("renders", view.read), ("gt", view.read_photo)):
+                if read_image is not None:
+                    _keep(read_image, side / part / view.name)
             continue
         if view.read is not None:
             enlarged = upsampled(view.read()[None], scale)[0]

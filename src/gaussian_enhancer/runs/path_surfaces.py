@@ -43,21 +43,21 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
     typical = float(torch.stack([depth.median() for depth in usual]).median())
     for number in _spread(range(len(path)), OF_PATH):
         depth, share = _seen(path[number], renderer)
-        where = f"frame {number + 1} of {len(path)}"
+        frame_name = f"frame {number + 1} of {len(path)}"
         if depth is None or share < LEAST:
-            raise InputError(subject, f"sees nothing of the splat at {where}", REMEDY)
+            raise InputError(subject, f"sees nothing of the splat at {frame_name}", REMEDY)
         close = share * float((depth < NEAR * typical).float().mean())
         if close > MOST:
             near = f"{close:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
-            raise InputError(subject, f"is inside a surface at {where}: {near}", REMEDY)
+            raise InputError(subject, f"is inside a surface at {frame_name}: {near}", REMEDY)
 
 
 def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
     """Depths of a small view where it shows a surface, None where it shows none, and the share that does."""
     scale = min(1.0, SIDE / max(camera.height, camera.width))
-    drawn = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
-    there = drawn.alpha > OPAQUE
-    return (drawn.surface[there] if bool(there.any()) else None), float(there.float().mean())
+    render = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
+    opaque = render.alpha > OPAQUE
+    return (render.surface[opaque] if bool(opaque.any()) else None), float(opaque.float().mean())
 
 
 def _spread(items: Sequence[T], count: int) -> list[T]:

@@ -148,11 +148,11 @@ def _work(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None
     started = time.monotonic()
     try:
         _clear(folder)
-        found = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
-        posed = _posed(rendered, bare, folder) if found else rendered
+        complete = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
+        posed = _posed(rendered, bare, folder) if complete else rendered
         middle = time.monotonic()
-        found = _enough(posed)
-        if found:
+        complete = _enough(posed)
+        if complete:
             _sweep(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
         else:
             _clear(folder)
@@ -160,7 +160,7 @@ def _work(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None
         _clear(folder)
         raise
     seconds = {CAMERAS: round(middle - started, 1), DEPTH: round(time.monotonic() - middle, 1)}
-    write_text(folder / SUMMARY, json.dumps({"found": found, "seconds": seconds}) + "\n")
+    write_text(folder / SUMMARY, json.dumps({"found": complete, "seconds": seconds}) + "\n")
 
 
 def _clear(folder: Path) -> None:
@@ -182,14 +182,14 @@ def _read(rendered: RenderedSet, bare: bool, folder: Path) -> Recovered:
     targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
     references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
     kept = tuple(view for view in references if view.camera is not None or not bare)
-    found = replace(posed, targets=targets, references=kept, own_depth=False)
+    posed_set = replace(posed, targets=targets, references=kept, own_depth=False)
     depth = f"by plane sweep, {taken[DEPTH]:.0f} s; kept in {folder}"
     if not bare:
-        return Recovered(found, "", depth)
+        return Recovered(posed_set, "", depth)
     if any(view.read_depth is not None for view in rendered.targets):
         depth += "; the given depth is left out, since its unit is not that of recovered cameras"
     placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(kept)} of {count[1]} photos"
-    return Recovered(found, f"by structure from motion: {placed}, {taken[CAMERAS]:.0f} s", depth)
+    return Recovered(posed_set, f"by structure from motion: {placed}, {taken[CAMERAS]:.0f} s", depth)
 
 
 def _enough(posed: RenderedSet) -> bool:
@@ -235,8 +235,8 @@ def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera,
     lens = model.cameras[image.camera].resized(*_size(read))
     if lens.model == "SIMPLE_RADIAL":
         focal, x, y, k = lens.params
-        reach = math.hypot(lens.width, lens.height) / (2 * focal)
-        if abs(k) * reach**3 * focal < STRAIGHT:
+        radius = math.hypot(lens.width, lens.height) / (2 * focal)
+        if abs(k) * radius**3 * focal < STRAIGHT:
             lens = replace(lens, model="SIMPLE_PINHOLE", params=(focal, x, y))
     K, height, width = ideal_pinhole(lens)
     return Camera(K.float(), rigid(camera_pose(image), image.name).float(), height, width), lens
@@ -271,9 +271,11 @@ def _sweep(rendered: RenderedSet, points: Points | None, folder: Path, progress:
             images.append(resize(image, *size))
             cameras.append(view.camera.resized(*size))
     photos = sum(view.camera is not None for view in rendered.references)
-    told = None if progress is None else lambda done, total: progress(DEPTH, done, total)
-    known = Points(torch.empty(0, 3), torch.empty(0, 3)) if points is None else points
-    for name, depth in zip(names, sweep_depths(images, cameras, photos, known, settings, progress=told), strict=True):
+    advance = None if progress is None else lambda done, total: progress(DEPTH, done, total)
+    known_points = Points(torch.empty(0, 3), torch.empty(0, 3)) if points is None else points
+    for name, depth in zip(
+        names, sweep_depths(images, cameras, photos, known_points, settings, progress=advance), strict=True
+    ):
         save_array(folder / name, depth[0].numpy().astype(np.float32))
 
 

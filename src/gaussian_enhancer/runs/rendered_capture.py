@@ -38,9 +38,9 @@ class SplatRenderer:
         """Render one view; the result is on the CPU."""
         from gaussian_enhancer.splat.render import render
 
-        there = camera.to(self.gaussians.means.device)
+        on_device = camera.to(self.gaussians.means.device)
         with torch.no_grad():
-            return render(self.gaussians, there, self.method, self.background, near=self.near).to("cpu")
+            return render(self.gaussians, on_device, self.method, self.background, near=self.near).to("cpu")
 
     def target(self, name: str, camera: Camera | None, photo: Photo | None = None) -> RenderedView:
         """A view to enhance, which is rendered when it is read.

@@ -88,9 +88,9 @@ def _refuse_another(folder: Path, digest: str) -> str | None:
     if finished is not None and finished != digest:
         raise InputError(folder, f"holds another finished run ({finished})", ELSEWHERE)
     if finished is None and (folder / "config.yaml").is_file() and not status.holds_no_result(folder):
-        begun = stored_digest(folder / "config.yaml")
-        if begun != digest:
-            received = f"holds an unfinished run of another configuration ({begun})"
+        stored = stored_digest(folder / "config.yaml")
+        if stored != digest:
+            received = f"holds an unfinished run of another configuration ({stored})"
             raise InputError(folder, received, f"{ELSEWHERE}, or give that configuration to go on with it")
     return finished
 

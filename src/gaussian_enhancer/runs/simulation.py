@@ -41,14 +41,14 @@ def fitted_run(cfg: DictConfig) -> RenderedSet | None:
     Raises:
         InputError: a photo and a run were given, or neither, or an option of the one beside the other.
     """
-    given = [name for name in ("image", "run") if cfg[name] is not None]
-    if len(given) != 1:
-        received = "was given image and run" if given else "was given nothing to simulate from"
+    inputs = [name for name in ("image", "run") if cfg[name] is not None]
+    if len(inputs) != 1:
+        received = "was given image and run" if inputs else "was given nothing to simulate from"
         raise InputError("simulate", received, "give one of image=FILE, run=FOLDER")
-    foreign = {"image": ("view", "step"), "run": ("depth",)}[given[0]]
+    foreign = {"image": ("view", "step"), "run": ("depth",)}[inputs[0]]
     stray = next((name for name in foreign if cfg[name] is not None), None)
     if stray is not None:
-        raise InputError(stray, f"was given beside {given[0]}", f"leave {stray} out: it has no effect there")
+        raise InputError(stray, f"was given beside {inputs[0]}", f"leave {stray} out: it has no effect there")
     return read_run(cfg.run, cfg.step) if cfg.run is not None else None
 
 

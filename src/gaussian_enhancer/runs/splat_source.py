@@ -73,9 +73,9 @@ def open_capture(cfg: DictConfig, job: str) -> Capture:
     Raises:
         InputError: no splat or several were given, or the capture cannot be read or has photos without a camera.
     """
-    given = [name for name in ("run", "gaussians") if cfg[name] is not None]
-    if len(given) != 1:
-        received = f"was given {' and '.join(given)}" if given else "was given nothing to render"
+    inputs = [name for name in ("run", "gaussians") if cfg[name] is not None]
+    if len(inputs) != 1:
+        received = f"was given {' and '.join(inputs)}" if inputs else "was given nothing to render"
         raise InputError(job, received, "give one of run=FOLDER, gaussians=FILE with scene=...")
     return _of_run(cfg) if cfg.run is not None else _of_splat(cfg)
 
@@ -89,9 +89,9 @@ def splat_file(run: str | Path) -> Path:
     Raises:
         InputError: it holds no splat.
     """
-    own = Path(run) / "splat.ply"
-    if own.is_file():
-        return own
+    own_file = Path(run) / "splat.ply"
+    if own_file.is_file():
+        return own_file
     others = {
         int(found[1]): path
         for path in Path(run).glob("point_cloud/iteration_*/point_cloud.ply")

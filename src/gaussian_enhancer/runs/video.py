@@ -135,25 +135,25 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
     Raises:
         InputError: an option is out of range, the encoder is missing, or the output cannot be written under its name.
     """
-    place = None if cfg.output is None else Path(cfg.output)
-    ending = "" if place is None else place.suffix.lower().removeprefix(".")
+    output = None if cfg.output is None else Path(cfg.output)
+    ending = "" if output is None else output.suffix.lower().removeprefix(".")
     chosen = cfg.format if cfg.format is not None else ending if ending in CODECS else "mp4"
     if chosen not in FORMATS:
         raise InputError("format", f"is {chosen!r}", f"choose {', '.join(FORMATS)}")
     layout = Layout(cfg.layout, cfg.wipe)
     if chosen == "frames":
-        if place is not None and place.is_file():
-            raise InputError(place, "cannot be written: it is a file", "name a folder")
-        return VideoOutput(None, layout, place)
-    if place is not None and place.is_dir():
-        raise InputError(place, "cannot be written: it is a folder", f"name a file that ends in .{chosen}")
-    if place is not None and ending != chosen:
+        if output is not None and output.is_file():
+            raise InputError(output, "cannot be written: it is a file", "name a folder")
+        return VideoOutput(None, layout, output)
+    if output is not None and output.is_dir():
+        raise InputError(output, "cannot be written: it is a folder", f"name a file that ends in .{chosen}")
+    if output is not None and ending != chosen:
         received = f"does not end in .{chosen}, which is the format"
-        raise InputError(place, received, f"name it .{chosen}, or give format={' or '.join(FORMATS)}")
+        raise InputError(output, received, f"name it .{chosen}, or give format={' or '.join(FORMATS)}")
     stated, clip = (None, None) if path is None else (path.fps, path.clip)
     encoding = Encoding(chosen, cfg.fps if cfg.fps is not None else stated or FPS, cfg.quality)
     encoding.check(() if clip is None else clip.sound)
-    return VideoOutput(encoding, layout, place, clip.path if clip is not None and clip.sound else None)
+    return VideoOutput(encoding, layout, output, clip.path if clip is not None and clip.sound else None)
 
 
 def film(cfg: DictConfig, device: torch.device) -> Filmed:
@@ -168,16 +168,16 @@ def film(cfg: DictConfig, device: torch.device) -> Filmed:
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
-    enhancer, task, found = prepared(pretrained, task, options_of(cfg), device)
-    references = PathReferences.of(found.reference_config)
+    enhancer, task, validated = prepared(pretrained, task, options_of(cfg), device)
+    references = PathReferences.of(validated.reference_config)
     enhancer.reference_config = references
-    return Filmed(cfg, path, enhancer, task, replace(found, reference_config=references))
+    return Filmed(cfg, path, enhancer, task, replace(validated, reference_config=references))
 
 
 def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """What `within_budget` measures: see `film`."""
-    found = film(cfg, device)
-    return found.enhancer, found.task, found.found
+    filmed = film(cfg, device)
+    return filmed.enhancer, filmed.task, filmed.found
 
 
 def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath, Task]:
@@ -239,9 +239,9 @@ def _clip(cfg: DictConfig) -> Clip:
     Raises:
         InputError: it cannot be read, or options contradict it.
     """
-    given = [key for key in ("frames", "height", "fps") if cfg[key] is not None]
-    if given:
-        raise InputError(given[0], "is given, and the input states it", f"leave out {given[0]}")
+    extra_keys = [key for key in ("frames", "height", "fps") if cfg[key] is not None]
+    if extra_keys:
+        raise InputError(extra_keys[0], "is given, and the input states it", f"leave out {extra_keys[0]}")
     if str(cfg.path) in SHAPES:
         received = f"comes with path={cfg.path}, which is not how it was rendered"
         raise InputError("input", received, "give path=FILE with the cameras of its frames")

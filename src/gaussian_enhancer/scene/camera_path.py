@@ -103,8 +103,8 @@ def even_sized(cameras: Sequence[Camera], height: int | None = None) -> tuple[Ca
     """
     sizes = dict.fromkeys((camera.width, camera.height) for camera in cameras)
     if len(sizes) > 1:
-        found = " and ".join(f"{width}x{height}" for width, height in list(sizes)[:3])
-        raise InputError("camera path", f"has cameras of {found}", "give all frames one size")
+        sizes_text = " and ".join(f"{width}x{height}" for width, height in list(sizes)[:3])
+        raise InputError("camera path", f"has cameras of {sizes_text}", "give all frames one size")
     if height is not None:
         cameras = [camera.resized(height, round(camera.width * height / camera.height)) for camera in cameras]
     if min(cameras[0].height, cameras[0].width) < 2:

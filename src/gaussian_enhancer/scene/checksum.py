@@ -38,12 +38,12 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
         sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
     beside = place.with_name(f"{place.name}.sha256")
     stated = {"recorded": archive.sha256, f"in {beside.name}": _first(beside)}
-    for where, wanted in stated.items():
-        if wanted not in (None, sha256):
-            raise InputError(place, f"has SHA-256 {sha256} where {wanted} is {where}", _remedy(place))
-    for where, wanted in {"recorded": archive.md5, "stated by the server": md5}.items():
-        if wanted is not None and wanted != (found := _md5(file)):
-            raise InputError(place, f"has MD5 {found} where {wanted} is {where}", _remedy(place))
+    for origin, expected in stated.items():
+        if expected not in (None, sha256):
+            raise InputError(place, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(place))
+    for origin, expected in {"recorded": archive.md5, "stated by the server": md5}.items():
+        if expected is not None and expected != (computed := _md5(file)):
+            raise InputError(place, f"has MD5 {computed} where {expected} is {origin}", _remedy(place))
     if stated[f"in {beside.name}"] is None:
         write_text(beside, f"{sha256}  {place.name}\n")
     return sha256
@@ -52,11 +52,11 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
 def served_md5(headers: Message) -> str | None:
     """The MD5 that Google's storage sends along (``x-goog-hash: crc32c=..., md5=...``), in hexadecimal digits."""
     sent = ",".join(headers.get_all("x-goog-hash") or [])
-    found = re.search(r"md5=([A-Za-z0-9+/]+=*)", sent)
-    if found is None:
+    match = re.search(r"md5=([A-Za-z0-9+/]+=*)", sent)
+    if match is None:
         return None
     try:
-        return base64.b64decode(found[1], validate=True).hex()
+        return base64.b64decode(match[1], validate=True).hex()
     except binascii.Error:
         return None
 

@@ -82,12 +82,12 @@ def read_colmap_model(folder: Path, ending: str) -> ColmapModel:
 
 
 def _unique(records: Iterator[tuple[int, Any]], file: Path) -> dict[int, Any]:
-    found: dict[int, Any] = {}
+    unique: dict[int, Any] = {}
     for number, record in records:
-        if number in found:
+        if number in unique:
             raise InputError(file, f"lists number {number} more than once", AGAIN)
-        found[number] = record
-    return found
+        unique[number] = record
+    return unique
 
 
 def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> ColmapImage:
@@ -196,15 +196,15 @@ def _malformed(file: Path, number: int, line: str) -> InputError:
 
 def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
     for number, line in _lines(file):
-        words = line.split()
-        if not words:
+        fields = line.split()
+        if not fields:
             continue
         try:
-            found, width, height = int(words[0]), int(words[2]), int(words[3])
-            params = tuple(float(word) for word in words[4:])
+            found, width, height = int(fields[0]), int(fields[2]), int(fields[3])
+            params = tuple(float(word) for word in fields[4:])
         except (ValueError, IndexError) as error:
             raise _malformed(file, number, line) from error
-        yield found, Lens(words[1], width, height, params, f"camera {found} of {file.parent}")
+        yield found, Lens(fields[1], width, height, params, f"camera {found} of {file.parent}")
 
 
 def _text_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
@@ -213,15 +213,15 @@ def _text_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
     for number, line in lines:
         if not line:
             continue
-        words = line.split(maxsplit=9)
+        fields = line.split(maxsplit=9)
         try:
-            found, camera = int(words[0]), int(words[8])
-            pose, name = tuple(float(word) for word in words[1:8]), words[9]
+            found, camera = int(fields[0]), int(fields[8])
+            pose, name = tuple(float(word) for word in fields[1:8]), fields[9]
         except (ValueError, IndexError) as error:
             raise _malformed(file, number, line) from error
         below, observations = next(lines, (number + 1, ""))
-        seen = observations.split()
-        if len(seen) % 3 or (seen and not seen[2].lstrip("-").isdigit()):
+        values = observations.split()
+        if len(values) % 3 or (values and not values[2].lstrip("-").isdigit()):
             raise _malformed(file, below, observations)
         yield found, _image(name, camera, pose, file)
 
@@ -229,13 +229,13 @@ def _text_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
 def _text_points(file: Path) -> Points | None:
     positions, colours = array("d"), array("B")
     for number, line in _lines(file):
-        words = line.split(maxsplit=8)
-        if not words:
+        fields = line.split(maxsplit=8)
+        if not fields:
             continue
         try:
-            positions.extend([float(word) for word in words[1:4]])
-            colours.extend([int(word) for word in words[4:7]])
-            float(words[7])
+            positions.extend([float(word) for word in fields[1:4]])
+            colours.extend([int(word) for word in fields[4:7]])
+            float(fields[7])
         except (ValueError, IndexError, OverflowError) as error:
             raise _malformed(file, number, line) from error
     if not positions:

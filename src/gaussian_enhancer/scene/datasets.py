@@ -153,11 +153,11 @@ def dataset_of(values: Mapping[str, Any]) -> Dataset:
     Raises:
         InputError: a value is missing, unknown or out of range.
     """
-    where = f"dataset {values.get('name', '')}".strip()
-    archives = {str(key): _made(Archive, value, where) for key, value in _mapping(values, "archives", where)}
-    scenes = {str(key): _made(DatasetScene, value, where) for key, value in _mapping(values, "scenes", where)}
-    made: Dataset = _made(Dataset, {**values, "archives": archives, "scenes": scenes}, where)
-    return made
+    context = f"dataset {values.get('name', '')}".strip()
+    archives = {str(key): _made(Archive, value, context) for key, value in _mapping(values, "archives", context)}
+    scenes = {str(key): _made(DatasetScene, value, context) for key, value in _mapping(values, "scenes", context)}
+    dataset: Dataset = _made(Dataset, {**values, "archives": archives, "scenes": scenes}, context)
+    return dataset
 
 
 def dataset_names() -> tuple[str, ...]:

@@ -60,12 +60,12 @@ def unpack(
             total = sum(member.file_size for found in members.values() for member in found)
             folder.mkdir(parents=True, exist_ok=True)
             check_room(folder, total, f"{parts.inside} of {archive.name}")
-            done = 0
+            bytes_done = 0
             for name, found in members.items():
                 for size in _unpack_part(opened, found, f"{parts.inside}/{name}", folder / name):
-                    done += size
+                    bytes_done += size
                     if advance is not None:
-                        advance(done, total)
+                        advance(bytes_done, total)
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise InputError(archive, f"is no intact zip file ({error})", "delete it and fetch it again") from error
     except OSError as error:
@@ -85,8 +85,8 @@ def _members(opened: zipfile.ZipFile, archive: Path, parts: Parts, name: str) ->
     ]
     if not found:
         paths = [member.filename for member in opened.infolist() if member.filename.startswith(f"{parts.inside}/")]
-        there = sorted({path[len(parts.inside) + 1 :].split("/")[0] for path in paths} - {""})
-        received = f"holds no {prefix} (of {parts.inside}: {', '.join(there) or 'nothing'})"
+        folders = sorted({path[len(parts.inside) + 1 :].split("/")[0] for path in paths} - {""})
+        received = f"holds no {prefix} (of {parts.inside}: {', '.join(folders) or 'nothing'})"
         raise InputError(archive, received, "ask for what is there with images=")
     return found
 

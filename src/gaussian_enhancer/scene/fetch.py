@@ -58,9 +58,9 @@ def fetch(
         InputError: the address is refused, sends another file, or breaks off too often; the disk is full; another
             process fetches the same file.
     """
-    patience, told = patience or Patience(), advance or (lambda done, total: None)
+    patience, report = patience or Patience(), advance or (lambda done, total: None)
     with _locked(path.with_name(f"{path.name}.part")) as part:
-        transfer = Transfer(archive, path, part, page, patience.timeout, told)
+        transfer = Transfer(archive, path, part, page, patience.timeout, report)
         most, idle, reason = transfer.size, 0, ""
         while not transfer.complete:
             try:

@@ -37,8 +37,8 @@ def is_untrained(run: str | Path) -> bool:
 
 def _procedural(run: str | Path, first: int) -> bool:
     """Whether a run names a procedural scene from a seed on, or of the family that is frozen at every seed."""
-    found = PROCEDURAL.match(Path(run).name)
-    return found is not None and (found[1] == FROZEN_FAMILY or int(found[2]) >= first)
+    match = PROCEDURAL.match(Path(run).name)
+    return match is not None and (match[1] == FROZEN_FAMILY or int(match[2]) >= first)
 
 
 def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> None:

@@ -139,8 +139,8 @@ def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Floa
 def _nearest_names(target: str, names: list[str], indices: list[int]) -> tuple[int, ...]:
     """Indices by how many names lie between each name and the target's, earlier names first among equals."""
     ordered = sorted(zip(names, indices, strict=True), key=lambda pair: _natural(pair[0]))
-    place = sum(_natural(name) < _natural(target) for name, _ in ordered)
-    gaps = [(place - k if k < place else k - place + 1, index) for k, (_, index) in enumerate(ordered)]
+    position = sum(_natural(name) < _natural(target) for name, _ in ordered)
+    gaps = [(position - k if k < position else k - position + 1, index) for k, (_, index) in enumerate(ordered)]
     return tuple(index for _, index in sorted(gaps, key=lambda pair: pair[0]))
 
 

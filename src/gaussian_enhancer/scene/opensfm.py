@@ -123,13 +123,15 @@ def _lens(camera: Any, where: str) -> Lens:
 
 
 def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
-    where = f"{source} shot {key}"
-    camera = text(shot, "camera", where)
+    context = f"{source} shot {key}"
+    camera = text(shot, "camera", context)
     if camera not in lenses:
-        raise InputError(where, f"names the camera {camera!r}, which is not listed", "export the reconstruction again")
+        raise InputError(
+            context, f"names the camera {camera!r}, which is not listed", "export the reconstruction again"
+        )
     pose = torch.eye(4, dtype=torch.float64)
-    pose[:3, :3] = rotation_from_axis_angle(_vector(shot, "rotation", where))
-    pose[:3, 3] = _vector(shot, "translation", where)
+    pose[:3, :3] = rotation_from_axis_angle(_vector(shot, "rotation", context))
+    pose[:3, 3] = _vector(shot, "translation", context)
     return PosedFile(key, photo, lenses[camera], pose)
 
 

@@ -49,14 +49,16 @@ def smooth_path(cameras: Sequence[Camera], frames: int, *, even_speed: bool = Fa
     intrinsics = np.stack([camera.K.double().cpu().numpy() for camera in cameras])
     times = _times(centres, turns)
     centre_at, turn_at = CubicHermiteSpline(times, centres, _velocities(times, centres)), RotationSpline(times, turns)
-    asked = np.linspace(0.0, times[-1], frames)
+    sample_times = np.linspace(0.0, times[-1], frames)
     if even_speed:
         dense = np.linspace(0.0, times[-1], DENSE * len(cameras))
-        way = np.concatenate([[0.0], np.cumsum(_movements(centre_at(dense), turn_at(dense), _mean_step(centres)))])
-        asked = np.interp(np.linspace(0.0, way[-1], frames), way, dense)
-    at = centre_at(asked)
-    to_camera = turn_at(asked).inv().as_matrix()
-    K = np.stack([np.interp(asked, times, column) for column in intrinsics.reshape(len(cameras), 9).T], axis=1)
+        arc_length = np.concatenate(
+            [[0.0], np.cumsum(_movements(centre_at(dense), turn_at(dense), _mean_step(centres)))]
+        )
+        sample_times = np.interp(np.linspace(0.0, arc_length[-1], frames), arc_length, dense)
+    at = centre_at(sample_times)
+    to_camera = turn_at(sample_times).inv().as_matrix()
+    K = np.stack([np.interp(sample_times, times, column) for column in intrinsics.reshape(len(cameras), 9).T], axis=1)
     return tuple(_camera(cameras[0], K[i].reshape(3, 3), to_camera[i], at[i]) for i in range(frames))
 
 
@@ -123,11 +125,13 @@ def _untangled(steps: Float[np.ndarray, "c c"]) -> list[int]:
     """2-opt of an open way from the order 0, 1, 2, ..., best reversal first."""
     order = np.arange(len(steps))
     while True:
-        way = steps[order][:, order]
-        before = np.concatenate([[0.0], way.diagonal(1)])  # the step that leads to each place; none leads to the first
-        after = np.concatenate([way.diagonal(1), [0.0]])
-        enters = np.vstack([np.zeros(len(order)), way[:-1]]) - before[:, None]  # [i, j]: places i to j are reversed
-        leaves = np.hstack([way[:, 1:], np.zeros((len(order), 1))]) - after[None]
+        ordered = steps[order][:, order]
+        before = np.concatenate(
+            [[0.0], ordered.diagonal(1)]
+        )  # the step that leads to each place; none leads to the first
+        after = np.concatenate([ordered.diagonal(1), [0.0]])
+        enters = np.vstack([np.zeros(len(order)), ordered[:-1]]) - before[:, None]  # [i, j]: places i to j are reversed
+        leaves = np.hstack([ordered[:, 1:], np.zeros((len(order), 1))]) - after[None]
         change = np.triu(enters + leaves, 1)
         if change.min() > -1e-9:
             return [int(index) for index in order]

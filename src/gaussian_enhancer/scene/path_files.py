@@ -102,8 +102,8 @@ def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
         angle = math.degrees(2 * math.atan(height / (2 * focal[1])))
         entries.append({"camera_to_world": pose.flatten().tolist(), "fov": angle, "aspect": width / height})
     size = {"render_height": height, "render_width": width}
-    told = {"camera_type": "perspective", **size, "fps": fps, "seconds": len(cameras) / fps}
-    write_text(path, json.dumps({**told, "is_cycle": False, "keyframes": [], "camera_path": entries}) + "\n")
+    content = {"camera_type": "perspective", **size, "fps": fps, "seconds": len(cameras) / fps}
+    write_text(path, json.dumps({**content, "is_cycle": False, "keyframes": [], "camera_path": entries}) + "\n")
 
 
 def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
@@ -113,13 +113,13 @@ def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
         raise InputError(source, f"has camera_type {shown(kind)}", "render a perspective path")
     cameras = []
     for index, entry in enumerate(_entries(content, "camera_path", source)):
-        where = f"{source} camera {index}"
-        angle = number(entry, "fov", where)
+        context = f"{source} camera {index}"
+        angle = number(entry, "fov", context)
         if not 0 < angle < 180:
-            raise InputError(where, f"has fov = {angle:g}", "give degrees above 0 and below 180")
+            raise InputError(context, f"has fov = {angle:g}", "give degrees above 0 and below 180")
         focal = height / (2 * math.tan(math.radians(angle) / 2))
-        lens = Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2), where)
-        cameras.append(_camera(lens, read_pose(entry, "camera_to_world", where), where))
+        lens = Lens("PINHOLE", width, height, (focal, focal, width / 2, height / 2), context)
+        cameras.append(_camera(lens, read_pose(entry, "camera_to_world", context), context))
     fps = number(content, "fps", source) if content.get("fps") is not None else None
     return FilePath(tuple(cameras), fps)
 
@@ -127,9 +127,9 @@ def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
 def _from_transforms(content: dict[str, Any], source: Path, height: int, width: int) -> FilePath:
     cameras = []
     for index, frame in enumerate(_entries(content, "frames", source)):
-        where = f"{source} frame {index}"
+        context = f"{source} frame {index}"
         lens = read_lens({**content, **frame}, height, width, source)
-        cameras.append(_camera(lens, read_pose(frame, "transform_matrix", where), where))
+        cameras.append(_camera(lens, read_pose(frame, "transform_matrix", context), context))
     return FilePath(tuple(cameras))
 
 

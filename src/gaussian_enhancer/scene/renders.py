@@ -49,8 +49,8 @@ class _Folders:
 
 def run_steps(folder: Path, side: Literal["train", "test"] = "test") -> tuple[int, ...]:
     """Steps that a run has renders of, ascending."""
-    found = (re.fullmatch(r"ours_(\d+)", p.parent.name) for p in (folder / side).glob("ours_*/renders") if p.is_dir())
-    return tuple(sorted(int(match[1]) for match in found if match))
+    matches = (re.fullmatch(r"ours_(\d+)", p.parent.name) for p in (folder / side).glob("ours_*/renders") if p.is_dir())
+    return tuple(sorted(int(match[1]) for match in matches if match))
 
 
 @reader
@@ -158,8 +158,8 @@ def read_folder(
 def _remedy(run: Path) -> str:
     """What else to give for a run of 3DGS without training views, which names its capture in ``cfg_args``."""
     arguments = run / "cfg_args"
-    found = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
-    return f"run={run} scene=capture scene.path={found[1] if found else 'CAPTURE'}"
+    match = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
+    return f"run={run} scene=capture scene.path={match[1] if match else 'CAPTURE'}"
 
 
 def _step(root: Path, step: int | None) -> int:
@@ -176,10 +176,10 @@ def _step(root: Path, step: int | None) -> int:
 
 def _run_of(renders: Path) -> tuple[Path | None, int]:
     """The run and the step whose held-out renders a folder is, by its place; no run if it is none."""
-    found = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
-    if renders.name != "renders" or found is None or renders.resolve().parents[1].name != "test":
+    match = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
+    if renders.name != "renders" or match is None or renders.resolve().parents[1].name != "test":
         return None, 0
-    return renders.resolve().parents[2], int(found[1])
+    return renders.resolve().parents[2], int(match[1])
 
 
 def _stems(side: Path) -> list[str]:

@@ -105,6 +105,6 @@ def _part(name: str, value: Any) -> Any:
 def _refusal(subject: str, error: ValidationError) -> InputError:
     """The first thing that pydantic refuses, in our words."""
     first = error.errors(include_url=False)[0]
-    place = ".".join([subject, *(str(part) for part in first["loc"])])
+    location = ".".join([subject, *(str(part) for part in first["loc"])])
     received = repr(first.get("input"))[:80]
-    return InputError(place, f"is {received}: {first['msg'].lower()}", "give the run as `fit` wrote it")
+    return InputError(location, f"is {received}: {first['msg'].lower()}", "give the run as `fit` wrote it")

@@ -67,16 +67,16 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
     Raises:
         InputError: an image cannot be read, or the folder cannot be written.
     """
-    told = progress or (lambda part, done, total: None)
+    report = progress or (lambda part, done, total: None)
     pycolmap = load_pycolmap()
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".work-") as name, _quiet(pycolmap):
         work = Path(name)
         pycolmap.set_random_seed(SEED)
         try:
-            _extract(pycolmap, images, work, told)
-            _match(pycolmap, images, work, told)
-            model = _mapped(pycolmap, len(images), work, told)
+            _extract(pycolmap, images, work, report)
+            _match(pycolmap, images, work, report)
+            model = _mapped(pycolmap, len(images), work, report)
             if model is not None:
                 model.write_binary(str(folder))
         except RuntimeError as error:  # COLMAP's files are refused by the system

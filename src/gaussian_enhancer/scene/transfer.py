@@ -83,9 +83,9 @@ class Transfer:
         """The file's whole size as the answer states it, after checking that it continues what is there."""
         if response.headers.get_content_type() == "text/html":
             self._wrong("answers with a web page in place of the archive")
-        found = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
-        if response.status == 206 and found and int(found[1]) == self.size:
-            total = None if found[2] == "*" else int(found[2])
+        match = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
+        if response.status == 206 and match and int(match[1]) == self.size:
+            total = None if match[2] == "*" else int(match[2])
         elif response.status == 206:
             self._restart()
             raise http.client.HTTPException("another part than the one asked for")

@@ -127,8 +127,8 @@ def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[
     files: list[PosedFile] = []
     absent: list[str] = []
     for index, frame in enumerate(frames):
-        where = f"{source} frame {index}"
-        listed = text(frame, "file_path", where)
+        context = f"{source} frame {index}"
+        listed = text(frame, "file_path", context)
         photo = _on_disk(source.parent, listed)
         if photo is None:
             absent.append(listed)

@@ -73,8 +73,8 @@ class Lens:
         focal, centre = self._focal_and_centre()
         side = max(self.width, self.height)
         if not side * LEAST_FOCAL <= min(focal) <= max(focal) <= side * LARGEST_FOCAL:
-            wrong = min(focal) if min(focal) < side * LEAST_FOCAL else max(focal)
-            received = f"has focal length {wrong:g} for a camera of {self.width}x{self.height} pixels"
+            worst = min(focal) if min(focal) < side * LEAST_FOCAL else max(focal)
+            received = f"has focal length {worst:g} for a camera of {self.width}x{self.height} pixels"
             raise InputError(self.source, received, "give one above 0 pixels, 0.001 to 100,000 times the size")
         if max(abs(centre[0]), abs(centre[1])) > side * FARTHEST_CENTRE:
             received = f"has its principal point at {centre[0]:g}, {centre[1]:g}"
@@ -143,9 +143,9 @@ def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
     y = torch.linspace(0.5, ideal.height - 0.5, 64, dtype=torch.float64)
     border = torch.cat([torch.stack(torch.meshgrid(x, y[[0, -1]], indexing="xy"), -1).flatten(0, 1),
                         torch.stack(torch.meshgrid(x[[0, -1]], y, indexing="xy"), -1).flatten(0, 1)])  # fmt: skip
-    seen = distort(border, K, lens)
+    distorted = distort(border, K, lens)
     slack = 2.0
-    inside = (seen > -slack) & (seen < seen.new_tensor([lens.width, lens.height]) + slack)
+    inside = (distorted > -slack) & (distorted < distorted.new_tensor([lens.width, lens.height]) + slack)
     if not bool(inside.all()):
         received = f"has {lens.model} coefficients {lens.params} that fold the picture's border over"
         raise InputError(lens.source, received, "calibrate again with a milder lens model")
@@ -161,8 +161,8 @@ def distort(points: Float[Tensor, "n 2"], K: Float[Tensor, "3 3"], lens: Lens) -
         lens: the lens that took the photo.
     """
     rays = torch.cat([points.double(), torch.ones_like(points[:, :1]).double()], 1) @ torch.linalg.inv(K.double()).T
-    seen = lens.colmap.img_from_cam(rays.numpy())
-    return torch.from_numpy(np.asarray(seen)).to(points.dtype)
+    distorted = lens.colmap.img_from_cam(rays.numpy())
+    return torch.from_numpy(np.asarray(distorted)).to(points.dtype)
 
 
 def undistort(image: Float[Tensor, "c h w"], lens: Lens) -> Float[Tensor, "c H W"]:
@@ -179,6 +179,6 @@ def _sampling_grid(lens: Lens) -> Float[Tensor, "1 H W 2"]:
     """grid_sample's normalised coordinates; kept for the next photo, since a capture has one lens or a few."""
     K, height, width = ideal_pinhole(lens)
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    seen = distort(torch.stack([x, y], -1).flatten(0, 1).double(), K, lens)
-    normalised = 2 * seen / seen.new_tensor([lens.width, lens.height]) - 1
+    distorted = distort(torch.stack([x, y], -1).flatten(0, 1).double(), K, lens)
+    normalised = 2 * distorted / distorted.new_tensor([lens.width, lens.height]) - 1
     return normalised.float().reshape(1, height, width, 2)

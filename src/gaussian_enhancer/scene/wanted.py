@@ -64,13 +64,13 @@ def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Ite
         elif archive not in needed:
             state = "not needed"
         else:
-            begun = f", {_size(part.stat().st_size)} of it there" if part.is_file() else ""
-            state = f"to fetch ({_size(archive.bytes)}{begun}) from {archive.url}"
+            partial = f", {_size(part.stat().st_size)} of it there" if part.is_file() else ""
+            state = f"to fetch ({_size(archive.bytes)}{partial}) from {archive.url}"
         yield f"  archive {archive.file}: {state}; {checksum_note(archive)}"
     for name, entry in wanted.items():
         absent = ", ".join(entry.absent)
-        there = ", ".join(part for part in entry.parts.names if part not in entry.absent)
-        states = [f"{words} {parts}" for words, parts in (("there:", there), ("to unpack:", absent)) if parts]
+        present = ", ".join(part for part in entry.parts.names if part not in entry.absent)
+        states = [f"{words} {parts}" for words, parts in (("there:", present), ("to unpack:", absent)) if parts]
         yield f"  scene {name}: {'; '.join(states)}"
 
 

@@ -44,12 +44,12 @@ def smoothing_size(
         inside = (position > -SCREEN_MARGIN) & (position < 1 + SCREEN_MARGIN)
         focal = camera.K.diagonal()[:2].max().to(means)
         spacing = torch.where((z > near) & inside.all(-1), torch.minimum(spacing, z / focal), spacing)
-    seen = spacing.isfinite()
-    if len(means) and not seen.any():
+    finite = spacing.isfinite()
+    if len(means) and not finite.any():
         received = f"{len(cameras)} see none of the {len(means)} Gaussians"
         raise InputError("training cameras", received, "give the cameras that the splat was fitted to")
-    largest = spacing[seen].max() if len(means) else 0.0
-    return FILTER_VARIANCE**0.5 * torch.where(seen, spacing, largest)
+    largest = spacing[finite].max() if len(means) else 0.0
+    return FILTER_VARIANCE**0.5 * torch.where(finite, spacing, largest)
 
 
 def smoothed(

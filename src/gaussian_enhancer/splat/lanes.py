@@ -103,10 +103,10 @@ def prefetch(typing: Any, array: Any, row: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        place = builder.bitcast(_row(context, builder, signature.args[0], given[0], given[1]), byte)
+        address = builder.bitcast(_row(context, builder, signature.args[0], given[0], given[1]), byte)
         kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(function, [place, word(0), word(3), word(1)])
+        builder.call(function, [address, word(0), word(3), word(1)])
         return context.get_dummy_value()
 
     return types.void(array, types.intp), generate
@@ -189,7 +189,7 @@ def store_sums(typing: Any, array: Any, row: Any, vectors: Any) -> Any:
     """
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        place = _row(context, builder, signature.args[0], given[0], given[1])
+        address = _row(context, builder, signature.args[0], given[0], given[1])
         parts = [builder.extract_value(given[2], k) for k in range(len(signature.args[2]))]
         parts += [_constant(0.0)] * (COUNT - len(parts))
         for width in (8, 4, 2, 1):
@@ -197,7 +197,7 @@ def store_sums(typing: Any, array: Any, row: Any, vectors: Any) -> Any:
             low = [i if not i & width else COUNT + i - width for i in range(COUNT)]
             high = [i + width if not i & width else COUNT + i for i in range(COUNT)]
             parts = [_folded(builder, parts[k], parts[k + len(parts) // 2], low, high) for k in range(len(parts) // 2)]
-        builder.store(parts[0], builder.bitcast(place, _FLOATS.as_pointer()), align=4)
+        builder.store(parts[0], builder.bitcast(address, _FLOATS.as_pointer()), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, vectors), generate

@@ -220,14 +220,14 @@ def _composite(
     alpha = (layers.opacity * torch.exp(-power)).clamp_max(ALPHA_MAX)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha, 0.0)
     after = torch.cumprod(1 - alpha, -1)
-    drawn = after.detach() >= TRANSMITTANCE_MIN
+    included = after.detach() >= TRANSMITTANCE_MIN
     before = torch.cat([torch.ones_like(after[:, :1]), after], -1)[:, :-1]
-    weight = torch.where(drawn, alpha * before, 0.0)
+    weight = torch.where(included, alpha * before, 0.0)
     total = weight.sum(-1, keepdim=True)
     colour = weight @ layers.colour + (1 - total) * weight.new_tensor(background)
     solid = total >= DEPTH_ALPHA_MIN
     depth = torch.where(solid, (weight * z).sum(-1, keepdim=True) / torch.where(solid, total, 1.0), 0.0)
-    crosses = drawn & (before > 0.5) & (after <= 0.5)
+    crosses = included & (before > 0.5) & (after <= 0.5)
     median = torch.where(crosses, z, 0.0).detach().sum(-1, keepdim=True)
     normals = torch.zeros_like(colour)
     if layers.normals is not None:

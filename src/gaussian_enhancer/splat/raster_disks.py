@@ -152,10 +152,10 @@ def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colo
         alpha = min(exp2_nonpositive(t), LARGEST_ALPHA)
         T = planes[p]
         rest = T * (ONE - alpha)
-        seen = t >= LOG2_SMALLEST_ALPHA
-        adds = seen & (rest >= SMALLEST_T)
+        counts = t >= LOG2_SMALLEST_ALPHA
+        adds = counts & (rest >= SMALLEST_T)
         weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if seen else T)
+        planes[p] = rest if adds else (-abs(T) if counts else T)
         planes[p + P1] += weight * colour[0]
         planes[p + P2] += weight * colour[1]
         planes[p + P3] += weight * colour[2]
@@ -243,10 +243,10 @@ def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, co
         alpha = min(raw, LARGEST_ALPHA)
         T = planes[p]
         rest = T * (ONE - alpha)
-        seen = t >= LOG2_SMALLEST_ALPHA
-        adds = seen & (rest >= SMALLEST_T)
+        counts = t >= LOG2_SMALLEST_ALPHA
+        adds = counts & (rest >= SMALLEST_T)
         weight = alpha * T if adds else ZERO
-        planes[p] = rest if adds else (-abs(T) if seen else T)
+        planes[p] = rest if adds else (-abs(T) if counts else T)
         by_red, by_green, by_blue, by_depth = planes[p + P2], planes[p + P3], planes[p + P4], planes[p + P5]
         by_x, by_y, by_z = planes[p + P7], planes[p + P8], planes[p + P9]
         value = by_red * colour[0] + by_green * colour[1] + by_blue * colour[2] + by_depth * z + planes[p + P6]

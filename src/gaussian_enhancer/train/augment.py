@@ -83,9 +83,9 @@ class Augmentation:
         count = (len(planes) - fixed) // each
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
             return planes[:fixed]
-        kept = 1 + _below(count, generator)
+        kept_count = 1 + _below(count, generator)
         order = list(range(count)) if _below(2, generator) else torch.randperm(count, generator=generator).tolist()
-        chosen = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept]]
+        chosen = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept_count]]
         return np.concatenate([planes[:fixed], *chosen])
 
     def relight(self, batch: Batch, generator: torch.Generator, start: int = 0, whole: int | None = None) -> Batch:
@@ -108,19 +108,19 @@ class Augmentation:
         def lit(image: Tensor, gain: Tensor) -> Tensor:
             return (image * gain).clamp(0, 1)
 
-        drawn = views.reference_renders
-        if drawn is not None and self.overfit > 0:
+        renders = views.reference_renders
+        if renders is not None and self.overfit > 0:
             lost = self.overfit * torch.rand(whole, 1, 1, 1, 1, generator=generator)[part]
-            drawn = torch.lerp(drawn, views.references, lost)
-        if drawn is not None:
+            renders = torch.lerp(renders, views.references, lost)
+        if renders is not None:
             non_finite = float(torch.rand((), generator=generator)) < self.drop_renders
-            drawn = None if non_finite else lit(drawn, light[:, None])
+            renders = None if non_finite else lit(renders, light[:, None])
         gain, fine = light[:, None] * exposure, views.fine_references
         views = dataclasses.replace(
             views,
             render=lit(views.render, light),
             references=lit(views.references, gain),
-            reference_renders=drawn,
+            reference_renders=renders,
             fine_references=None if fine is None else lit(fine, gain),
         )
         real = None if batch.real is None else lit(batch.real, light)

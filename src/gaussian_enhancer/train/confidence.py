@@ -174,11 +174,11 @@ def train_confidence(
         confidence.train()
         for _ in range(steps):
             chosen = torch.randint(len(weights), (BATCH,), generator=draw)
-            drawn = whole.select(chosen)
-            noisy = drawn.features + NOISE * confidence.scale * torch.randn_like(drawn.features)
+            chosen_views = whole.select(chosen)
+            noisy = chosen_views.features + NOISE * confidence.scale * torch.randn_like(chosen_views.features)
             shares = confidence.judge(noisy.T[None, :, None])[0, :, 0].T
-            added = drawn.added(shares.clamp(-0.2, 1.4))
-            cost = added + harm * added.clamp_min(0) + block_harm * drawn.lost(added)
+            added = chosen_views.added(shares.clamp(-0.2, 1.4))
+            cost = added + harm * added.clamp_min(0) + block_harm * chosen_views.lost(added)
             loss = (weights[chosen] * cost).mean()
             optimizer.zero_grad()
             loss.backward()

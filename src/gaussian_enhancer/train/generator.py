@@ -96,12 +96,12 @@ class PairedModule(_GeneratorModule):
         manual, real, generators = self.prepared(batch, self.global_step)
         factors = self.model.extractor(manual, real)
         noisy = factors.combined(_white(factors), 1.0, self.loss.noise)
-        made = self.model.combine(manual, noisy, generators).float()
+        output = self.model.combine(manual, noisy, generators).float()
         self._scale(factors)
         with torch.autocast(self.device.type, enabled=False):
             parts = {
-                "pixels": (made - real).abs().mean(),
-                "texture": texture_difference(made, real),
+                "pixels": (output - real).abs().mean(),
+                "texture": texture_difference(output, real),
                 "size": _size(factors),
             }
         self._logged(parts, batch)
@@ -111,9 +111,9 @@ class PairedModule(_GeneratorModule):
     def validation_step(self, batch: Batch, index: int) -> None:
         """How much nearer L is to R than M: in dB of PSNR, and as the share of the texture's difference left."""
         manual, real, generators = self.prepared(batch, index)
-        made = self.model.combine(manual, self.model.extractor(manual, real), generators).float().clamp(0, 1)
-        self.log("gain/paired", _nearer(manual, made, real), prog_bar=True, batch_size=1)
-        self.log("texture/paired", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
+        output = self.model.combine(manual, self.model.extractor(manual, real), generators).float().clamp(0, 1)
+        self.log("gain/paired", _nearer(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("texture/paired", _texture_left(manual, output, real), prog_bar=True, batch_size=1)
 
     @torch.no_grad()
     def _scale(self, factors: Factors) -> None:
@@ -170,9 +170,9 @@ class DiffusedModule(_GeneratorModule):
             torch.manual_seed(index)
             self.log("left/denoising", self._denoising(manual, real, self.model), batch_size=1)
         sampled = self.model.sample(manual, self.sampler, generators)
-        made = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
-        self.log("gain/diffused", _nearer(manual, made, real), prog_bar=True, batch_size=1)
-        self.log("texture/diffused", _texture_left(manual, made, real), prog_bar=True, batch_size=1)
+        output = self.model.combine(manual, sampled, generators).float().clamp(0, 1)
+        self.log("gain/diffused", _nearer(manual, output, real), prog_bar=True, batch_size=1)
+        self.log("texture/diffused", _texture_left(manual, output, real), prog_bar=True, batch_size=1)
 
     def _denoising(self, manual: Tensor, real: Tensor, model: FactorModel) -> Tensor:
         """Mean squared error of the clean code at a random time, in units of the code's own size."""

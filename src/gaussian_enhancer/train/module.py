@@ -156,10 +156,10 @@ class EnhancerModule(LightningModule):
         with torch.autocast(self.device.type, enabled=False):
             gains = self.metrics(enhanced, raw, batch.photo)
         self.log_dict(self.metrics, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
-        place = index * self.trainer.world_size + self.trainer.global_rank
+        position = index * self.trainer.world_size + self.trainer.global_rank
         values = {name.removeprefix("gain/"): float(value) for name, value in gains.items()}
-        self.judged.append(ValidationMetrics(place, batch.names[0], values))
-        return {"place": place, "enhanced": enhanced}
+        self.judged.append(ValidationMetrics(position, batch.names[0], values))
+        return {"place": position, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
         """Bring together what all processes found of single views, in the views' order."""

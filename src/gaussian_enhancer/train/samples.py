@@ -198,8 +198,10 @@ def _prepare(
         truth = truth if exposure is None else apply_colour(truth, exposure)
         save_array(finer, _fine_planes(truth, aligned).to(torch.uint8).numpy())
     known = target.depth is not None, target.alpha is not None
-    name, drawn = f"{rendered.name}/{view.name}", aligned.renders is not None
-    return Sample(name, str(path), height, width, len(aligned.names), *known, has_reference_renders=drawn, fine=finer)
+    name, has_renders = f"{rendered.name}/{view.name}", aligned.renders is not None
+    return Sample(
+        name, str(path), height, width, len(aligned.names), *known, has_reference_renders=has_renders, fine=finer
+    )
 
 
 def _not_finite(images: Mapping[str, Tensor | None]) -> str:

@@ -63,15 +63,15 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
 def _told_of_its_run(cfg: DictConfig, job: Run, part: str) -> DictConfig:
     """The configuration with ``this_run``, to which loggers refer, filled in."""
     dash = f"-{part}" if part else ""
-    told = copy.deepcopy(cfg)
-    with open_dict(told):
-        told.this_run = {
+    configuration = copy.deepcopy(cfg)
+    with open_dict(configuration):
+        configuration.this_run = {
             "folder": str(job.folder / part),
             "id": f"{job.digest}{dash}",
             "name": f"{job.folder.name}{dash}",
             "job": job.folder.parent.name,
         }
-    return told
+    return configuration
 
 
 def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:

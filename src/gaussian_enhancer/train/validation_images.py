@@ -50,11 +50,11 @@ class ValidationImages(Callback):
             batch_idx: unused.
             *_: unused.
         """
-        place, enhanced = outputs["place"], outputs["enhanced"]
+        position, enhanced = outputs["place"], outputs["enhanced"]
         every = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
-        if self.loggers and place % every == 0 and place // every < self.images:
+        if self.loggers and position % every == 0 and position // every < self.images:
             raw = quantised(upsampled(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
-            self.kept.append((place, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
+            self.kept.append((position, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log what was found and kept, by the first process alone."""

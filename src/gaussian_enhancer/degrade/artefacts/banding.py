@@ -35,7 +35,7 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     height, width = view.image.shape[-2:]
     side = math.sqrt(height * width)
     chance = uniform(0.0, 1.0, (6, ROWS * DISKS), generators, view.image)
-    place, turn, thick, far, first = uniform(0.0, 1.0, (5, 1), generators, view.image).unbind(1)
+    position, turn, thick, far, first = uniform(0.0, 1.0, (5, 1), generators, view.image).unbind(1)
     row = torch.arange(ROWS, device=view.image.device).repeat_interleave(DISKS)
     step = row.to(view.image) - (ROWS - 1) / 2
 
@@ -45,7 +45,7 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     along = side * (0.1 + 0.22 * chance[:, 0])
     shift, slide = 1.5 * across * (step + 0.5 * (chance[:, 1] - 0.5)), 1.3 * side * (chance[:, 2] - 0.5)
     centre_x = width / 2 + slide * lean.cos() - shift * lean.sin()
-    centre_y = height * place + slide * lean.sin() + shift * lean.cos()
+    centre_y = height * position + slide * lean.sin() + shift * lean.cos()
     sigma = torch.stack([along, across * (0.7 + 0.6 * chance[:, 3])], dim=2)
 
     share = 0.6 + 0.35 * chance[:, 4]

@@ -31,12 +31,12 @@ def cloudy(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     height, width = view.image.shape[-2:]
     chance = uniform(0.0, 1.0, (9, VEILS), generators, view.image)
     number = uniform(2.0, VEILS + 1.0, (1,), generators, view.image).floor()
-    there = torch.arange(VEILS, device=view.image.device) < number
+    present = torch.arange(VEILS, device=view.image.device) < number
     centre = (1.4 * chance[:, 0:2].mT - 0.2) * view.image.new_tensor([width, height])
     sigma = math.sqrt(height * width) * (0.2 + 0.4 * chance[:, 2:4].mT)
     mean = view.image.mean(dim=(2, 3))[:, None]
     grey = (0.35 + 0.5 * chance[:, 4])[..., None]
     colour = mean + (0.3 + 0.7 * chance[:, 5])[..., None] * (grey - mean)
-    opacity = strength[:, None] * there * (0.12 + 0.28 * chance[:, 6])
+    opacity = strength[:, None] * present * (0.12 + 0.28 * chance[:, 6])
     depth = depth_level(view) * (0.2 + 0.5 * chance[:, 7])
     return composite(view, SplatLayer(centre, sigma.log(), math.pi * chance[:, 8], opacity, colour.clamp(0, 1), depth))

@@ -71,6 +71,6 @@ def colour(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     """
     image = view.image
     ways = torch.stack([palette(image, strength), coarse_ycbcr(image, strength), toned(image, strength, generators)])
-    way = torch.tensor(whole(0, 2, generators), device=image.device)
-    distorted = ways[way, torch.arange(len(view), device=image.device)].clamp(0, 1)
+    direction = torch.tensor(whole(0, 2, generators), device=image.device)
+    distorted = ways[direction, torch.arange(len(view), device=image.device)].clamp(0, 1)
     return replace(view, image=torch.where(each(strength) > 0, distorted, image))

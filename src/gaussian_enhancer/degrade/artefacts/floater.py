@@ -33,7 +33,7 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     size, side = view.image.new_tensor([width, height]), math.sqrt(height * width)
     chance = uniform(0.0, 1.0, (11, FLOATERS), generators, view.image)
     number = uniform(1.0, FLOATERS + 1.0, (1,), generators, view.image).floor()
-    there = torch.arange(FLOATERS, device=view.image.device) < number
+    present = torch.arange(FLOATERS, device=view.image.device) < number
     centre = chance[:, 0:2].mT * size
     # A side ratio of at most 2.5: what is thinner is a needle.
     sigma = (side * (0.03 + 0.09 * chance[:, 2]))[..., None] * torch.stack(
@@ -42,6 +42,6 @@ def floater(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     borrowed = colour_at(view, chance[:, 4:6].mT * size)
     kind, tone = chance[:, 6, :, None], chance[:, 7, :, None]
     colour = torch.where(kind < 0.8, borrowed, torch.where(kind < 0.9, 0.15 * tone, 0.8 + 0.2 * tone))
-    opacity = strength[:, None] * there * (0.15 + 0.75 * chance[:, 8].square())
+    opacity = strength[:, None] * present * (0.15 + 0.75 * chance[:, 8].square())
     depth = depth_level(view) * (0.1 + 0.3 * chance[:, 9])
     return composite(view, SplatLayer(centre, sigma.log(), math.pi * chance[:, 10], opacity, colour, depth))

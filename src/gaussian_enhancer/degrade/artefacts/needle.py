@@ -67,7 +67,7 @@ def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
     # Splats that stand out did not find their colour: they are well off in brightness, a little in hue.
     tone = 0.35 * spread[:, 5, :, None] + 0.05 * spread[:, 5:8].mT
     colour = (colour_at(view, source) * (1 + tone) + 0.1 * tone).clamp(0, 1)
-    there = chance[:, 7] < 0.4 + 0.6 * crowd[:, 3]
-    opacity = strength[:, None] * there * (0.5 + 0.45 * chance[:, 8])
+    present = chance[:, 7] < 0.4 + 0.6 * crowd[:, 3]
+    opacity = strength[:, None] * present * (0.5 + 0.45 * chance[:, 8])
     depth = depth_at(view, centre) * (0.88 + 0.11 * chance[:, 9])
     return composite(view, SplatLayer(centre, sigma.log(), angle, opacity, colour, depth))

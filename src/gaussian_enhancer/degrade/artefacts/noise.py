@@ -43,5 +43,5 @@ def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.
     region = soft_region(height, width, generators, image)
     turn = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
     white, other = normal((2, 3, height, width), generators, image).unbind(1)
-    drawn = torch.cos(turn) * white + torch.sin(turn) * blobby(other)
-    return replace(view, image=(image + LOUDEST * each(strength) * region * drawn).clamp(0, 1))
+    noise_field = torch.cos(turn) * white + torch.sin(turn) * blobby(other)
+    return replace(view, image=(image + LOUDEST * each(strength) * region * noise_field).clamp(0, 1))

@@ -46,8 +46,8 @@ def uniform(
         generators: one for each sample.
         like: a tensor whose type and device the result has.
     """
-    drawn = torch.stack([torch.rand(tuple(shape), generator=generator) for generator in generators])
-    return low + (high - low) * drawn.to(like)
+    values = torch.stack([torch.rand(tuple(shape), generator=generator) for generator in generators])
+    return low + (high - low) * values.to(like)
 
 
 def normal(shape: Sequence[int], generators: Sequence[torch.Generator], like: Tensor) -> Float[Tensor, "b ..."]:

@@ -86,11 +86,11 @@ def sensor_noise(
     """
     height, width = raw.shape[-2:]
     shot = torch.exp(uniform(math.log(2e-4), math.log(2e-3), (), generators, raw))
-    read = torch.exp(2.18 * torch.log(shot) + 1.2 + 0.26 * normal((), generators, raw))
+    read_noise = torch.exp(2.18 * torch.log(shot) + 1.2 + 0.26 * normal((), generators, raw))
     even = F.pad(raw, (0, width % 2, 0, height % 2), mode="replicate")
-    deviation = (each(shot) * rgb_to_raw(even, CFA.BG) + each(read)).sqrt()
-    drawn = each(strength) * deviation * normal(tuple(deviation.shape[1:]), generators, raw)
-    return raw_to_rgb(drawn, CFA.BG)[..., :height, :width]
+    deviation = (each(shot) * rgb_to_raw(even, CFA.BG) + each(read_noise)).sqrt()
+    read_deviation = each(strength) * deviation * normal(tuple(deviation.shape[1:]), generators, raw)
+    return raw_to_rgb(read_deviation, CFA.BG)[..., :height, :width]
 
 
 def sensor(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:

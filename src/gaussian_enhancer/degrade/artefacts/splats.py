@@ -167,12 +167,12 @@ def _expected(
     """Expected depth, written as a change of the view's own, so that no weight means no change."""
     if view.depth is None:
         return None
-    known = usable(view.depth)
-    own = torch.where(known, view.depth, 0)
-    surface = known.to(own.dtype) if view.alpha is None else view.alpha * known
+    known_depth = usable(view.depth)
+    splat_depth = torch.where(known_depth, view.depth, 0)
+    surface = known_depth.to(splat_depth.dtype) if view.alpha is None else view.alpha * known_depth
     total = (weight + through * surface).clamp_min(1e-12)
-    moved = own + (far - own * weight) / total
-    return torch.where(known | (weight > HIT), moved, view.depth)
+    mean_depth = splat_depth + (far - splat_depth * weight) / total
+    return torch.where(known_depth | (weight > HIT), mean_depth, view.depth)
 
 
 def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
@@ -196,8 +196,8 @@ def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]
     middle = depth_level(view)
     if view.depth is None:
         return middle.expand(centre.shape[:2])
-    found = view.depth.flatten(1).gather(1, _pixel(view, centre))
-    return torch.where(usable(found), found, middle)
+    depths = view.depth.flatten(1).gather(1, _pixel(view, centre))
+    return torch.where(usable(depths), depths, middle)
 
 
 def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:

@@ -86,10 +86,10 @@ def responses(
         own = named(name, common)
         offset = torch.rand((), generator=own).item()
         measured = []
-        for place in range(total):
-            within_region = (place + offset) / total < regional
+        for index in range(total):
+            within_region = (index + offset) / total < regional
             seed = int(torch.randint(2**62, (), generator=own))
-            measured.append(_response(photos[place % len(photos)], name, within_region, seed))
+            measured.append(_response(photos[index % len(photos)], name, within_region, seed))
         mean = torch.stack(measured).mean(0)
         curves.append(torch.cat([torch.zeros_like(mean[:1]), mean]))
     return Responses(tuple(types), torch.stack(curves))

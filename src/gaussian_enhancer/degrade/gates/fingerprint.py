@@ -93,10 +93,10 @@ def fingerprint(renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Floa
     """
     if not renders or len(renders) != len(photos):
         raise InputError("fingerprint", f"got {len(renders)} renders and {len(photos)} photos", "give pairs")
-    for place, (render, photo) in enumerate(zip(renders, photos, strict=True)):
+    for index, (render, photo) in enumerate(zip(renders, photos, strict=True)):
         if render.shape != photo.shape:
             received = f"has the shape {tuple(render.shape)} beside a photo of {tuple(photo.shape)}"
-            raise InputError(f"render {place}", received, "bring both to the same size")
+            raise InputError(f"render {index}", received, "bring both to the same size")
     return averaged([energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
 
 
@@ -132,15 +132,15 @@ def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> F
     """
     truth = photo.float()[None]
     residual = render.float()[None] - truth
-    reach = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
+    radius = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
     fine = smooth(residual, DETAIL)
-    coarse = smooth(residual, reach)
+    coarse = smooth(residual, radius)
     detail = residual - fine
     lost = projected(detail, truth - smooth(truth, DETAIL))
     own = detail - lost
     needles, _ = directed(own, 2 * DETAIL)
-    bands, blobs = directed(fine - coarse, reach / 2)
-    found = (
+    bands, blobs = directed(fine - coarse, radius / 2)
+    energy = (
         lost.square().mean(),
         own.square().mean(),
         needles.mean(),
@@ -148,7 +148,7 @@ def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> F
         coarse.square().mean(),
         concentrated(blobs),
     )
-    return torch.stack(found).double().cpu()
+    return torch.stack(energy).double().cpu()
 
 
 def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c h w"]:

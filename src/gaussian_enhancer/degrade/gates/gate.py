@@ -178,6 +178,6 @@ def drawn(generator: torch.Generator) -> tuple[Drawn, ...]:
     seed = int(torch.randint(2**62, (), generator=generator))
     lots = {}
     for name in TYPES:
-        lot, strength, place, order = torch.rand(4, generator=named(name, seed), dtype=torch.float64).tolist()
-        lots[name] = order, Drawn(name, lot, 1 - strength, place)
+        lot, strength, position, order = torch.rand(4, generator=named(name, seed), dtype=torch.float64).tolist()
+        lots[name] = order, Drawn(name, lot, 1 - strength, position)
     return tuple(entry for _, entry in sorted(lots.values()))

@@ -68,9 +68,9 @@ class LinearSchedule:
         """The signal a at times in [0, 1]."""
         roots = torch.linspace(self.first**0.5, self.last**0.5, self.steps, device=time.device, dtype=time.dtype)
         logs = torch.cat([roots.new_zeros(1), torch.log1p(-roots.square()).cumsum(0)])
-        place = (time * self.steps).clamp(0, self.steps)
-        below = place.floor().long().clamp(max=self.steps - 1)
-        share = place - below
+        position = (time * self.steps).clamp(0, self.steps)
+        below = position.floor().long().clamp(max=self.steps - 1)
+        share = position - below
         return torch.exp(0.5 * (logs[below] + share * (logs[below + 1] - logs[below])))
 
 

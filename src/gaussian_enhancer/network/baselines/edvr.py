@@ -77,16 +77,16 @@ class EDVR(Network):
         views = padded(views, self.stride)
         batch, count = views.references.shape[:2]
         alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
-        own = torch.cat([views.render, alpha], dim=1)
+        rgb_alpha = torch.cat([views.render, alpha], dim=1)
         others = torch.cat([views.references, views.visibility], dim=2).flatten(0, 1)
-        levels = self.encode(torch.cat([own, others]))
-        target, news = levels[0][:batch], None
+        levels = self.encode(torch.cat([rgb_alpha, others]))
+        target, fused = levels[0][:batch], None
         if count:
             targets = [level[:batch].repeat_interleave(count, dim=0) for level in levels]
             aligned = self.align([level[batch:] for level in levels], targets)
-            seen = F.avg_pool2d(views.visibility.flatten(0, 1), 4)
-            news = self.attend.gather(aligned, targets[0], seen, count)
-        x = self.back(self.attend(target, torch.zeros_like(target) if news is None else news))
+            visibility = F.avg_pool2d(views.visibility.flatten(0, 1), 4)
+            fused = self.attend.gather(aligned, targets[0], visibility, count)
+        x = self.back(self.attend(target, torch.zeros_like(target) if fused is None else fused))
         residual = F.pixel_shuffle(self.head(leaky(F.pixel_shuffle(self.grow(x), 2))), 2)[..., :height, :width]
         return (views.render[..., :height, :width] + residual.to(views.render.dtype),)
 
@@ -156,14 +156,14 @@ class OffsetStep(nn.Module):
         coarser: tuple[Float[Tensor, "f o k l"], Float[Tensor, "f c k l"]] | None,
     ) -> tuple[Float[Tensor, "f o i j"], Float[Tensor, "f c i j"]]:
         """What was found, for the next finer level, and the aligned features."""
-        found = leaky(self.compare(torch.cat([reference, target], dim=1)))
+        offset_features = leaky(self.compare(torch.cat([reference, target], dim=1)))
         if self.inform is not None and coarser is not None:
             # Twice, since an offset of one coarse pixel is one of two fine ones.
-            found = leaky(self.inform(torch.cat([found, 2 * _doubled(coarser[0])], dim=1)))
-        aligned = deformable_sample(reference, *self.moves(found), self.mix.weight, self.mix.bias)
+            offset_features = leaky(self.inform(torch.cat([offset_features, 2 * _doubled(coarser[0])], dim=1)))
+        aligned = deformable_sample(reference, *self.moves(offset_features), self.mix.weight, self.mix.bias)
         if self.join is not None and coarser is not None:
             aligned = self.join(torch.cat([aligned, _doubled(leaky(coarser[1]))], dim=1))
-        return found, aligned
+        return offset_features, aligned
 
     def moves(self, found: Float[Tensor, "f o i j"]) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
         """Offsets, within the reach, and masks in [0, 2]."""

@@ -67,11 +67,11 @@ class NAFNet(Network):
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         height, width = views.render.shape[-2:]
-        own = padded(
+        padded_input = padded(
             NetworkInput(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
         )
-        alpha = torch.ones_like(own.render[:, :1]) if own.alpha is None else own.alpha
-        x = self.stem(F.pixel_unshuffle(torch.cat([own.render - 0.5, alpha], dim=1), 2))
+        alpha = torch.ones_like(padded_input.render[:, :1]) if padded_input.alpha is None else padded_input.alpha
+        x = self.stem(F.pixel_unshuffle(torch.cat([padded_input.render - 0.5, alpha], dim=1), 2))
         skips = []
         for blocks, shrink in zip(self.down, self.shrink, strict=True):
             skips.append(blocks(x))

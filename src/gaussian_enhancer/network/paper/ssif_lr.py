@@ -63,7 +63,9 @@ class PaperSSIFLR(CachesReferences):
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale."""
         pyramid = three_scales(views, self.stride)
-        return tuple(self._scale(k).encode_reference.each(seen.references - 0.5) for k, seen in enumerate(pyramid))
+        return tuple(
+            self._scale(k).encode_reference.each(scale_views.references - 0.5) for k, scale_views in enumerate(pyramid)
+        )
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None

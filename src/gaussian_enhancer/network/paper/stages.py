@@ -135,9 +135,9 @@ def adjacent(
     count = references.shape[1]
     if count > ADJACENT:
         raise InputError("references", f"are {count} for a network of two", "ask for 2, or choose mode=ours")
-    seen = references * visibility.to(references.dtype)
+    visible_references = references * visibility.to(references.dtype)
     lacking = [torch.zeros_like(references.sum(1))] * (ADJACENT - count)
-    first, second = [*seen.unbind(1), *lacking]
+    first, second = [*visible_references.unbind(1), *lacking]
     return first, second
 
 
@@ -154,8 +154,8 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
     if views.depth is None:
         return torch.zeros_like(views.render[:, :2])
     unit = depth_unit(views.depth) if views.depth_unit is None else views.depth_unit
-    known = usable(views.depth)
-    return torch.cat([normalised_inverse_depth(views.depth, unit), known], dim=1).to(views.render.dtype)
+    known_depth = usable(views.depth)
+    return torch.cat([normalised_inverse_depth(views.depth, unit), known_depth], dim=1).to(views.render.dtype)
 
 
 def zeroed(convolution: nn.Conv2d) -> None:

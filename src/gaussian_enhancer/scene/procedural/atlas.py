@@ -65,9 +65,9 @@ class Atlas(Movable):
     def _bilinear(self, texture: Tensor, uv: Tensor, level: Tensor, side: Tensor) -> Tensor:
         size = side >> level
         start = self.starts.view(-1)[texture * self.starts.shape[1] + level]
-        place = (uv - uv.floor()) * size[:, None] - 0.5
-        corner = place.floor()
-        u, v = (place - corner).unbind(1)
+        position = (uv - uv.floor()) * size[:, None] - 0.5
+        corner = position.floor()
+        u, v = (position - corner).unbind(1)
         mask = size - 1
         x0, y0 = corner.long().unbind(1)
         x0, x1, y0, y1 = x0 & mask, (x0 + 1) & mask, (y0 & mask) * size, ((y0 + 1) & mask) * size

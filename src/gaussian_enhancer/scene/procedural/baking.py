@@ -57,7 +57,10 @@ _FACES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), 
 
 
 def _cube(centre: Tensor) -> list[Camera]:
-    return [look_at(centre, centre + torch.tensor(way), _PROBE_SIDE / 2, _PROBE_SIDE, _PROBE_SIDE) for way in _FACES]
+    return [
+        look_at(centre, centre + torch.tensor(direction), _PROBE_SIDE / 2, _PROBE_SIDE, _PROBE_SIDE)
+        for direction in _FACES
+    ]
 
 
 def _panorama(cube: Float[Tensor, "6 3 side side"]) -> Float[Tensor, "1 3 d h w"]:
@@ -67,16 +70,18 @@ def _panorama(cube: Float[Tensor, "6 3 side side"]) -> Float[Tensor, "1 3 d h w"
     polar = (torch.arange(height, device=device) + 0.5) / height * torch.pi
     turn = ((torch.arange(width, device=device) + 0.5) / width * 2 - 1) * torch.pi
     p, t = torch.meshgrid(polar, turn, indexing="ij")
-    way = torch.stack([p.sin() * t.cos(), p.sin() * t.sin(), p.cos()], dim=-1).view(-1, 3)
-    picture = torch.zeros(len(way), 3, device=device)
-    best = torch.full((len(way),), -1.0, device=device)
+    direction = torch.stack([p.sin() * t.cos(), p.sin() * t.sin(), p.cos()], dim=-1).view(-1, 3)
+    picture = torch.zeros(len(direction), 3, device=device)
+    best = torch.full((len(direction),), -1.0, device=device)
     for image, camera in zip(cube, _cube(torch.zeros(3)), strict=True):
-        local = way @ camera.rotation.to(device).T
+        local = direction @ camera.rotation.to(device).T
         closer = local[:, 2] > best
         best = torch.where(closer, local[:, 2], best)
-        place = (local[:, :2] / local[:, 2:].clamp_min(1e-3)).clamp(-1, 1)
-        read = functional.grid_sample(image[None], place.view(1, 1, -1, 2), align_corners=False, padding_mode="border")
-        picture = torch.where(closer[:, None], read[0, :, 0].T, picture)
+        position = (local[:, :2] / local[:, 2:].clamp_min(1e-3)).clamp(-1, 1)
+        sampled = functional.grid_sample(
+            image[None], position.view(1, 1, -1, 2), align_corners=False, padding_mode="border"
+        )
+        picture = torch.where(closer[:, None], sampled[0, :, 0].T, picture)
     level = picture.T.view(1, 3, height, width)
     levels = []
     for step in range(6):

@@ -106,12 +106,12 @@ def needles(rng: Random, colour: Colour, count: int = 150) -> Texture:
     ink, shade = ImageDraw.Draw(image), ImageDraw.Draw(tone)
     for _ in range(7):
         start = rng.uniform(0.3, 0.7, 2) * SIDE
-        way = rng.normal(size=2)
-        way *= rng.uniform(0.2, 0.38) * SIDE / np.hypot(*way)
-        ink.line((*start, *(start + way)), fill=255, width=5)
+        direction = rng.normal(size=2)
+        direction *= rng.uniform(0.2, 0.38) * SIDE / np.hypot(*direction)
+        ink.line((*start, *(start + direction)), fill=255, width=5)
         for t in rng.random(count // 7):
-            root = start + t * way
-            turn = np.arctan2(way[1], way[0]) + rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
+            root = start + t * direction
+            turn = np.arctan2(direction[1], direction[0]) + rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
             tip = root + rng.uniform(0.05, 0.1) * SIDE * np.array([np.cos(turn), np.sin(turn)])
             ink.line((*root, *tip), fill=255, width=3)
             shade.line((*root, *tip), fill=int(rng.integers(70, 255)), width=3)

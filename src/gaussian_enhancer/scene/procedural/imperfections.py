@@ -39,8 +39,8 @@ class Departure:
             return replace(world, exposure=exposure)
         corners = world.mesh.corners
         swing = torch.sin(self.phase + _WAVES * corners.mean(dim=1).sum(dim=1)) * world.mesh.cutout
-        moved = corners + (swing[:, None] * corners.new_tensor(self.gust))[:, None]
-        return replace(world, exposure=exposure, mesh=replace(world.mesh, corners=moved))
+        blown = corners + (swing[:, None] * corners.new_tensor(self.gust))[:, None]
+        return replace(world, exposure=exposure, mesh=replace(world.mesh, corners=blown))
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,10 @@ def draft_indoor(seed: int) -> Draft:
     # Light arrives over walls and floor: what the room's own surfaces give back.
     sky = draft.sky
     draft.sky = SkySpec(sky.zenith, sky.horizon, (0.42, 0.37, 0.31), sky.cloud_texture, sky.sun)
-    way = np.array([rng.uniform(-0.4, 0.4), 1.0, rng.uniform(0.45, 0.9)])
-    draft.lights.append(LightSpec(tuple(way / np.linalg.norm(way) * 540), (0, 0, 1.0), 5.0, (2.6, 2.3, 1.9)))
+    direction = np.array([rng.uniform(-0.4, 0.4), 1.0, rng.uniform(0.45, 0.9)])
+    draft.lights.append(
+        LightSpec(tuple(direction / np.linalg.norm(direction) * 540), (0, 0, 1.0), 5.0, (2.6, 2.3, 1.9))
+    )
     p = Palette(draft)
     _shell(p, x, y, h)
     _lamp(p, h)

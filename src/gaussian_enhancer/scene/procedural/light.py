@@ -84,11 +84,11 @@ class Light:
         pose, K = self.camera.world_to_camera.to(points.device).double(), self.camera.K.to(points.device).double()
         pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
         z = pixel[:, 2].clamp_min(1e-3)
-        place = (pixel[:, :2] / z[:, None]).float() - 0.5
+        position = (pixel[:, :2] / z[:, None]).float() - 0.5
         slack = 0.004 * self.spec.radius if not self.spec.local else 0.02
         inverse = (1 / (z - slack).clamp_min(1e-3)).float()
-        corner = place.floor()
-        u, v = (place - corner).unbind(1)
+        corner = position.floor()
+        u, v = (position - corner).unbind(1)
         x, y = corner.long().unbind(1)
         side = self.shadow.shape[0]
         inside = (pixel[:, 2] > 1e-3) & (x >= 1) & (y >= 1) & (x < side - 2) & (y < side - 2)
@@ -163,11 +163,11 @@ class Ambient:
         """Irradiance over pi on surfaces with these normals."""
         extent = self.upper - self.lower
         voxel = extent / extent.new_tensor(self.volume.shape[:1:-1])
-        place = (points + 0.8 * voxel * normals - self.lower) / extent * 2 - 1
-        read = functional.grid_sample(
-            self.volume, place.view(1, 1, 1, -1, 3), padding_mode="border", align_corners=False
+        position = (points + 0.8 * voxel * normals - self.lower) / extent * 2 - 1
+        sampled = functional.grid_sample(
+            self.volume, position.view(1, 1, 1, -1, 3), padding_mode="border", align_corners=False
         )
-        coefficients = read.view(4, 3, -1)
+        coefficients = sampled.view(4, 3, -1)
         result = _SH0 * coefficients[0] + (2 / 3) * _SH1 * (normals.T[:, None] * coefficients[1:]).sum(0)
         return result.T.clamp_min(0.005)
 
@@ -203,11 +203,11 @@ def bake_ambient(
     for direction in towards:
         camera = look_at(middle + direction * radius * _FAR, middle, 0.5 * side * _FAR, side, side)
         shadow = inverse_depth(mesh, camera, keep, casting=True)
-        seen = _visible(points, camera, shadow, radius * 2.0 / side)
-        way = direction.to(device)
-        light = sky.radiance(way[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
-        basis = torch.cat([way.new_tensor([_SH0]), _SH1 * way])
-        volume += seen[:, None, None] * basis[None, :, None] * light[:, None, :]
+        lit = _visible(points, camera, shadow, radius * 2.0 / side)
+        ray = direction.to(device)
+        light = sky.radiance(ray[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
+        basis = torch.cat([ray.new_tensor([_SH0]), _SH1 * ray])
+        volume += lit[:, None, None] * basis[None, :, None] * light[:, None, :]
     shape = (counts[2], counts[1], counts[0])
     return Ambient(volume.view(*shape, 12).permute(3, 0, 1, 2)[None].contiguous(), lower, upper)
 

@@ -36,8 +36,8 @@ class SurfacePart:
         """The part scaled, tilted about x, turned about z (radians) and moved."""
         c, s, ct, st = np.cos(yaw), np.sin(yaw), np.cos(tilt), np.sin(tilt)
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ np.array([[1.0, 0, 0], [0, ct, -st], [0, st, ct]])
-        moved = self.positions * scale @ turn.T + np.asarray(at, dtype=float)
-        return SurfacePart(moved, self.normals @ turn.T, self.uvs * scale, self.faces)
+        transformed = self.positions * scale @ turn.T + np.asarray(at, dtype=float)
+        return SurfacePart(transformed, self.normals @ turn.T, self.uvs * scale, self.faces)
 
 
 def joined(parts: list[SurfacePart]) -> SurfacePart:

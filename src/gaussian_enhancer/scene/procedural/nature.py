@@ -22,14 +22,14 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
     wood, ends = [shapes.tube(stem, thick * (1.35 - 0.5 * t[:, 0]), 10)], []
     for k in range(int(rng.integers(4, 7))):
         angle = 2 * np.pi * (k + rng.uniform(0, 0.6)) / 5
-        reach = height * rng.uniform(0.16, 0.3)
+        spread = height * rng.uniform(0.16, 0.3)
         rise = height * rng.uniform(0.2, 0.55)
-        way = np.array([np.cos(angle) * reach, np.sin(angle) * reach, rise])
-        branch = stem[-1] + way * t + np.array([0, 0, -0.08 * height]) * (t * (1 - t))
+        tip = np.array([np.cos(angle) * spread, np.sin(angle) * spread, rise])
+        branch = stem[-1] + tip * t + np.array([0, 0, -0.08 * height]) * (t * (1 - t))
         wood.append(shapes.tube(branch, thick * 0.6 * (1 - 0.75 * t[:, 0]), 6))
         for _ in range(3):
             start = branch[int(rng.integers(2, 5))]
-            twig = start + (way * rng.uniform(0.2, 0.5) + rng.normal(size=3) * 0.1 * height) * t
+            twig = start + (tip * rng.uniform(0.2, 0.5) + rng.normal(size=3) * 0.1 * height) * t
             wood.append(shapes.tube(twig, thick * 0.22 * (1 - 0.8 * t[:, 0]), 4))
             ends.extend(twig[3:])
         ends.extend(branch[3:])
@@ -43,9 +43,9 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
 def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
     """A round bush: leaf cards over a dark core."""
     rng = p.draft.rng
-    way = rng.normal(size=(cards, 3))
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    centres = way * np.array([1, 1, 0.8]) * radius * rng.uniform(0.7, 1.0, (cards, 1))
+    direction = rng.normal(size=(cards, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    centres = direction * np.array([1, 1, 0.8]) * radius * rng.uniform(0.7, 1.0, (cards, 1))
     centres[:, 2] = np.abs(centres[:, 2])
     p.draft.add(shapes.cards(rng, centres, 0.42 * radius + 0.12, 0.9).placed(at), p("leaves 2"))
     p.draft.add(shapes.ellipsoid((0.75 * radius, 0.75 * radius, 0.6 * radius)).placed(at), p("foliage"))
@@ -65,8 +65,8 @@ def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> 
     tufts = max(1, count // 14)
     r = np.sqrt(rng.uniform(inner**2, outer**2, tufts))
     a = rng.uniform(0, 2 * np.pi, tufts)
-    which = rng.integers(0, tufts, count)
-    xy = np.stack([r * np.cos(a), r * np.sin(a)], axis=1)[which] + rng.normal(size=(count, 2)) * 0.07
+    tuft = rng.integers(0, tufts, count)
+    xy = np.stack([r * np.cos(a), r * np.sin(a)], axis=1)[tuft] + rng.normal(size=(count, 2)) * 0.07
     roots = np.concatenate([xy, np.full((count, 1), -0.01)], axis=1)
     p.draft.add(shapes.blades(rng, roots, height, 0.012), p("blades"), casts=False)
 

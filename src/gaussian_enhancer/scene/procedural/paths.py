@@ -38,8 +38,8 @@ def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
         up = np.clip(0.05 + 0.9 * t + 0.03 * rng.normal(size=views), 0.02, 0.97)
         angle = np.pi * (1 + 5**0.5) * np.arange(views) + rng.uniform(0, 6.3)
         ring = np.sqrt(1 - up**2)
-        way = np.stack([ring * np.cos(angle), ring * np.sin(angle), up], axis=1)
-        return np.asarray(target) + radius * way, np.tile(np.asarray(target, dtype=float), (views, 1))
+        directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), up], axis=1)
+        return np.asarray(target) + radius * directions, np.tile(np.asarray(target, dtype=float), (views, 1))
 
     return path
 

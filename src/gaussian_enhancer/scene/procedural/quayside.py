@@ -77,10 +77,10 @@ def pots(p: Palette, at: Vector, yaw: float, rows: int) -> None:
         for k in range(rows - row + 1):
             c, s = np.cos(yaw), np.sin(yaw)
             x = (k - (rows - row) / 2) * 0.82 + rng.normal() * 0.03
-            place = (at[0] + c * x, at[1] + s * x, at[2] + 0.03 + row * 0.33)
+            position = (at[0] + c * x, at[1] + s * x, at[2] + 0.03 + row * 0.33)
             turn = yaw + rng.normal() * 0.06
-            p.draft.add(frame.placed(place, yaw=turn), p("spar"))
-            p.draft.add(mesh.placed(place, yaw=turn), p("net"))
+            p.draft.add(frame.placed(position, yaw=turn), p("spar"))
+            p.draft.add(mesh.placed(position, yaw=turn), p("net"))
 
 
 def net_rack(p: Palette, at: Vector, yaw: float, width: float) -> None:
@@ -108,12 +108,12 @@ def buoys(p: Palette, at: Vector, count: int) -> None:
         x, y = rng.normal(size=2) * 0.35
         r = rng.uniform(0.11, 0.24)
         shape = (r, r, r * 1.15) if rng.random() < 0.6 else (r * 0.6, r * 0.6, r * 1.6)
-        place = (at[0] + x, at[1] + y, at[2] + shape[2] * 0.9)
+        position = (at[0] + x, at[1] + y, at[2] + shape[2] * 0.9)
         p.draft.add(
-            shapes.ellipsoid(shape, 22).placed(place, tilt=rng.normal() * 0.3), p(f"buoy {int(rng.integers(3))}")
+            shapes.ellipsoid(shape, 22).placed(position, tilt=rng.normal() * 0.3), p(f"buoy {int(rng.integers(3))}")
         )
-        loop = (place[0] + rng.normal() * 0.4, place[1] + rng.normal() * 0.4, at[2] + 0.015)
-        p.draft.add(shapes.wire((place[0], place[1], place[2] + shape[2]), loop, 0.05, 0.012, 5), p("rope"))
+        loop = (position[0] + rng.normal() * 0.4, position[1] + rng.normal() * 0.4, at[2] + 0.015)
+        p.draft.add(shapes.wire((position[0], position[1], position[2] + shape[2]), loop, 0.05, 0.012, 5), p("rope"))
 
 
 def reeds(p: Palette, centre: Vector, radius: float, count: int) -> None:
@@ -140,8 +140,8 @@ def pine(p: Palette, at: Vector, height: float, cards: int) -> None:
     for level in np.linspace(0.4, 0.97, 9):
         root = np.array([np.interp(level, t[:, 0], stem[:, k]) for k in range(3)])
         for a in rng.uniform(0, 2 * np.pi, 4):
-            reach = height * 0.3 * (1.08 - level) * rng.uniform(0.7, 1.2)
-            bough = root + t[:5] / 0.5 * reach * [np.cos(a), np.sin(a), 0.0] + [0, 0, 0.06 * height] * t[:5]
+            spread = height * 0.3 * (1.08 - level) * rng.uniform(0.7, 1.2)
+            bough = root + t[:5] / 0.5 * spread * [np.cos(a), np.sin(a), 0.0] + [0, 0, 0.06 * height] * t[:5]
             wood.append(shapes.tube(bough, 0.006 * height * (1 - 1.5 * t[:5, 0]).clip(0.15), 4))
             ends.extend(bough[1:])
     p.draft.add(joined(wood).placed(at), p("trunk"))
@@ -188,8 +188,8 @@ def crane(p: Palette, at: Vector, yaw: float, height: float) -> None:
 
     def truss(start: Vector, end: Vector, side: float, steps: int) -> list:
         a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-        way = (b - a) / np.linalg.norm(b - a)
-        across = np.cross(way, [0.0, 1.0, 0.0])
+        direction = (b - a) / np.linalg.norm(b - a)
+        across = np.cross(direction, [0.0, 1.0, 0.0])
         corner = [s * side * across + e * side * np.array([0, 1.0, 0]) for s, e in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         bars = [shapes.rod(tuple(a + c), tuple(b + c), 0.05, 5) for c in corner]
         for k in range(steps):

@@ -66,8 +66,8 @@ def project(corners: Float[Tensor, "f 3 3"], camera: Camera) -> Projected:
     top = torch.where(in_front, y.amin(1), torch.zeros_like(det))
     bottom = torch.where(in_front, y.amax(1), torch.full_like(det, limit))
     outside = in_front & ((x.amax(1) < 0) | (x.amin(1) > camera.width) | (bottom < 0) | (top > limit))
-    seen = (z > NEAR).any(1) & ~outside & torch.isfinite(edges).all(2).all(1)
-    return Projected(edges, top, bottom, seen.nonzero()[:, 0])
+    in_view = (z > NEAR).any(1) & ~outside & torch.isfinite(edges).all(2).all(1)
+    return Projected(edges, top, bottom, in_view.nonzero()[:, 0])
 
 
 def sample_positions(
@@ -143,13 +143,13 @@ def _covered(
     top = (projected.top[faces] * grid.rows - 0.5).ceil().long().clamp_min(first)
     bottom = (projected.bottom[faces] * grid.rows - 0.5).floor().long().clamp_max(last - 1)
     rows = (bottom - top + 1).clamp_min(0)
-    reached = rows.nonzero()[:, 0]
-    for part in _portions(rows[reached], 1_000_000):
-        some = reached[part]
-        which = torch.repeat_interleave(rows[some])
+    covered = rows.nonzero()[:, 0]
+    for part in _portions(rows[covered], 1_000_000):
+        some = covered[part]
+        source = torch.repeat_interleave(rows[some])
         start = rows[some].cumsum(0) - rows[some]
-        row = top[some][which] + torch.arange(len(which), device=which.device) - start[which]
-        face = faces[some][which]
+        row = top[some][source] + torch.arange(len(source), device=source.device) - start[source]
+        face = faces[some][source]
         low, high, value, slope = _spans(projected.edges, face, row, grid, columns)
         lengths = (high - low + 1).clamp_min(0)
         span = lengths.nonzero()[:, 0]

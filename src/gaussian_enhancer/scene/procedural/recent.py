@@ -26,10 +26,10 @@ class Recent:
         if key in self.held:
             self.held.move_to_end(key)
             return self.held[key].clone()
-        made = make()
-        if made.nbytes <= self.capacity:
-            self.held[key] = made.clone()
-            self.size += made.nbytes
+        value = make()
+        if value.nbytes <= self.capacity:
+            self.held[key] = value.clone()
+            self.size += value.nbytes
             while self.size > self.capacity:
                 self.size -= self.held.popitem(last=False)[1].nbytes
-        return made
+        return value

@@ -198,6 +198,6 @@ def _mirrored(world: World, directions: Tensor, roughness: Tensor) -> Tensor:
     u = torch.atan2(directions[:, 1], directions[:, 0]) / torch.pi * ((width - 2) / width)
     v = torch.acos(directions[:, 2].clamp(-1, 1)) / torch.pi * 2 - 1
     w = (roughness * levels + 0.5) / levels * 2 - 1
-    place = torch.stack([u, v, w], dim=1).view(1, 1, 1, -1, 3)
-    read = functional.grid_sample(world.probe, place, align_corners=False, padding_mode="border")
-    return read.view(3, -1).T
+    position = torch.stack([u, v, w], dim=1).view(1, 1, 1, -1, 3)
+    sampled = functional.grid_sample(world.probe, position, align_corners=False, padding_mode="border")
+    return sampled.view(3, -1).T

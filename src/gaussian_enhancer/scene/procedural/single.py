@@ -23,9 +23,11 @@ def draft_object(seed: int) -> Draft:
         probe=(0.0, 0.0, 3.0),
     )
     for turn, height, strength in ((rng.uniform(0, 6.3), 1.0, 1.6), (rng.uniform(0, 6.3), 0.5, 0.5)):
-        way = np.array([np.cos(turn), np.sin(turn), height])
+        direction = np.array([np.cos(turn), np.sin(turn), height])
         warm = np.array([1.0, rng.uniform(0.9, 1.0), rng.uniform(0.78, 1.0)]) * strength
-        draft.lights.append(LightSpec(tuple(way / np.linalg.norm(way) * 120), (0, 0, 0.5), 2.0, tuple(warm), side=1536))
+        draft.lights.append(
+            LightSpec(tuple(direction / np.linalg.norm(direction) * 120), (0, 0, 0.5), 2.0, tuple(warm), side=1536)
+        )
     p = Palette(draft)
     [_model, _bricks, _ficus, _still_life, _machine, _seat][int(rng.integers(6))](p)
     return draft

@@ -166,8 +166,8 @@ def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", co
     bands = rng.random(32)
 
     def stripe(x: np.ndarray) -> np.ndarray:
-        place = x * count % 1 * 8
-        return step(0.4, 0.6, bands[(place.astype(int) + 3) % 32])
+        position = x * count % 1 * 8
+        return step(0.4, 0.6, bands[(position.astype(int) + 3) % 32])
 
     dots = step(0.3, 0.26, np.hypot(u * count % 1 - 0.5, v * count % 1 - 0.5))
     share = {"plaid": 0.5 * stripe(u) + 0.5 * stripe(v), "stripes": stripe(u), "dots": dots, "plain": 0 * u}[pattern]

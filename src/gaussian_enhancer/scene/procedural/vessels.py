@@ -159,9 +159,9 @@ def _rig(p: Palette, at: Vector, yaw: float, h: Hull, mast: float, top: float, d
     x, half = _at(h, (0.53,))[0]
     for share in (0.45, 0.72):
         z = deck + share * (top - deck)
-        reach = half * (1.05 - 0.35 * share)
+        half_width = half * (1.05 - 0.35 * share)
         for s in (-1, 1):
-            tip = (mast - 0.05, s * reach, z)
+            tip = (mast - 0.05, s * half_width, z)
             spars.append(shapes.rod((mast, 0, z), tip, 0.014, 6))
             stays.append(shapes.rod((x, s * half, deck), tip, 0.006, 4))
             stays.append(shapes.rod(tip, (mast, 0, min(top, z + 0.3 * (top - deck))), 0.005, 4))

@@ -125,8 +125,8 @@ def densify(
     old = optimiser.gaussians()
     kept = ~_useless(old, settings, extent)
     room = min(limit - int(kept.sum()), int(settings.growth * len(old)) + 1)
-    wanted = kept & (pull.mean() > settings.pull)
-    chosen = _strongest(pull.mean(), wanted, max(0, room))
+    candidates = kept & (pull.mean() > settings.pull)
+    chosen = _strongest(pull.mean(), candidates, max(0, room))
     large = old.log_scales.exp().amax(1) > settings.small * extent
     old = dataclasses.replace(old, opacity_logits=torch.where(chosen, _shared(old), old.opacity_logits))
     clones, splits = old[chosen & ~large], old[chosen & large]
@@ -160,10 +160,10 @@ def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]
 def _half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
     """One of two smaller Gaussians, its centre drawn from its parent's density."""
     scales = parents.log_scales.exp()
-    drawn = torch.randn(scales.shape, generator=generator).to(scales) * scales
-    moved = parents.means + turned(parents.quaternions, drawn)
+    offsets = torch.randn(scales.shape, generator=generator).to(scales) * scales
+    means = parents.means + turned(parents.quaternions, offsets)
     return Gaussians(
-        moved,
+        means,
         (scales / SPLIT_SHRINK).log(),
         parents.quaternions,
         parents.opacity_logits,

@@ -120,13 +120,13 @@ class _Work:
 
     def begin(self, progress: Callable[[int, int], None]) -> None:
         """Start anew, or where the folder's checkpoint stopped."""
-        held = load_checkpoint(self.folder, self._identity())
-        if held is not None:
-            self._adopt(held["splat"])
-            self.optimiser.restore({name: value.to(self.device) for name, value in held["optimiser"].items()})
-            self.pull.restore({name: value.to(self.device) for name, value in held["pull"].items()})
-            self.smoothing = None if held["smoothing"] is None else held["smoothing"].to(self.device)
-            self.step = held["step"]
+        checkpoint = load_checkpoint(self.folder, self._identity())
+        if checkpoint is not None:
+            self._adopt(checkpoint["splat"])
+            self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
+            self.pull.restore({name: value.to(self.device) for name, value in checkpoint["pull"].items()})
+            self.smoothing = None if checkpoint["smoothing"] is None else checkpoint["smoothing"].to(self.device)
+            self.step = checkpoint["step"]
             return
         first = starting_gaussians(
             self.scene,
@@ -150,8 +150,8 @@ class _Work:
         target = self.photos.target(number)
         screen = ScreenStatistics()
         with watch.phase("render"):
-            drawn = render(self._shown(), camera, self.method, self.scene.background, near=self.near, screen=screen)
-            colour = drawn.colour
+            rendered = render(self._shown(), camera, self.method, self.scene.background, near=self.near, screen=screen)
+            colour = rendered.colour
         with watch.phase("loss"):
             loss = photometric_loss(colour, target, settings.ssim_weight)
             total = loss + self._penalty()

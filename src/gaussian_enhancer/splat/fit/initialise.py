@@ -67,15 +67,15 @@ def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator)
         generator: source of randomness.
     """
     distance = focus_distance(cameras)
-    kept: list[Tensor] = []
+    accepted: list[Tensor] = []
     drawn, enough = 0, 0
     while enough < count:
         points = torch.cat([_in_frustum(c, 1 + count // len(cameras), distance, generator) for c in cameras])
-        seen = torch.stack([_sees(camera, points) for camera in cameras]).sum(0)
+        visible_counts = torch.stack([_sees(camera, points) for camera in cameras]).sum(0)
         # Cameras that share nothing would draw for ever: after some rounds every point counts.
-        kept.append(points[seen >= 2] if len(cameras) > 1 and drawn < 8 else points)
-        drawn, enough = drawn + 1, enough + len(kept[-1])
-    positions = torch.cat(kept)
+        accepted.append(points[visible_counts >= 2] if len(cameras) > 1 and drawn < 8 else points)
+        drawn, enough = drawn + 1, enough + len(accepted[-1])
+    positions = torch.cat(accepted)
     positions = positions[torch.randperm(len(positions), generator=generator)[:count]]
     return Points(positions, torch.rand(count, 3, generator=generator))
 

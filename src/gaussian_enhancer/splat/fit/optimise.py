@@ -195,8 +195,8 @@ class SplatOptimiser:
         """Go on from what `state` returned."""
         for name in self._leaves:
             leaf = _joined(values, name, "")
-            held = "means.exp_avg" in values
-            moments = [_joined(values, name, f".{key}") if held else torch.zeros_like(leaf) for key in MOMENTS]
+            has_moments = "means.exp_avg" in values
+            moments = [_joined(values, name, f".{key}") if has_moments else torch.zeros_like(leaf) for key in MOMENTS]
             self._set(name, leaf, Moments(*moments))
         self._taken = int(values.get("means.step", 0))
 
@@ -212,10 +212,10 @@ class SplatOptimiser:
 
     def _rate(self, name: str, number: int) -> tuple[float, float | None]:
         """Learning rate, and that of the constant colour, which differs from the other coefficients'."""
-        done = min(1.0, number / max(1, self._steps))
+        progress = min(1.0, number / max(1, self._steps))
         if name == "means":
-            return self._extent * self._rates.means ** (1 - done) * self._rates.means_final**done, None
-        left = self._fade**done
+            return self._extent * self._rates.means ** (1 - progress) * self._rates.means_final**progress, None
+        left = self._fade**progress
         if name == "sh":
             return left * self._rates.sh_rest, left * self._rates.sh_base
         return left * float(getattr(self._rates, name)), None

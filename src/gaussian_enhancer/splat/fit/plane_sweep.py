@@ -98,8 +98,8 @@ def sweep_points(
     depths_known = _known_depths(known, cameras)
     distance = focus_distance(cameras) if depths_known is None else float(depths_known.median())
     views = _views(photos, cameras, distance, settings)
-    found = _coarse_depths(views, distance, settings) if depths_known is None else depths_known
-    near, far = _depth_range(found, distance)
+    coarse_depths = _coarse_depths(views, distance, settings) if depths_known is None else depths_known
+    near, far = _depth_range(coarse_depths, distance)
     inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
     for number, view in enumerate(views):
@@ -239,8 +239,8 @@ def _seen_depths(positions: Tensor, camera: Camera) -> Tensor:
     local = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = local @ camera.K.T
     x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
-    seen = (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    return local[seen, 2]
+    in_image = (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    return local[in_image, 2]
 
 
 def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:
@@ -274,13 +274,13 @@ def _merge(views: list[_View], depths: list[Tensor], step: float, settings: Swee
     for i, view in enumerate(views):
         world = _unproject(view.camera, depths[i])
         confirmed = torch.zeros(len(world))
-        known = torch.zeros(len(world), dtype=torch.bool)
+        merged = torch.zeros(len(world), dtype=torch.bool)
         for j in view.neighbours:
             agrees = _agrees(world, views[j].camera, depths[j], step, settings)
             confirmed += agrees
             if j < i:
-                known |= agrees
-        keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~known
+                merged |= agrees
+        keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~merged
         positions.append(world[keep])
         colours.append(torch.from_numpy(view.image).reshape(-1, 3)[keep])
         confirmations.append(confirmed[keep])
@@ -294,8 +294,8 @@ def _agrees(world: Tensor, camera: Camera, inverse: Tensor, step: float, setting
     depth = pixels[:, 2].clamp(min=1e-9)
     x, y = (pixels[:, 0] / depth).long(), (pixels[:, 1] / depth).long()
     inside = (pixels[:, 2] > 0) & (x >= 0) & (y >= 0) & (x < inverse.shape[1]) & (y < inverse.shape[0])
-    held = inverse[y.clamp(0, inverse.shape[0] - 1), x.clamp(0, inverse.shape[1] - 1)]
-    return inside & ((1 / depth - held).abs() < torch.clamp(settings.agreement * held, min=step))
+    sampled = inverse[y.clamp(0, inverse.shape[0] - 1), x.clamp(0, inverse.shape[1] - 1)]
+    return inside & ((1 / depth - sampled).abs() < torch.clamp(settings.agreement * sampled, min=step))
 
 
 def _unproject(camera: Camera, inverse: Tensor) -> Tensor:

@@ -83,11 +83,11 @@ def cost_volume(image, others, homographies, radius, volume):
         for y in range(height):
             for x in range(width):
                 for j in range(views):
-                    value, place = costs[j, y, x], j
-                    while place > 0 and least[place - 1] > value:
-                        least[place] = least[place - 1]
-                        place -= 1
-                    least[place] = value
+                    value, index = costs[j, y, x], j
+                    while index > 0 and least[index - 1] > value:
+                        least[index] = least[index - 1]
+                        index -= 1
+                    least[index] = value
                 volume[y, x, plane] = least[:kept].sum() / kept
 
 

@@ -99,12 +99,12 @@ def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, genera
     if len(live) == 0:
         return
     if len(dead):
-        drawn = live[_drawn(opacities[live], len(dead), generator)]
-        optimiser.put(dead, _split(optimiser, drawn, settings)[drawn])
+        chosen = live[_drawn(opacities[live], len(dead), generator)]
+        optimiser.put(dead, _split(optimiser, chosen, settings)[chosen])
     joining = min(limit, int((1 + settings.growth) * len(optimiser))) - len(optimiser)
     if joining > 0:
-        drawn = _drawn(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
-        optimiser.append(_split(optimiser, drawn, settings)[drawn])
+        chosen = _drawn(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
+        optimiser.append(_split(optimiser, chosen, settings)[chosen])
 
 
 @torch.no_grad()
@@ -124,13 +124,13 @@ def explore(
     """
     gaussians = optimiser.gaussians(0)
     gate = torch.sigmoid(SHARPNESS * (settings.opacity - gaussians.opacity_logits.sigmoid()))
-    drawn = torch.randn(len(gaussians), 3, generator=generator).to(gaussians.means)
+    noise = torch.randn(len(gaussians), 3, generator=generator).to(gaussians.means)
     free = (gate > 1e-6).nonzero()[:, 0]
     scales = gaussians.log_scales[free].exp()
     quaternions = gaussians.quaternions[free]
-    own = turned(quaternions, drawn[free], back=True)[:, : scales.shape[1]] * scales.square()
+    displacement = turned(quaternions, noise[free], back=True)[:, : scales.shape[1]] * scales.square()
     strength = settings.noise * optimiser.means_rate(number) / extent**2 * gate[free]
-    optimiser.shift(free, strength[:, None] * turned(quaternions, own))
+    optimiser.shift(free, strength[:, None] * turned(quaternions, displacement))
 
 
 def _drawn(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:

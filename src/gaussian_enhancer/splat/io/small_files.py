@@ -56,21 +56,21 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
         InputError: see `check_format`; or the file cannot be written.
     """
     check_format(name, gaussians)
-    shown = _filtered(gaussians.to("cpu"))
-    shown = half_turned(shown) if name == "spz" else shown
+    shown_gaussians = _filtered(gaussians.to("cpu"))
+    shown_gaussians = half_turned(shown_gaussians) if name == "spz" else shown_gaussians
     parts = {
-        "means": shown.means,
-        "scales": shown.log_scales,
-        "quats": torch.nn.functional.normalize(shown.quaternions, dim=1),
-        "opacities": shown.opacity_logits,
-        "sh0": shown.sh[:, 0],
-        "shN": shown.sh[:, 1:],
+        "means": shown_gaussians.means,
+        "scales": shown_gaussians.log_scales,
+        "quats": torch.nn.functional.normalize(shown_gaussians.quaternions, dim=1),
+        "opacities": shown_gaussians.opacity_logits,
+        "sh0": shown_gaussians.sh[:, 0],
+        "shN": shown_gaussians.sh[:, 1:],
     }
     data = _library().GSData(**{key: value.detach().float().contiguous().numpy() for key, value in parts.items()})
     with tempfile.TemporaryDirectory() as folder:  # gsply chooses the ending of what it writes
         made = Path(folder) / f"splat{ENDINGS[name]}"
         if name == "spz":
-            _library().write_spz(made, data, fractional_bits=_fractional_bits(shown))
+            _library().write_spz(made, data, fractional_bits=_fractional_bits(shown_gaussians))
         else:
             _library().plywrite(made, data, compressed=True)
         content = made.read_bytes()
