@@ -4,7 +4,7 @@ from functools import partial
 import pytest
 import torch
 
-from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, _finish
+from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, _write_fine_rows
 from gaussian_enhancer.align.reproject import Warped
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import identity_camera
@@ -125,7 +125,7 @@ def test_compiled_finish_of_fine_references_equals_its_readable_twin(top):
     visibility = torch.randint(0, 2, (1, 8, 20), generator=generator).float()
     colours = torch.tensor([[1.2 / 255, -0.1], [0.8 / 255, 0.1], [1 / 255, 0.0]])
     found, expected = torch.zeros(3, 12, 20), torch.zeros(3, 12, 20, dtype=torch.float64)
-    _finish(Warped(colour, visibility), colours, coarse, top, found)
-    _finish(Warped(colour.double(), visibility.double()), colours.double(), coarse.double(), top, expected)
+    _write_fine_rows(Warped(colour, visibility), colours, coarse, top, found)
+    _write_fine_rows(Warped(colour.double(), visibility.double()), colours.double(), coarse.double(), top, expected)
     torch.testing.assert_close(found.double(), expected, rtol=0, atol=1e-6)
     assert bool((found[:, :top] == 0).all())

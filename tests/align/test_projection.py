@@ -8,7 +8,7 @@ import torch
 from gaussian_enhancer.align import projection
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
 from gaussian_enhancer.align.projection import Landing, ReferenceProjection, depth_consistency, land, read_at, read_both
-from gaussian_enhancer.align.reproject import _footprint, reproject
+from gaussian_enhancer.align.reproject import _median_footprint, reproject
 from gaussian_enhancer.types import Camera
 from support.textured_plane import REFERENCE, TARGET, plane, turned
 
@@ -114,7 +114,7 @@ def test_the_footprint_of_large_views_is_sampled():
     sides = 700, 900
     x, y = torch.arange(sides[1], dtype=torch.float32) * 3, torch.arange(sides[0], dtype=torch.float32)[:, None] * 3
     landing = Landing(x.expand(1, *sides), y.expand(1, *sides).contiguous(), torch.ones(1, *sides))
-    assert _footprint(landing) == pytest.approx(3)
+    assert _median_footprint(landing) == pytest.approx(3)
 
 
 def view(camera: Camera, distance: float) -> Pixels:

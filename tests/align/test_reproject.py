@@ -93,7 +93,7 @@ def test_compiled_search_equals_its_readable_twin(how, views):
     for camera in cameras:
         rendered = plane(camera, 3.0)[0].float()
         photo = rendered * 0.9 + 0.05 * torch.rand(rendered.shape, generator=torch.Generator().manual_seed(1))
-        seen.append(depth_search._seen(TARGET, z, image, Source(camera, photo, rendered), how))
+        seen.append(depth_search._prepare_source(TARGET, z, image, Source(camera, photo, rendered), how))
     compiled, plain = (f(z, image, seen, how) for f in (depth_search._search_compiled, depth_search.search))
     assert (compiled - plain).abs().median() < 1e-5
     assert ((compiled - plain).abs() > 1e-3).float().mean() < 0.01
@@ -134,7 +134,7 @@ def test_a_change_is_linear_between_samples(side):
     height, width = side
     plain = torch.arange(height)[None, :, None] * 0.5 + torch.arange(width)[None, None] * 0.25
     samples = plain[..., ::2, ::2]
-    spread = depth_search._spread(samples, 2, height, width)
+    spread = depth_search._interpolate_change(samples, 2, height, width)
     assert spread.shape == plain.shape
     assert torch.equal(spread[..., ::2, ::2], samples)
     inner = (slice(None), slice(0, height - 1 + height % 2), slice(0, width - 1 + width % 2))

@@ -169,7 +169,7 @@ def test_a_full_disk_is_told_before_anything_is_written(tmp_path, monkeypatch):
 
 
 def test_two_processes_do_not_write_the_same_file(tmp_path):
-    with module._locked(tmp_path / "file.zip.part"), serving(CONTENT) as served:
+    with module._lock_part(tmp_path / "file.zip.part"), serving(CONTENT) as served:
         with pytest.raises(InputError, match="by another process"):
             fetch(archive(served.url), tmp_path / "file.zip", patience=QUICK)
         assert served.asked == []

@@ -59,13 +59,13 @@ class Pixels:
 
     def on(self, device: torch.device) -> "Pixels":
         """The view with its images on a device; its camera, of which a few numbers are read, stays."""
-        return self._mapped(lambda image: image.to(device))
+        return self._map_images(lambda image: image.to(device))
 
     def precise(self) -> "Pixels":
         """The view with its images in single precision where they were in half."""
-        return self._mapped(precise)
+        return self._map_images(precise)
 
-    def _mapped(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
+    def _map_images(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
         """The view with changed images; the same object, with its cached values, if nothing changes."""
         images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_IMAGES}
         changed = {name: change(image) for name, image in images.items() if image is not None}
@@ -120,7 +120,7 @@ class Unwarped:
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
         photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_reads(chosen)]
         fine = torch.stack([resize(photo, 4 * height, 4 * width) for photo in photos]) if photos else None
-        return _aligned(target, warped, [reference.name for reference in chosen], fine)
+        return _stack_aligned(target, warped, [reference.name for reference in chosen], fine)
 
 
 @dataclass(frozen=True)
@@ -173,11 +173,11 @@ class Reprojected:
             InputError: a view has no camera, or the target no depth.
         """
         with torch.autocast(target.image.device.type, enabled=False):
-            return self._warped(target.precise(), [reference.precise() for reference in references], keep)
+            return self._warp(target.precise(), [reference.precise() for reference in references], keep)
 
-    def _warped(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
+    def _warp(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         if not references or keep == 0:
-            return _aligned(target, [], [])
+            return _stack_aligned(target, [], [])
         if target.depth is None:
             raise InputError(
                 target.name, "has no depth to reproject references through", "give depth, or alignment=none"
@@ -213,7 +213,7 @@ class Reprojected:
             for i, read_photo, result in zip(order, reads, fine, strict=True):
                 photo = read_photo().to(target.image.device)
                 _warp_finely(camera, depth, cameras[i], photo, exposures[i], warped[i], result)
-        return _aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
+        return _stack_aligned(target, [warped[i] for i in order], [references[i].name for i in order], fine)
 
 
 def _fine_reads(references: Sequence[Pixels]) -> list[Callable[[], UInt8[Tensor, "3 _ _"]]]:
@@ -257,10 +257,10 @@ def _warp_finely(
         visibility = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
         strip = fine.cut(Region(top, 0, rows.stop, width))
         finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=step)
-        _finish(finely, colours, warped.colour, top, result)
+        _write_fine_rows(finely, colours, warped.colour, top, result)
 
 
-def _finish(
+def _write_fine_rows(
     finely: Warped,
     colours: Float[Tensor, "3 2"],
     coarse: Float[Tensor, "3 h w"],
@@ -297,7 +297,7 @@ def _camera_of(view: Pixels) -> Camera:
     return view.camera
 
 
-def _aligned(
+def _stack_aligned(
     target: Pixels, warped: Sequence[Warped], names: Sequence[str], fine: Float[Tensor, "r 3 H W"] | None = None
 ) -> Aligned:
     height, width = target.image.shape[-2:]

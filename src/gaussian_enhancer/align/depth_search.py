@@ -141,9 +141,9 @@ def refine_depth(
         how = how if consistent else replace(how, inconsistency=0.0)
         z = fill_depth(depth).to(render.dtype)[..., :: how.stride, :: how.stride].contiguous()
         image = render[..., :: how.stride, :: how.stride].contiguous()
-        source_differences = [_seen(target, z, image, source, how) for source in sources]
+        source_differences = [_prepare_source(target, z, image, source, how) for source in sources]
         change = (_search_compiled if compiled(z, image) else search)(z, image, source_differences, how)
-        change = _spread(change, how.stride, depth.shape[-2], depth.shape[-1])
+        change = _interpolate_change(change, how.stride, depth.shape[-2], depth.shape[-1])
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
     return depth
 
@@ -159,20 +159,20 @@ def search(
     for one in seen:
         landing = land(one.projection, z * multipliers)
         inside = (landing.inside * one.counts)[:, None]
-        away = (_coloured(look_up(one.photo, landing.x, landing.y), one.colours) - image) * inside
+        away = (_apply_colours(look_up(one.photo, landing.x, landing.y), one.colours) - image) * inside
         count, total, squares = count + inside, total + away, squares + away.square().mean(1, keepdim=True)
-        rendered = (_coloured(look_up(one.render, landing.x, landing.y), one.colours) - image) * inside
+        rendered = (_apply_colours(look_up(one.render, landing.x, landing.y), one.colours) - image) * inside
         difference = difference + rendered.abs().mean(1, keepdim=True)
     n = count.clamp_min(1)
     mean = difference / n
     variance = (squares - total.square().mean(1, keepdim=True) / n).clamp_min(0) / (n - 1).clamp_min(1)
     cost = mean + how.inconsistency * torch.where(count > 1, (variance + TINY).sqrt(), mean)
     weight = (count > 0).to(cost)
-    summed, share = _window((cost * weight)[:, 0], how.window), _window(weight[:, 0], how.window)
+    summed, share = _window_mean((cost * weight)[:, 0], how.window), _window_mean(weight[:, 0], how.window)
     # A hypothesis that fewer samples see is not cheaper for it: each is judged by the mean of those that do.
     visible = share > 0.1
     mean = torch.where(visible, summed / share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], DEAREST)
-    return torch.where(visible[how.hypotheses // 2], _valley(mean, steps), 0.0)[None]
+    return torch.where(visible[how.hypotheses // 2], _refine_minimum(mean, steps), 0.0)[None]
 
 
 def _search_compiled(
@@ -191,7 +191,7 @@ def _search_compiled(
     with kernel_lock:
         images, starts = _side_by_side(seen)
         places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
-        colours = images, array(torch.cat([one.counts for one in seen])), _pixels(image)
+        colours = images, array(torch.cat([one.counts for one in seen])), _interleaved_channels(image)
         costs = np.float32(how.inconsistency), np.float32(TINY), cost, weight
         find_costs(array(z[0]), multipliers, *places, *colours, *costs)
         find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
@@ -216,7 +216,7 @@ def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
     return images, starts
 
 
-def _seen(
+def _prepare_source(
     target: Camera,
     z: Float[Tensor, "1 h w"],
     image: Float[Tensor, "3 h w"],
@@ -234,16 +234,16 @@ def _seen(
     colours = fit_colour(sampled, image, landing.inside).to(photo)
     counts = landing.inside
     if how.photo_consistency is not None:
-        fitted = Warped(_coloured(sampled, colours), counts)
+        fitted = Warped(_apply_colours(sampled, colours), counts)
         counts = counts * (photometric_difference(fitted, image) < how.photo_consistency)
     return _Seen(projection, photo, render, colours, counts)
 
 
-def _coloured(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:
+def _apply_colours(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2"]) -> Float[Tensor, "*m 3 _ _"]:
     return image * colours[:, :1, None] + colours[:, 1:, None]
 
 
-def _spread(
+def _interpolate_change(
     change: Float[Tensor, "1 p q"], stride: int, height: int, width: int
 ) -> Float[Tensor, "1 {height} {width}"]:
     """The change of every pixel, linear between samples; beyond the last, the last one's."""
@@ -258,7 +258,7 @@ def _spread(
     return change
 
 
-def _valley(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:
+def _refine_minimum(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:
     """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
     index = cost.argmin(0, keepdim=True).clamp(1, len(steps) - 2)
     before, centre, after = (cost.gather(0, index + k)[0] for k in (-1, 0, 1))
@@ -267,7 +267,7 @@ def _valley(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[T
     return steps[index[0]] + shift * (steps[1] - steps[0])
 
 
-def _window(value: Float[Tensor, "m h w"], side: int) -> Float[Tensor, "m h w"]:
+def _window_mean(value: Float[Tensor, "m h w"], side: int) -> Float[Tensor, "m h w"]:
     """Mean over a square window, smaller at the border."""
     return F.avg_pool2d(value[None], side, stride=1, padding=side // 2, count_include_pad=False)[0]
 
@@ -279,6 +279,6 @@ def _resized(image: Float[Tensor, "c _ _"], height: int, width: int) -> Float[Te
     return F.interpolate(image[None], size=(height, width), mode="bilinear", antialias=True, align_corners=False)[0]
 
 
-def _pixels(image: Float[Tensor, "c h w"]) -> np.ndarray:
+def _interleaved_channels(image: Float[Tensor, "c h w"]) -> np.ndarray:
     """A pixel's channels side by side, as the kernels read them."""
     return np.ascontiguousarray(image.permute(1, 2, 0).numpy())

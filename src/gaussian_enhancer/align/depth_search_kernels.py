@@ -64,7 +64,7 @@ def find_costs(
         for x in range(width):
             for r in range(views):
                 position = _F(x) + _HALF, _F(y) + _HALF
-                _place(
+                _write_landings(
                     depth[y, x], multipliers, matrices[r], offsets[r], position, sizes[r], starts[r], in_front,
                     counts[r, y, x], pixel[r], across[r], down[r], inside[r],
                 )  # fmt: skip
@@ -77,15 +77,15 @@ def find_costs(
                         continue
                     p, fx, fy = np.uint64(pixel[r, k]), across[r, k], down[r, k]
                     q = p + np.uint64(sizes[r, 0])
-                    away0 = _between(images, p, q, 0, fx, fy) - red
-                    away1 = _between(images, p, q, 1, fx, fy) - green
-                    away2 = _between(images, p, q, 2, fx, fy) - blue
+                    away0 = _interpolate_channel(images, p, q, 0, fx, fy) - red
+                    away1 = _interpolate_channel(images, p, q, 1, fx, fy) - green
+                    away2 = _interpolate_channel(images, p, q, 2, fx, fy) - blue
                     n += _ONE
                     total0, total1, total2 = total0 + away0, total1 + away1, total2 + away2
                     squares += away0 * away0 + away1 * away1 + away2 * away2
-                    difference += abs(_between(images, p, q, 3, fx, fy) - red)
-                    difference += abs(_between(images, p, q, 4, fx, fy) - green)
-                    difference += abs(_between(images, p, q, 5, fx, fy) - blue)
+                    difference += abs(_interpolate_channel(images, p, q, 3, fx, fy) - red)
+                    difference += abs(_interpolate_channel(images, p, q, 4, fx, fy) - green)
+                    difference += abs(_interpolate_channel(images, p, q, 5, fx, fy) - blue)
                 cost[y, x, k] = weight[y, x, k] = _ZERO
                 if n > _ZERO:
                     total = total0 * total0 + total1 * total1 + total2 * total2
@@ -98,7 +98,9 @@ def find_costs(
 
 @inner
 @no_type_check
-def _place(depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside):
+def _write_landings(
+    depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside
+):
     """Write the pixel above and to the left of where each hypothesis lands, the rest of the way, and whether inside."""
     a, b = position
     width, height = _F(size[0]), _F(size[1])
@@ -120,7 +122,7 @@ def _place(depth, multipliers, matrix, offset, position, size, start, in_front, 
 
 @inner
 @no_type_check
-def _between(images, p, q, channel, fx, fy):
+def _interpolate_channel(images, p, q, channel, fx, fy):
     """One channel between the four pixels at and after p and q; beyond the border the share of the rest is zero."""
     above, below = images[p, channel], images[q, channel]
     top = above + fx * (images[p + _NEXT, channel] - above)
@@ -147,7 +149,7 @@ def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
             left, right = max(0, x - radius), min(width, x + radius + 1)
             area = _F((below - above) * (right - left))
             seen = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share)
-            best[y, x] = _valley(mean, steps) if seen else _F(0)
+            best[y, x] = _refine_minimum(mean, steps) if seen else _F(0)
 
 
 @inner
@@ -168,7 +170,7 @@ def _window_costs(column_cost, column_weight, left, right, area, steps, penalty,
 
 @inner
 @no_type_check
-def _valley(mean, steps):
+def _refine_minimum(mean, steps):
     """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
     index = min(max(int(np.argmin(mean)), 1), len(steps) - 2)
     before, centre, after = mean[index - 1], mean[index], mean[index + 1]

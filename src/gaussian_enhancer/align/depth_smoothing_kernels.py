@@ -37,24 +37,24 @@ def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthe
             contrasts[:] = 0
             for c in range(3):
                 _add_contrast(contrasts, render[c, other, left:right], render[c, row, margin:end], contrast)
-            _weigh(here, depth[other, left:right], contrasts, sharpness, furthest, weight, beyond)
-            _add(sums_of_row[0], weight, _ONE)
-            _add(sums_of_row[3], beyond, _ONE)
+            _sample_weights(here, depth[other, left:right], contrasts, sharpness, furthest, weight, beyond)
+            _add_scaled(sums_of_row[0], weight, _ONE)
+            _add_scaled(sums_of_row[3], beyond, _ONE)
             if i != 0:
-                _add(sums_of_row[1], weight, dx)
-                _add(sums_of_row[2], weight, dx * dx)
-                _add(sums_of_row[4], beyond, dx)
+                _add_scaled(sums_of_row[1], weight, dx)
+                _add_scaled(sums_of_row[2], weight, dx * dx)
+                _add_scaled(sums_of_row[4], beyond, dx)
         dy = _F(j)
-        _add(sums[0], sums_of_row[0], _ONE)
-        _add(sums[1], sums_of_row[1], _ONE)
-        _add(sums[3], sums_of_row[2], _ONE)
-        _add(sums[6], sums_of_row[3], _ONE)
-        _add(sums[7], sums_of_row[4], _ONE)
+        _add_scaled(sums[0], sums_of_row[0], _ONE)
+        _add_scaled(sums[1], sums_of_row[1], _ONE)
+        _add_scaled(sums[3], sums_of_row[2], _ONE)
+        _add_scaled(sums[6], sums_of_row[3], _ONE)
+        _add_scaled(sums[7], sums_of_row[4], _ONE)
         if j != 0:
-            _add(sums[2], sums_of_row[0], dy)
-            _add(sums[4], sums_of_row[1], dy)
-            _add(sums[5], sums_of_row[0], dy * dy)
-            _add(sums[8], sums_of_row[3], dy)
+            _add_scaled(sums[2], sums_of_row[0], dy)
+            _add_scaled(sums[4], sums_of_row[1], dy)
+            _add_scaled(sums[5], sums_of_row[0], dy * dy)
+            _add_scaled(sums[8], sums_of_row[3], dy)
     for x in range(width):
         one, sx, sy = sums[0, x], sums[1, x], sums[2, x]
         xx, xy, yy = sums[3, x] + ridge, sums[4, x], sums[5, x] + ridge
@@ -74,7 +74,7 @@ def _add_contrast(total, one, other, scale):
 
 @inner
 @no_type_check
-def _weigh(here, there, contrasts, sharpness, furthest, weight, beyond):
+def _sample_weights(here, there, contrasts, sharpness, furthest, weight, beyond):
     """Write each sample's weight, and its inverse depth beyond the pixel's times that."""
     for x in range(len(weight)):
         ahead = min(here[x] / there[x] - _ONE, furthest)
@@ -87,7 +87,7 @@ def _weigh(here, there, contrasts, sharpness, furthest, weight, beyond):
 
 @inner
 @no_type_check
-def _add(total, values, factor):
+def _add_scaled(total, values, factor):
     """Add values times a factor."""
     for x in range(len(total)):
         total[x] += factor * values[x]

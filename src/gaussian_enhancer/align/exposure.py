@@ -43,7 +43,7 @@ def fit_colour(
     """
     step = min(4, *source.shape[-2:])
     if compiled(source, target, weight):
-        return _compiled(source, target, weight, step, robustness, prior, iterations)
+        return _fit_compiled(source, target, weight, step, robustness, prior, iterations)
     mass = F.avg_pool2d(precise(weight), step).flatten(1).double()
     averaged = (F.avg_pool2d(precise(image) * weight, step).flatten(1).double() for image in (source, target))
     s, t = (image / mass.clamp_min(1e-6) for image in averaged)
@@ -62,7 +62,7 @@ def fit_colour(
     return torch.cat([gain, offset], dim=1)
 
 
-def _compiled(
+def _fit_compiled(
     source: Float[Tensor, "3 h w"],
     target: Float[Tensor, "3 h w"],
     weight: Float[Tensor, "1 h w"],

@@ -63,7 +63,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
     """
     seen = warped.visibility
     if compiled(warped.colour, image, seen):
-        return _compiled(warped, image)
+        return _rank_compiled(warped, image)
     difference = (warped.colour - image).abs().mean(0, keepdim=True)
     weighted, total = F.avg_pool2d(
         torch.cat([difference * seen, seen]), WINDOW, 1, WINDOW // 2, count_include_pad=False
@@ -71,7 +71,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
     return weighted / total.clamp_min(1e-6)
 
 
-def _compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
+def _rank_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """The same by a compiled kernel."""
     from gaussian_enhancer.align.reproject_kernels import window_difference
     from gaussian_enhancer.splat.compiled import kernel_lock

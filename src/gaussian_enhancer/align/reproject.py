@@ -120,11 +120,11 @@ def reproject(
         visibility = visibility * depth_consistency(projection, checked, reference_depth.to(dtype), tolerance)
     # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
-    footprint = _footprint(landing) if footprint is None else footprint
-    photo = _shrunk(photo, footprint, dtype)
+    footprint = _median_footprint(landing) if footprint is None else footprint
+    photo = _shrink_photo(photo, footprint, dtype)
     if render is None:
         return Warped(read_at(photo, landing, size, visibility, interpolation), visibility)
-    render = _shrunk(render, footprint * render.shape[-1] / size[1], dtype)
+    render = _shrink_photo(render, footprint * render.shape[-1] / size[1], dtype)
     colour, rendered = read_both(photo, render, landing, size, visibility, interpolation)
     return Warped(colour, visibility, rendered)
 
@@ -137,10 +137,10 @@ def footprint_between(target: Camera, depth: Float[Tensor, "1 h w"], reference: 
         depth: z of the target, > 0 and finite.
         reference: camera of the photo, of its size.
     """
-    return _footprint(land(ReferenceProjection.between(target, reference, depth), depth))
+    return _median_footprint(land(ReferenceProjection.between(target, reference, depth), depth))
 
 
-def _footprint(landing: Landing) -> float:
+def _median_footprint(landing: Landing) -> float:
     """The median distance in the reference between pixels that are neighbours in the target, in the reference's pixels.
 
     It is taken over some 4,000 pixels, evenly spread.
@@ -156,7 +156,7 @@ def _footprint(landing: Landing) -> float:
     return float(area.detach().median().sqrt()) if area.numel() else 1.0
 
 
-def _shrunk(
+def _shrink_photo(
     photo: Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"], footprint: float, dtype: torch.dtype
 ) -> Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"]:
     """The photo at the resolution at which it is read, antialiased. Where that is about its own, 8 bits stay."""

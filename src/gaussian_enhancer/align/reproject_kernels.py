@@ -34,8 +34,8 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
             u, v, z, _ = _landing(x, y, depth[y, x], matrix, offset, width, height, in_front)
-            column = _nearest(u * (_F(wide) / width), wide)
-            row = _nearest(v * (_F(high) / height), high)
+            column = _nearest_pixel(u * (_F(wide) / width), wide)
+            row = _nearest_pixel(v * (_F(high) / height), high)
             expected_depth = seen[row, column]
             difference = (z - expected_depth) / (tolerance * max(z, _TINY))
             agrees = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)  # rounded up, it exceeds 1
@@ -57,7 +57,7 @@ def _landing(x, y, depth, matrix, offset, width, height, in_front):
 
 @inner
 @no_type_check
-def _nearest(position, count):
+def _nearest_pixel(position, count):
     """The pixel that a position in pixels lies in, the outermost beyond the border."""
     return int(np.rint(min(max(position - _HALF, _ZERO), _F(count - 1))))
 
@@ -86,7 +86,7 @@ def read(image, columns, rows, across, down, where, result):
 
 @inner
 @no_type_check
-def _cubic(f):
+def _cubic_weights(f):
     """Weights of Keys' cubic convolution (1981) with a = -3/4 for the four samples around a fraction ``f``."""
     g = _ONE - f
     a = _F(-0.75)
@@ -98,11 +98,11 @@ def _cubic(f):
 
 @inner
 @no_type_check
-def _samples(position, count):
+def _four_samples(position, count):
     """The four samples around a position, unsigned so that no index counts from the end, and their weights."""
     position = min(max(position, -_ONE), _F(count))
     first = int(np.floor(position))
-    far, near, next_, last = _cubic(position - _F(first))
+    far, near, next_, last = _cubic_weights(position - _F(first))
     return (
         np.uint64(min(max(first - 1, 0), count - 1)),
         np.uint64(min(max(first, 0), count - 1)),
@@ -123,8 +123,8 @@ def read_cubic(image, columns, rows, across, down, where, result):
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                i0, i1, i2, i3, a0, a1, a2, a3 = _samples(columns[y, x] * across - _HALF, wide)
-                j0, j1, j2, j3, b0, b1, b2, b3 = _samples(rows[y, x] * down - _HALF, high)
+                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, wide)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, high)
                 for c in range(channels):
                     p = image[c]
                     r0 = a0 * p[j0, i0] + a1 * p[j0, i1] + a2 * p[j0, i2] + a3 * p[j0, i3]
@@ -151,8 +151,8 @@ def read_cubic_pair(first, second, columns, rows, across, down, where, one, othe
         total = np.empty(8, np.float32)
         for x in range(where.shape[1]):
             if where[y, x] > _ZERO:
-                i0, i1, i2, i3, a0, a1, a2, a3 = _samples(columns[y, x] * across - _HALF, wide)
-                j0, j1, j2, j3, b0, b1, b2, b3 = _samples(rows[y, x] * down - _HALF, high)
+                i0, i1, i2, i3, a0, a1, a2, a3 = _four_samples(columns[y, x] * across - _HALF, wide)
+                j0, j1, j2, j3, b0, b1, b2, b3 = _four_samples(rows[y, x] * down - _HALF, high)
                 for c in range(8):
                     r0 = a0 * pixels[j0, i0, c] + a1 * pixels[j0, i1, c]
                     r0 += a2 * pixels[j0, i2, c] + a3 * pixels[j0, i3, c]

@@ -158,8 +158,8 @@ class Enhancer:
                 that the depth does not fit the renders.
         """
         images, kind = read_images("render", render)
-        known = self._known(references)
-        targets = self._targets(images, kind.batch, camera, depth, alpha, name)
+        known = self._known_references(references)
+        targets = self._target_views(images, kind.batch, camera, depth, alpha, name)
         self._check_geometry(targets, known)
         rendered = RenderedSet("input", targets, known.views, self.background, known.depth_fits)
         config, rules = self.reference_config, self.options.rules
@@ -169,7 +169,7 @@ class Enhancer:
         if validated.lacks:
             reasons = [item.why for item in validated.parts if not item.used and item.name in REASONS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
-        self._remember(known, validated)
+        self._cache_references(known, validated)
         self._set_enhancer.reference_config = validated.reference_config
         planner = known.planner if known.planner is not None else validated.planner(rules)
         enhanced = self._set_enhancer(validated.rendered, planner, validated.pool, known.features)
@@ -178,7 +178,7 @@ class Enhancer:
             planner.known.clear()
         return kind.restored(result)
 
-    def _known(self, references: Sequence[Reference] | None) -> KnownReferences:
+    def _known_references(self, references: Sequence[Reference] | None) -> KnownReferences:
         """References of a call: those that were added, or given ones, cached while calls give the same objects."""
         if references is None:
             return self._kept
@@ -188,7 +188,7 @@ class Enhancer:
             self._given = KnownReferences.of(tuple(references), self.reference_config.fine)
         return self._given
 
-    def _targets(
+    def _target_views(
         self, images: Tensor, batch: bool, camera: Any, depth: Any, alpha: Any, name: Any
     ) -> tuple[RenderedView, ...]:
         """Validate the renders of a call and return them as views."""
@@ -233,7 +233,7 @@ class Enhancer:
         if without_camera is not None:
             raise InputError(f"reference {without_camera}", "has no camera", "give Reference(photo, camera, ...)")
 
-    def _remember(self, known: KnownReferences, found: ValidatedInputs) -> None:
+    def _cache_references(self, known: KnownReferences, found: ValidatedInputs) -> None:
         """Cache what later calls with the same references can reuse."""
         if found.pool is not known.pool:
             known.planner = None  # for this call, depth was refused, that of the references included

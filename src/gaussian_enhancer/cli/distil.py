@@ -56,14 +56,16 @@ def distilled(cfg: DictConfig) -> Run:
     console = Console(stderr=True)
     if not job.done:
         with status.discarded_if_refused(job.folder):
-            _make(job, task, enhancer, cfg, console)
+            _run_distillation(job, task, enhancer, cfg, console)
     psnr_before, psnr_after = held_out_psnr(job.folder)
     quality = "no view held out" if psnr_after is None else f"held-out PSNR {psnr_before:.2f} -> {psnr_after:.2f} dB"
     print_line(console, f"{job.folder}: {quality}")
     return job
 
 
-def _make(job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console) -> None:
+def _run_distillation(
+    job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console
+) -> None:
     started = time.monotonic()
     gaussians = better_splat(
         task,

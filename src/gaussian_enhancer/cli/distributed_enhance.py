@@ -112,11 +112,11 @@ def enhanced_together(folder: Path, plan: Plan, cfg: DictConfig, accelerator: st
     Raises:
         InputError: a process refuses its input.
     """
-    enhanced_views: list[Enhanced] = launch(_part, cfg, accelerator, processes, folder, plan, processes)
+    enhanced_views: list[Enhanced] = launch(_enhance_part, cfg, accelerator, processes, folder, plan, processes)
     return enhanced_views
 
 
-def _part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[Enhanced]:
+def _enhance_part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> list[Enhanced]:
     """Enhance one process's part of the views."""
     device = start(cfg.runtime)
     device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device

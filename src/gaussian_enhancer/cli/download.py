@@ -44,16 +44,16 @@ def run(cfg: DictConfig) -> None:
     console = Console(stderr=True)
     with _progress(console, bool(cfg.runtime.progress)) as progress:
         for archive in needed_archives(dataset, wanted):
-            _fetched(cfg, dataset, archive, folder / "archives" / archive.file, progress)
+            _fetch(cfg, dataset, archive, folder / "archives" / archive.file, progress)
             for name, scene in wanted.items():
                 if dataset.archives[scene.scene.archive] == archive:
-                    _unpacked(scene, name, folder / "archives" / archive.file, progress)
+                    _unpack(scene, name, folder / "archives" / archive.file, progress)
             if not cfg.keep_archives:
                 (folder / "archives" / archive.file).unlink()
     print_line(console, f"{dataset.title}: {len(wanted)} scenes in {folder / dataset.name}")
 
 
-def _fetched(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, progress: Progress) -> None:
+def _fetch(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, progress: Progress) -> None:
     """Fetch an archive and verify its checksum; an archive that exists is only verified."""
     if path.is_file():
         print_line(progress.console, f"{path}: checking")
@@ -71,7 +71,7 @@ def _fetched(cfg: DictConfig, dataset: Dataset, archive: Archive, path: Path, pr
     print_line(progress.console, f"{path}: SHA-256 {digest}, {checksum_note(archive)}")
 
 
-def _unpacked(entry: Wanted, name: str, archive: Path, progress: Progress) -> None:
+def _unpack(entry: Wanted, name: str, archive: Path, progress: Progress) -> None:
     task = progress.add_task(name, total=None, visible=bool(entry.absent))
     unpack(archive, entry.parts, entry.folder, lambda done, total: progress.update(task, completed=done, total=total))
 

@@ -49,7 +49,7 @@ def run(cfg: DictConfig) -> float | None:
         raise InputError(cfg.output, "cannot be written: it is a file", "name a folder")
     count = process_count(cfg)
     if cfg.distil:
-        cfg = _of_distilled(cfg)
+        cfg = _with_distilled_splat(cfg)
     cfg = within_budget(cfg, ready, start(cfg.runtime), console)
     enhancer, task, validated = ready(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
@@ -60,7 +60,7 @@ def run(cfg: DictConfig) -> float | None:
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
     notes = validated.lacks if rules.full and not cfg.dry_run else (plan.table(),)
-    _print([task.note, *notes], Console() if cfg.dry_run else console)
+    _print_lines([task.note, *notes], Console() if cfg.dry_run else console)
     for warning in lost_references(enhancer, task, validated):
         console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
     if cfg.dry_run:
@@ -77,7 +77,7 @@ def run(cfg: DictConfig) -> float | None:
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
-        return _summarised(written_to(Path(cfg.output)), Path(cfg.output), console)
+        return _print_summary(written_to(Path(cfg.output)), Path(cfg.output), console)
     job = open_run(with_effect(cfg), "enhance", task.rendered.name)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = written_to(step_folder / "enhanced")
@@ -88,10 +88,10 @@ def run(cfg: DictConfig) -> float | None:
     )  # several processes return no plans
     replace(plan, views=view_plans or plan.views).to_file(job.folder / "plan.json")
     job.finish()
-    return _summarised(enhanced_views, job.folder, console)
+    return _print_summary(enhanced_views, job.folder, console)
 
 
-def _of_distilled(cfg: DictConfig) -> DictConfig:
+def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
     """Distil the splat of a configuration where that is not done yet, and return the configuration with the result.
 
     Raises:
@@ -115,12 +115,12 @@ def _of_distilled(cfg: DictConfig) -> DictConfig:
     return distilled_cfg
 
 
-def _print(lines: Sequence[str], console: Console) -> None:
+def _print_lines(lines: Sequence[str], console: Console) -> None:
     for line in filter(None, lines):
         print_line(console, line)
 
 
-def _summarised(written: Sequence[Enhanced], folder: Path, console: Console) -> float:
+def _print_summary(written: Sequence[Enhanced], folder: Path, console: Console) -> float:
     """Print the images' folder and the run times; return the network's median time in milliseconds."""
     network_ms = statistics.median(view.enhancing for view in written)
     preparation_ms = statistics.median(view.preparing for view in written)

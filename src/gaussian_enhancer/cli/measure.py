@@ -45,7 +45,7 @@ def run(cfg: DictConfig) -> float | None:
     """
     records, folder = write_measurement(cfg)
     pairs = _pairs(records)
-    _tell(records, _tables(records, pairs)["summary"], folder)
+    _print_summary(records, _tables(records, pairs)["summary"], folder)
     return _score(records, pairs)
 
 
@@ -64,7 +64,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     files = _files(cfg)
     device = start(cfg.runtime)
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
-    records = _measured(files, distances, cfg)
+    records = _measure(files, distances, cfg)
     tables = _tables(records, _pairs(records))
     job = open_run(cfg, "measure", files[0].label.run)
     write_records(job.folder / "records.jsonl", records)
@@ -96,7 +96,7 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
     return tuple(files)
 
 
-def _measured(
+def _measure(
     files: Sequence[ImageFiles], distances: Sequence[PerceptualDistance], cfg: DictConfig
 ) -> tuple[Record, ...]:
     steps = measure_files(files, distances, _colour(cfg.background))
@@ -119,7 +119,7 @@ def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str
     return {"summary": mean_table(records), "views": record_table(records)}
 
 
-def _tell(records: Sequence[Record], table: Table, folder: Path) -> None:
+def _print_summary(records: Sequence[Record], table: Table, folder: Path) -> None:
     """Print a table of means, with the reasons for missing values, and the path of the records."""
     print(table.markdown(), end="")
     print(f"{len(records)} records in {folder / 'records.jsonl'}")

@@ -34,7 +34,7 @@ def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
         raise refusal
     with status.attempt():
         fit.run(job)
-    return _made(job, "fit")
+    return _finished_run(job, "fit")
 
 
 def enhanced(job: DictConfig) -> Path:
@@ -57,7 +57,7 @@ def enhanced(job: DictConfig) -> Path:
     existing = find_run(run_configuration, "enhance")
     if existing is None or not existing.done:
         enhance.run(job)
-    return _made(run_configuration, "enhance").folder
+    return _finished_run(run_configuration, "enhance").folder
 
 
 def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
@@ -74,7 +74,7 @@ def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Pat
     return write_measurement(job)
 
 
-def _made(job: DictConfig, name: str) -> Run:
+def _finished_run(job: DictConfig, name: str) -> Run:
     """The finished run of a job."""
     finished = find_run(job, name)
     if finished is None or not finished.done:

@@ -45,7 +45,7 @@ def run(cfg: DictConfig) -> float | None:
     require(cfg)
     start(cfg.runtime)
     count = processes(cfg)
-    job = open_run(_named(cfg), "train", cfg.label, locked=is_first())
+    job = open_run(_naming_configuration(cfg), "train", cfg.label, locked=is_first())
     if job.done:
         print(f"trained already: {job.folder / 'weights.safetensors'}")
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
@@ -100,7 +100,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
         "validation": validation,
         "seed": int(cfg.seed),
         "run": job.digest,
-        **_told(cfg),
+        **_initial_weights_entry(cfg),
         **({"dropped": non_finite} if non_finite else {}),
     }
     save_weights(job.folder / "weights.safetensors", module.network, reference_config, card)  # type: ignore[arg-type]
@@ -140,7 +140,7 @@ def _begun_with(cfg: DictConfig) -> dict[str, str]:
     return {str(name): str(weights) for name, weights in parts.items()}
 
 
-def _told(cfg: DictConfig) -> dict[str, Any]:
+def _initial_weights_entry(cfg: DictConfig) -> dict[str, Any]:
     """The card's entry on the initial weights: entries of their cards, which may nest those of earlier weights."""
     kept_keys = ("run", "seed", "steps", "train", "minutes", "initial")
     cards = {name: load_weights(weights).card for name, weights in _begun_with(cfg).items()}
@@ -179,10 +179,10 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     Raises:
         InputError: the initial weights cannot be read.
     """
-    return _named(_without_idle(cfg))
+    return _naming_configuration(_without_idle(cfg))
 
 
-def _named(cfg: DictConfig) -> DictConfig:
+def _naming_configuration(cfg: DictConfig) -> DictConfig:
     """The configuration that names the run, from one without keys of no effect (`_without_idle`)."""
     run_configuration = alike(cfg)
     digests = {
@@ -191,11 +191,11 @@ def _named(cfg: DictConfig) -> DictConfig:
     if digests:  # the content of the weights, not their path
         run_configuration.initial = digests.get("", digests)
     if run_configuration.get("generator") and run_configuration.generator.get("weights"):
-        run_configuration.generator.weights = _content(str(run_configuration.generator.weights))
+        run_configuration.generator.weights = _second_stage_digest(str(run_configuration.generator.weights))
     return run_configuration
 
 
-def _content(weights: str) -> str:
+def _second_stage_digest(weights: str) -> str:
     """Identify the weights of a second stage: by the run that makes them, which may not exist yet, or by a digest."""
     run = Path(weights).parent
     return run.name if run.parent.name == "train_generator" else checkpoint_digest(find_checkpoint(weights))

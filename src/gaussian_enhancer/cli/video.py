@@ -69,7 +69,7 @@ def run(cfg: DictConfig) -> None:
 def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
     """Write all frames as they are made, and return the video, or the folder of images."""
     layout = output.layout
-    images = _shown(frames, path, layout, console, hidden)
+    images = _video_images(frames, path, layout, console, hidden)
     if output.encoding is None:
         destination = output.place or (folder / layout.kind if layout.needs_render else frames.folder.folder)
         for index, image in enumerate(images):
@@ -85,18 +85,18 @@ def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, co
     return destination
 
 
-def _shown(
+def _video_images(
     frames: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
 ) -> Iterator[Float[Tensor, "3 h w"]]:
     """Images of the video: every frame of the path, then the clip's frames that have no camera, not enhanced."""
-    for frame in _made(frames, console, hidden):
+    for frame in _enhanced_frames(frames, console, hidden):
         yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
     for index in range(len(path.cameras), path.count):
         image = frames.enlarged(path.frame(index))
         yield layout(image, image, index / path.count)
 
 
-def _made(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
+def _enhanced_frames(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
     """Yield the frames with a progress bar. Further frames are made while earlier ones are encoded."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     new_count = frames.stored.count(False)

@@ -35,10 +35,10 @@ def new_cameras(
     unit = float(apart.fill_diagonal_(torch.inf).amin(1).mean())
     generator = torch.Generator().manual_seed((seed * 1_000_003 + number) % 2**63)
     aside = around * unit * (2 * torch.rand(len(way), 3, generator=generator) - 1)
-    return tuple(_moved(camera, offset) for camera, offset in zip(way, aside, strict=True))
+    return tuple(_moved_camera(camera, offset) for camera, offset in zip(way, aside, strict=True))
 
 
-def _moved(camera: Camera, offset: torch.Tensor) -> Camera:
+def _moved_camera(camera: Camera, offset: torch.Tensor) -> Camera:
     """The camera at another place, looking in the same direction."""
     pose = camera.world_to_camera.clone()
     pose[:3, 3] -= camera.rotation @ offset.to(pose)

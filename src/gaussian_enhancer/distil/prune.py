@@ -87,7 +87,7 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     Raises:
         InputError: a photo cannot be read or has no camera.
     """
-    gain, agreed = _gains(renderer, photos)
+    gain, agreed = _error_reductions(renderer, photos)
     gaussians = renderer.gaussians
     contradicted = (gain > 0) & (agreed >= settings.agreement)
     through, met = _seen_through(
@@ -99,7 +99,7 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     order = torch.where(suspects, gain, -1.0).argsort(descending=True, stable=True)
     count = int(suspects.sum())
     tried = {max(1, round(share * count)) for share in SHARES} if count else set()
-    results = {number: _psnr(_without(renderer, order[:number]), photos) for number in sorted(tried)}
+    results = {number: _psnr(_render_without(renderer, order[:number]), photos) for number in sorted(tried)}
     best = max(results, key=results.__getitem__, default=0)
     kept_mask = torch.ones_like(suspects)
     if not best or results[best] < before - settings.loss:
@@ -108,13 +108,15 @@ def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSetti
     return Pruned(kept_mask, count, before, results[best])
 
 
-def _without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
+def _render_without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
     kept_mask = torch.ones(len(renderer.gaussians), dtype=torch.bool, device=index.device)
     kept_mask[index] = False
     return replace(renderer, gaussians=renderer.gaussians[kept_mask])
 
 
-def _gains(renderer: SplatRenderer, photos: Sequence[Photo]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+def _error_reductions(
+    renderer: SplatRenderer, photos: Sequence[Photo]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """By how much the squared error falls without each Gaussian, and how far views agree on it, from -1 to 1."""
     first = torch.zeros_like(renderer.gaussians.opacity_logits)
     absolute, second = torch.zeros_like(first), torch.zeros_like(first)
@@ -144,14 +146,14 @@ def _seen_through(
     centres = places.cpu()
     for camera, _ in _posed(photos):
         surface = renderer(camera).surface[0]
-        depth, pixel, inside = _projected(centres, camera, renderer.near)
+        depth, pixel, inside = _project(centres, camera, renderer.near)
         surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
         through += (surface_depth > depth * (1 + margin)) & inside
         met += (surface_depth > depth * (1 - margin)) & (surface_depth <= depth * (1 + margin)) & inside
     return through.to(places), met.to(places)
 
 
-def _projected(
+def _project(
     places: Float[Tensor, "n 3"], camera: Camera, near: float
 ) -> tuple[Float[Tensor, " n"], Tensor, Bool[Tensor, " n"]]:
     """Depth of each place, the number of its pixel, and whether it lies in the image."""

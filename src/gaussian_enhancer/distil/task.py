@@ -117,7 +117,7 @@ def given_splat(run: str | Path | None, gaussians: str | Path | None, capture: S
         InputError: no splat or several were given, a splat without its capture, or the run cannot be read.
     """
     if run is not None and gaussians is None:
-        return _of_run(Path(run))
+        return _capture_of_run(Path(run))
     if gaussians is None or run is not None:
         received = "was given no splat" if gaussians is None else "was given run and gaussians"
         raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
@@ -247,7 +247,7 @@ def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
     return kept
 
 
-def _of_run(run: Path) -> tuple[Path, Scene]:
+def _capture_of_run(run: Path) -> tuple[Path, Scene]:
     """A run's splat, and its photos under its own split."""
     rendered = read_run(run)
     names = [view.name for view in (*rendered.targets, *rendered.references)]

@@ -135,7 +135,7 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
     given = enhanced, views.render, views.references, views.visibility
     ready = compiled(*given) and (views.reference_renders is None or compiled(views.reference_renders))
     of_means, of_details, share, change = (products_compiled if ready else block_products)(enhanced, views)
-    features = _described((of_means, of_details), share, change)
+    features = _block_descriptions((of_means, of_details), share, change)
     around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
     return torch.cat([features, around, features.mean((2, 3), keepdim=True).expand_as(features)], dim=1)
 
@@ -148,8 +148,8 @@ Products = tuple[
 def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
     """Mean products by block of every two vectors, shares of a block that references see, and mean changes.
 
-    The vectors are those of `_described`. The products are those of their means, and of what they have beside them.
-    Readable twin of the compiled kernel, on any device.
+    The vectors are those of `_block_descriptions`. The products are those of their means, and of their deviations from
+    them. Readable twin of the compiled kernel, on any device.
     """
     image, render, photos, visibility = (
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
@@ -162,8 +162,8 @@ def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> P
     vectors = torch.cat([change[:, None], render[:, None], change[:, None] * visible, apart, differences], dim=1)
     strips = [_products(vectors[..., y : y + STRIP * SAMPLES, :]) for y in range(0, vectors.shape[-2], STRIP * SAMPLES)]
     of_means, of_details = (torch.cat(parts, dim=-2) for parts in zip(*strips, strict=True))
-    share = _pooled(visible.flatten(0, 1)).unflatten(0, visible.shape[:2])[:, :, 0]
-    return of_means, of_details, share, _pooled(change)
+    share = _block_means(visible.flatten(0, 1)).unflatten(0, visible.shape[:2])[:, :, 0]
+    return of_means, of_details, share, _block_means(change)
 
 
 def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
@@ -185,7 +185,7 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     return means, details, visible, change
 
 
-def _pooled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
+def _block_means(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
     """Means over blocks; those at the far borders are means of what is there."""
     return F.avg_pool2d(image, SAMPLES, ceil_mode=True)
 
@@ -204,7 +204,7 @@ def _products(images: Float[Tensor, "b v 3 h w"]) -> tuple[Float[Tensor, "b v v 
     return of_means.permute(0, 3, 4, 1, 2), (whole - of_means).permute(0, 3, 4, 1, 2)
 
 
-def _described(
+def _block_descriptions(
     bands: tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]],
     seen: Float[Tensor, "b r i j"],
     change: Float[Tensor, "b 3 i j"],
@@ -218,12 +218,14 @@ def _described(
     texture = bands[1][:, 1, 1].clamp_min(0).sqrt()
     parts = [torch.stack([change.mean(1).abs(), means / (means + details + TINY), texture], dim=1)]
     for products in bands:
-        parts += [products[:, :1, 0].clamp_min(0).sqrt(), *_said(products, seen)]
+        parts += [products[:, :1, 0].clamp_min(0).sqrt(), *_reference_evidence(products, seen)]
     features = torch.cat(parts, dim=1)
     return features.sign() * torch.log1p(20 * features.abs())
 
 
-def _said(products: Float[Tensor, "b v v i j"], seen: Float[Tensor, "b r i j"]) -> list[Float[Tensor, "b f i j"]]:
+def _reference_evidence(
+    products: Float[Tensor, "b v v i j"], seen: Float[Tensor, "b r i j"]
+) -> list[Float[Tensor, "b f i j"]]:
     """What references, and pairs of them, say of one band, summed up."""
     count = seen.shape[1]
     images, pairs = [], []

@@ -30,11 +30,11 @@ def block_products(enhanced, render, photos, renders, visibility, drawn, block, 
         mean = np.empty((vectors, 3), np.float32)
         for j in range(columns):
             values[:], mean[:] = _ZERO, _ZERO
-            number = _gather(
+            number = _gather_block(
                 i * block, j * block, enhanced, render, photos, renders, visibility, drawn, block, step, values
             )
             for r in range(count):
-                seen[r, i, j] = _seen(i * block, j * block, visibility[r, 0], block, step) / number
+                seen[r, i, j] = _visible_count(i * block, j * block, visibility[r, 0], block, step) / number
             samples = values.shape[1] // 3
             for v in range(vectors):
                 for c in range(3):
@@ -55,7 +55,7 @@ def block_products(enhanced, render, photos, renders, visibility, drawn, block, 
 
 @inner
 @no_type_check
-def _gather(top, left, enhanced, render, photos, renders, visibility, drawn, block, step, values):
+def _gather_block(top, left, enhanced, render, photos, renders, visibility, drawn, block, step, values):
     """Write a block's vectors, a channel's samples side by side; return how many samples lie in the image."""
     count, samples, number = len(photos), values.shape[1] // 3, _ZERO
     for y in range(top, min(top + block, render.shape[1]), step):
@@ -77,7 +77,7 @@ def _gather(top, left, enhanced, render, photos, renders, visibility, drawn, blo
 
 @inner
 @no_type_check
-def _seen(top, left, visibility, block, step):
+def _visible_count(top, left, visibility, block, step):
     """How many of a block's samples are visible."""
     total = _ZERO
     for y in range(top, min(top + block, visibility.shape[0]), step):

@@ -54,8 +54,8 @@ def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> 
         F.interpolate(image.float(), cells, mode="area") for image in (views.render, enhanced - views.render, visible)
     )
     matrix, offset = _colour_model(render, change, weight)
-    unseen = (1 - _blurred(weight, EDGE)) * (visible.flatten(1).amax(1) > 0)[:, None, None, None]
-    model = torch.cat([matrix.flatten(1, 2), offset - _blurred(change, SMOOTH), unseen], dim=1)
+    unseen = (1 - _blur(weight, EDGE)) * (visible.flatten(1).amax(1) > 0)[:, None, None, None]
+    model = torch.cat([matrix.flatten(1, 2), offset - _blur(change, SMOOTH), unseen], dim=1)
     opaque = torch.ones_like(visible) if views.alpha is None else (views.alpha / OPAQUE).clamp(max=1)
     complete = completed_compiled if compiled(enhanced, views.render, opaque, model) else completed
     return complete(enhanced, views.render, opaque, model)
@@ -110,14 +110,14 @@ def _colour_model(
     render: Float[Tensor, "b 3 i j"], change: Float[Tensor, "b 3 i j"], weight: Float[Tensor, "b 1 i j"]
 ) -> tuple[Float[Tensor, "b 3 3 i j"], Float[Tensor, "b 3 i j"]]:
     """Matrix and offset that give each window's change from the colour, the image's own where little is seen."""
-    mass = _blurred(weight, WINDOW)
-    matrix, offset = _affine(render, change, weight, lambda image: _blurred(image, WINDOW))
-    whole = _affine(render, change, weight, lambda image: image.mean((2, 3), keepdim=True))
+    mass = _blur(weight, WINDOW)
+    matrix, offset = _fit_affine(render, change, weight, lambda image: _blur(image, WINDOW))
+    whole = _fit_affine(render, change, weight, lambda image: image.mean((2, 3), keepdim=True))
     local = mass / (mass + PRIOR)
     return local[:, None] * matrix + (1 - local[:, None]) * whole[0], local * offset + (1 - local) * whole[1]
 
 
-def _affine(
+def _fit_affine(
     render: Tensor, change: Tensor, weight: Tensor, averaged: Callable[[Tensor], Tensor]
 ) -> tuple[Float[Tensor, "b 3 3 i j"], Float[Tensor, "b 3 i j"]]:
     """The weighted least-squares fit of the change by the render's colour, over the windows of an average."""
@@ -132,7 +132,7 @@ def _affine(
     return matrix, mean_change - (matrix * colour[:, None]).sum(2)
 
 
-def _blurred(image: Float[Tensor, "b c i j"], deviation: float) -> Float[Tensor, "b c i j"]:
+def _blur(image: Float[Tensor, "b c i j"], deviation: float) -> Float[Tensor, "b c i j"]:
     """The image under a Gaussian, continued by its border. Kornia has the same, but takes 0.7 s to import."""
     radius = int(3 * deviation)
     offsets = torch.arange(-radius, radius + 1, dtype=image.dtype, device=image.device)

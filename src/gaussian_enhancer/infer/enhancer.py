@@ -164,18 +164,18 @@ class SetEnhancer:
         fitted: dict[str, int] = {}
         if self.reference_config.references and self.network.scale == 1:
             fitted = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
-        for one, target in self._each(rendered, planner, pool, features):
+        for one, target in self._enhance_each(rendered, planner, pool, features):
             number = fitted.get(one.name)
             if number is not None and _better_as_rendered(target, one.image, pool, number):
                 one = dataclasses.replace(one, image=target.image.clamp(0, 1), unchanged=True)
-            if not self.temporal_smoothing or self._unreached(one, target):
+            if not self.temporal_smoothing or self._cannot_be_smoothed(one, target):
                 yield one
                 before = None
                 continue
             image, before = smoothed_over_time(one.image, target, before, self.temporal_smoothing)
             yield dataclasses.replace(one, image=image)
 
-    def _each(
+    def _enhance_each(
         self,
         rendered: RenderedSet,
         planner: Planner | None,
@@ -193,7 +193,7 @@ class SetEnhancer:
             target = read_target(view)
             plan = None if planner is None else planner(view, target)
             if planner is not None and plan is not None and plan.regions is not None:
-                yield self._in_parts(view, target, planner, plan, started), target
+                yield self._enhance_regions(view, target, planner, plan, started), target
                 continue
             chosen = None if planner is None or plan is None else planner.chosen(plan)
             on_device = target.on(self.device)
@@ -204,9 +204,9 @@ class SetEnhancer:
             ended = time.perf_counter()
             times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
             coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
-            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage, self._passes(views)), target
+            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage, self._passes_through(views)), target
 
-    def _in_parts(
+    def _enhance_regions(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
     ) -> Enhanced:
         """Enhance the planned regions of a view, each as an image of its own; the rest stays as it was rendered."""
@@ -233,11 +233,11 @@ class SetEnhancer:
         preparing = time.perf_counter() - started - enhancing
         return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan, coverage)
 
-    def _passes(self, views: NetworkInput) -> bool:
+    def _passes_through(self, views: NetworkInput) -> bool:
         """Whether views are returned as they are, since no reference shows anything of them."""
         return self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any())
 
-    def _unreached(self, one: Enhanced, target: Pixels) -> bool:
+    def _cannot_be_smoothed(self, one: Enhanced, target: Pixels) -> bool:
         """Whether the plan leaves a view without references that lacks the camera or depth for them."""
         return one.plan is not None and one.plan.references == () and (target.camera is None or target.depth is None)
 
@@ -254,7 +254,7 @@ class SetEnhancer:
         """
         views = views.to(self.device)
         refuse_not_finite(views)
-        if self._passes(views):
+        if self._passes_through(views):
             return views.render.float().clamp(0, 1).cpu()
         if views.depth is not None and not bool(usable(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)

@@ -26,13 +26,13 @@ def refuse_not_finite(views: NetworkInput) -> None:
         image = getattr(views, field.name)
         if image is None or field.name in ("depth", "depth_unit"):
             continue
-        if image.numel() == 0 or _within(image):
+        if image.numel() == 0 or _in_range(image):
             continue
         count = int((~(image.abs() <= LARGEST)).sum())
         received = f"has {count} values that are not finite or beyond {LARGEST:g} in its {field.name.replace('_', ' ')}"
         raise InputError("view to enhance", received, "render it again, or leave that part out")
 
 
-def _within(image: Tensor) -> bool:
+def _in_range(image: Tensor) -> bool:
     least, largest = image.aminmax()  # one pass; NaN is neither
     return float(least) >= -LARGEST and float(largest) <= LARGEST

@@ -55,14 +55,14 @@ class Planner:
             target: its pixels.
         """
         if view.name not in self.known:
-            self.known[view.name] = self._decided(view, target)
+            self.known[view.name] = self._make_plan(view, target)
         return self.known[view.name]
 
     def chosen(self, plan: ViewPlan) -> tuple[int, ...] | None:
         """The references of a plan as indices into the pool; None leaves the choice to the reference configuration."""
         return None if plan.references is None else tuple(self.index[name] for name in plan.references)
 
-    def _decided(self, view: RenderedView, target: Pixels) -> ViewPlan:
+    def _make_plan(self, view: RenderedView, target: Pixels) -> ViewPlan:
         height, width = target.image.shape[-2:]
         plan, warp, coarse_view, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
         if self.reference_config.references and not self.reference_config.reaches(view):
@@ -76,12 +76,12 @@ class Planner:
         if isinstance(warp, Reprojected) and self.reference_config.references and looking:
             indices = self.reference_config.nearest(target, view, self.pool)
             small = coarse(target)
-            coarse_view = coarse_visibility(warp, small, [self._reference(index) for index in indices])
+            coarse_view = coarse_visibility(warp, small, [self._coarse_reference(index) for index in indices])
             if self.rules.references == "auto":
                 plan = self._with_references(plan, shares(coarse_view, small.alpha))
         return plan if needed is None else replace(plan, regions=self._regions(needed, coarse_view, height, width))
 
-    def _reference(self, index: int) -> Pixels:
+    def _coarse_reference(self, index: int) -> Pixels:
         """A reference on a coarse grid, which stays in memory."""
         if index not in self._small:
             self._small[index] = coarse(self.pool.read(index, self.reference_config.fine))
@@ -99,12 +99,12 @@ class Planner:
     ) -> tuple[Region, ...] | None:
         """The regions that are enhanced; None where they are nearly all of the image."""
         if seen is not None:
-            needed = needed | self._contradicted(seen, *needed.shape)
+            needed = needed | self._contradicted_background(seen, *needed.shape)
         regions = regions_of(needed, height, width, self.rules.margin)
         cost = sum(region.grown(self.rules.margin, height, width).area for region in regions)
         return None if cost > WHOLE * height * width else regions
 
-    def _contradicted(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
+    def _contradicted_background(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:
         """Blocks where a reference shows something that is not the background."""
         colour = seen.references.new_tensor(self.background)[:, None, None]
         differs = ((seen.references - colour).abs().amax(1) > self.rules.tolerance) & (seen.visibility[:, 0] > 0.5)

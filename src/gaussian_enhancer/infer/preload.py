@@ -33,7 +33,7 @@ def file_reads(
     reads: list[Callable[[], object]] = []
     for view in found.rendered.targets:
         if isinstance(view.read, ReadPhoto) or (planner is not None and rendering):
-            reads.append(partial(_look, found, view, planner))
+            reads.append(partial(_plan_and_read, found, view, planner))
         else:
             reads += _from_files([view.read_depth, view.read_alpha])
         reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
@@ -43,7 +43,7 @@ def file_reads(
     return reads
 
 
-def _look(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
+def _plan_and_read(found: ValidatedInputs, view: RenderedView, planner: Planner | None) -> None:
     """Read a target, plan it, and read its candidate references."""
     target = read_target(view)
     plan = None if planner is None else planner(view, target)

@@ -46,14 +46,14 @@ class ReferenceFeatures:
         kinds = views.reference_renders is not None, views.fine_references is not None
         key = (name, tuple(views.render.shape[-2:]), *kinds)
         if key not in self.kept:
-            self.kept[key] = self.network.encode(_alone(views, index))
+            self.kept[key] = self.network.encode(_one_reference(views, index))
         self.kept.move_to_end(key)
         while len(self.kept) > self.capacity:
             self.kept.popitem(last=False)
         return self.kept[key]
 
 
-def _alone(views: NetworkInput, index: int) -> NetworkInput:
+def _one_reference(views: NetworkInput, index: int) -> NetworkInput:
     """The network's input with one of the references, and nothing of the target but its size."""
 
     def one(images: Tensor | None) -> Tensor | None:

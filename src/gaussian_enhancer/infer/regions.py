@@ -66,7 +66,7 @@ def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int
                 (offset + a, box[1], offset + b, box[3]) if axis else (box[0], offset + a, box[2], offset + b)
                 for a, b in runs
             ]
-            parts = [part for strip in strips for part in divided(_tightened(mask, strip))]
+            parts = [part for strip in strips for part in divided(_tight_box(mask, strip))]
             if cost(parts) < 0.8 * cost([box]):
                 return parts
         return [box]
@@ -74,7 +74,7 @@ def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int
     mask = needed.cpu().numpy()
     if not mask.any():
         return ()
-    return tuple(map(pixels, divided(_tightened(mask, (0, 0, *mask.shape)))))
+    return tuple(map(pixels, divided(_tight_box(mask, (0, 0, *mask.shape)))))
 
 
 def cut_pixels(target: Pixels, region: Region) -> Pixels:
@@ -99,7 +99,7 @@ def _runs(filled: np.ndarray) -> Iterator[tuple[int, int]]:
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def _tightened(mask: np.ndarray, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+def _tight_box(mask: np.ndarray, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
     """The bounding box of what is True within a box, where something is."""
     inside = mask[box[0] : box[2], box[1] : box[3]]
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))

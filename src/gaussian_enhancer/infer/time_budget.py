@@ -55,12 +55,12 @@ def within_budget(
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_given(cfg)
     presets = read_presets(PRESETS)
-    enhancer, task, *_ = ready(_with(cfg, presets[0]), device)
+    enhancer, task, *_ = ready(_with_preset(cfg, presets[0]), device)
     milliseconds, megapixels = calibrated(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
     chosen, line = choose(presets, float(budget), megapixels, speed)
     print_line(console, line)
-    return _with(cfg, chosen)
+    return _with_preset(cfg, chosen)
 
 
 def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, float]:
@@ -84,7 +84,7 @@ def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, flo
     return timing.milliseconds, height * width / 1e6
 
 
-def _with(cfg: DictConfig, preset: Preset) -> DictConfig:
+def _with_preset(cfg: DictConfig, preset: Preset) -> DictConfig:
     """The configuration with the values of a preset in place of the budget."""
     chosen = OmegaConf.merge(cfg, OmegaConf.from_dotlist(list(preset.enhance)))
     if not isinstance(chosen, DictConfig):

@@ -138,15 +138,17 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
         median = float(small.depth[usable(small.depth)].median())
         others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
         others["a flat plane"] = torch.full_like(small.depth, median)
-        differences = _disagreement(warp, small, references)
-        best = min((_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items())
+        differences = _colour_disagreement(warp, small, references)
+        best = min(
+            (_colour_disagreement(warp, replace(small, depth=z), references), name) for name, z in others.items()
+        )
         if best[0] >= CLEARLY * differences:
             return ""  # one view that it fits is enough, and the others need not be looked at
         better = better or best[1]
     return f"the depth is none of what the renders show ({better} fits better)" if better else ""
 
 
-def _disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
+def _colour_disagreement(warp: Reprojected, target: Pixels, references: Sequence[Pixels]) -> float:
     """Mean colour difference of warped references to the render; infinite where they see less than a tenth of it."""
     exposed = any(reference.render is None for reference in references)  # renders are of the target's exposure as it is
     doubting = replace(warp, depth="exact", photo_consistency=None, match_colour=warp.match_colour and exposed)

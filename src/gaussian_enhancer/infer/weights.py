@@ -162,7 +162,7 @@ def _plain_design(design: Mapping[str, Any]) -> dict[str, Any]:
     def plain(name: str, value: Any) -> Any:
         if name in PARTS:
             return _plain_design(value)
-        return _plain(value) if name in STAGES else value
+        return _plain_values(value) if name in STAGES else value
 
     return {name: plain(name, value) for name, value in design.items()}
 
@@ -180,14 +180,14 @@ def take_values(network: Network, begun: Network) -> None:
         ValueError: the designs differ otherwise.
     """
     asked, found, values = design_of(network), design_of(begun), begun.state_dict()
-    alike = _without(asked, ZERO_INITIALISED) == _without(found, ZERO_INITIALISED)
+    alike = _without_options(asked, ZERO_INITIALISED) == _without_options(found, ZERO_INITIALISED)
     if not alike or values.keys() - network.state_dict().keys():
         odd = next(key for key in {**asked, **found} if asked.get(key) != found.get(key))
         raise ValueError(f"have {odd} {found.get(odd)!r}, where {asked.get(odd)!r} is to be trained")
     network.load_state_dict({**network.state_dict(), **values})
 
 
-def _without(design: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+def _without_options(design: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """A design without some options of its stages."""
     return {
         stage: {name: value for name, value in choice.items() if name not in names}
@@ -269,7 +269,7 @@ def reference_config_of(reference_config: ReferenceConfig) -> dict[str, Any]:
     counts = {"references": reference_config.references, "candidates": reference_config.candidates}
     # Only where they say something: samples and weights from before they were there keep their names.
     fine = {"fine": True} if reference_config.fine else {}
-    return {"warp": _plain(reference_config.warp), **counts, **fine}
+    return {"warp": _plain_values(reference_config.warp), **counts, **fine}
 
 
 def build_reference_config(values: Mapping[str, Any]) -> ReferenceConfig:
@@ -286,7 +286,7 @@ def build_reference_config(values: Mapping[str, Any]) -> ReferenceConfig:
     return ReferenceConfig(warp, *counts, fine)
 
 
-def _plain(part: Any) -> dict[str, Any]:
+def _plain_values(part: Any) -> dict[str, Any]:
     if KINDS.get(type(part).__name__) is not type(part):
         raise TypeError(f"{type(part).__name__} is no part that weights can name")
     return {"kind": type(part).__name__, **dataclasses.asdict(part)}

@@ -66,16 +66,16 @@ def dssim(enhanced: Images, photo: Images) -> Images:
         enhanced: colours in [0, 1].
         photo: colours in [0, 1].
     """
-    return 1 - ssim_map(enhanced, photo, _windowed)
+    return 1 - ssim_map(enhanced, photo, _window_means)
 
 
-def _windowed(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
+def _window_means(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
     """Images under SSIM's window: on crops, a product with band matrices costs a fifth of a convolution."""
-    rows, columns = (_band(length, images) for length in images.shape[-2:])
+    rows, columns = (_window_band(length, images) for length in images.shape[-2:])
     return rows @ (images @ columns)
 
 
-def _band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
+def _window_band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
     """SSIM's window along an axis as a symmetric band matrix, zeros outside."""
     offsets = torch.arange(length, dtype=like.dtype, device=like.device)
     return gaussian(offsets[:, None] - offsets)

@@ -85,12 +85,12 @@ def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enh
         if record.kind != "quality" or record.variant not in found:
             continue
         if key in found[record.variant]:
-            raise InputError(_named(key), f"was measured twice as {record.variant!r}", "give one record of each")
+            raise InputError(_named_row(key), f"was measured twice as {record.variant!r}", "give one record of each")
         found[record.variant][key] = record
     lonely = sorted(set(found[baseline]) ^ set(found[variant]))
     if lonely:
         has, lacks = (baseline, variant) if lonely[0] in found[baseline] else (variant, baseline)
-        raise InputError(_named(lonely[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
+        raise InputError(_named_row(lonely[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
     if not found[baseline]:
         raise InputError("records", f"hold no view measured as {baseline!r} and {variant!r}", "measure both first")
     return tuple(VariantPair(found[baseline][key], found[variant][key]) for key in sorted(found[baseline]))
@@ -103,14 +103,14 @@ def metrics_of(pairs: Sequence[VariantPair]) -> tuple[str, ...]:
 
 def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
     """Mean gain, spread and worst view of one metric; views without a finite gain are named, not skipped."""
-    gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known(pair.gain(metric)))}
+    gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known_values(pair.gain(metric)))}
     values = list(gains.values())
     better = HIGHER_IS_BETTER.get(metric)
     worst = min(gains, key=lambda i: gains[i] if better else -gains[i]) if gains and better is not None else None
     return Comparison(
         metric=metric,
-        baseline=_mean([_known(pairs[i].baseline.metrics[metric]) for i in gains]),
-        variant=_mean([_known(pairs[i].variant.metrics[metric]) for i in gains]),
+        baseline=_mean([_known_values(pairs[i].baseline.metrics[metric]) for i in gains]),
+        variant=_mean([_known_values(pairs[i].variant.metrics[metric]) for i in gains]),
         gain=_mean(values),
         deviation=statistics.stdev(values) if len(values) > 1 else math.nan,
         count=len(values),
@@ -146,7 +146,7 @@ def mean_table(records: Sequence[Record]) -> Table:
     rows = []
     for key, members in groups.items():
         for metric in _in_order({name for record in members for name in record.metrics}):
-            values = [_known(record.metrics.get(metric)) for record in members]
+            values = [_known_values(record.metrics.get(metric)) for record in members]
             finite = [value for value in values if math.isfinite(value)]
             deviation = statistics.stdev(finite) if len(finite) > 1 else math.nan
             equal = sum(value == math.inf for value in values)
@@ -194,7 +194,7 @@ def _in_order(names: set[str]) -> tuple[str, ...]:
     return (*known, *sorted(names.difference(known)))
 
 
-def _known(value: float | None) -> float:
+def _known_values(value: float | None) -> float:
     return math.nan if value is None else value
 
 
@@ -207,5 +207,5 @@ def _reason(pair: VariantPair, metric: str) -> str:
     return next((reason for reason in reasons if reason), "equal to the photo, or not measured on both")
 
 
-def _named(key: View) -> str:
+def _named_row(key: View) -> str:
     return " / ".join(part for part in key if part)

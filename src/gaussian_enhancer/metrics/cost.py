@@ -80,7 +80,7 @@ def timed(
     turns = list(calls.items())
     for _ in range(repeats):
         for name, call in turns:
-            times[name].append(_once(call, torch.device(device)))
+            times[name].append(_time_once(call, torch.device(device)))
         turns.reverse()  # what comes second finds another machine
     return {name: Timing(statistics.median(values), tuple(values)) for name, values in times.items()}
 
@@ -108,10 +108,10 @@ def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
     if _reset_high_water_mark():
         call()
         return _resident("VmHWM")
-    return _watched(call)
+    return _watched_peak(call)
 
 
-def _once(call: Call, device: torch.device) -> float:
+def _time_once(call: Call, device: torch.device) -> float:
     _wait(device)
     start = time.perf_counter()
     call()
@@ -142,7 +142,7 @@ def _resident(field: str) -> int:
     return int(line.split()[1]) * 1024
 
 
-def _watched(call: Call) -> int:
+def _watched_peak(call: Call) -> int:
     """Highest resident memory that a watching thread sees while a computation runs."""
     process = psutil.Process()
     highest = process.memory_info().rss

@@ -142,7 +142,9 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
         remedy = "measure first" if error.received == "does not exist" else error.remedy
         raise InputError(path, error.received, remedy) from None
     lines = content.split("\n")  # splitlines would cut names at exotic separators
-    return tuple(_checked(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip())
+    return tuple(
+        _verified_record(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip()
+    )
 
 
 def record_line(record: Record) -> str:
@@ -162,10 +164,10 @@ def parse_record(place: str, line: str) -> Record:
     Raises:
         InputError: it is no record, or was changed or cut.
     """
-    return _checked(place, line)[1]
+    return _verified_record(place, line)[1]
 
 
-def _checked(place: str, line: str) -> tuple[str, Record]:
+def _verified_record(place: str, line: str) -> tuple[str, Record]:
     """A line's checksum and its record."""
     remedy = "measure again, or delete the line"
     try:

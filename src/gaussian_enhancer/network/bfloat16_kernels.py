@@ -167,7 +167,7 @@ def weigh(logits, values, visibility, limit, news, trust):
                 for k in range(heads):
                     mean += weight[r, j * heads + k]
                 trust[n, r, i, j] = mean / _F(heads)
-        _halve(summed, news[n, i].reshape(width * channels))
+        _halve_rows(summed, news[n, i].reshape(width * channels))
 
 
 @inner
@@ -202,7 +202,7 @@ def _add_products(weight, values, total):
 
 @inner
 @no_type_check
-def _halve(values, result):
+def _halve_rows(values, result):
     for q in range(len(values)):
         result[q] = half(values[q])
 

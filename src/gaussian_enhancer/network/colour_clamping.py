@@ -54,7 +54,7 @@ def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) ->
     hidden = views.visibility <= 0
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     for channel in range(3):  # one by one, so that large images need little memory
-        low, high = _limits(views, hidden, channel, reach)
+        low, high = _colour_limits(views, hidden, channel, reach)
         limited[:, channel] = image[:, channel].clamp(low, high)
     return limited
 
@@ -73,7 +73,7 @@ def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach
 
 
 @torch.no_grad()
-def _limits(
+def _colour_limits(
     views: NetworkInput, hidden: Bool[Tensor, "b r 1 h w"], channel: int, reach: int
 ) -> tuple[Float[Tensor, "b h w"], Float[Tensor, "b h w"]]:
     """The least and the greatest value of a channel around each pixel."""
@@ -84,7 +84,10 @@ def _limits(
         torch.minimum(low, photo.masked_fill(unseen, torch.inf), out=low)
         torch.maximum(high, photo.masked_fill(unseen, -torch.inf), out=high)
     for axis in (1, 2):
-        low, high = _spread(low, axis, reach, torch.minimum), _spread(high, axis, reach, torch.maximum)
+        low, high = (
+            _spread_extremes(low, axis, reach, torch.minimum),
+            _spread_extremes(high, axis, reach, torch.maximum),
+        )
     return low, high
 
 
@@ -98,7 +101,7 @@ def check_window(window: int) -> None:
         raise InputError("colour_clamping", f"is a window of {window} pixels", "use an odd number, or 0 for no limit")
 
 
-def _spread(
+def _spread_extremes(
     plane: Float[Tensor, "b h w"], axis: int, reach: int, chosen: Callable[..., Tensor]
 ) -> Float[Tensor, "b h w"]:
     """The least or the greatest value within reach along an axis; beyond the border there is none."""

@@ -25,20 +25,20 @@ def clamp(image, render, photos, visibility, reach, result):
         for c in range(channels):
             low[:], high[:] = _INFINITE, -_INFINITE
             for j in range(max(0, y - reach), min(height, y + reach + 1)):
-                _reach(render[c, j], render[c, j], low[reach : reach + width], high[reach : reach + width])
+                _widen_limits(render[c, j], render[c, j], low[reach : reach + width], high[reach : reach + width])
                 for r in range(len(photos)):
                     inside = low[reach : reach + width], high[reach : reach + width]
                     _reach_visible(photos[r, c, j], visibility[r, 0, j], inside[0], inside[1])
             least[:], greatest[:] = _INFINITE, -_INFINITE
             for i in range(2 * reach + 1):
-                _reach(low[i : i + width], high[i : i + width], least, greatest)
+                _widen_limits(low[i : i + width], high[i : i + width], least, greatest)
             for x in range(width):
                 result[c, y, x] = min(max(image[c, y, x], least[x]), greatest[x])
 
 
 @inner
 @no_type_check
-def _reach(low, high, least, greatest):
+def _widen_limits(low, high, least, greatest):
     """Let limits reach as far as others."""
     for x in range(len(least)):
         least[x], greatest[x] = min(least[x], low[x]), max(greatest[x], high[x])

@@ -68,13 +68,13 @@ class Combination(nn.Module):
         height, width = fine.shape[-2:]
         half = [_resized(values, height // 2, width // 2) for values in coarser]
         if len(fine) == 1 and fine.dtype == torch.float32 and fusable(fine, render, *half):
-            return self._fused(fine, render, half)
+            return self._combine_compiled(fine, render, half)
         x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half], dim=1)))
         x = self.head(self.block(x)).to(fine.dtype)
         change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half))
         return fine + F.interpolate(change, scale_factor=2, mode="bilinear") + F.pixel_shuffle(x[:, :12], 2)
 
-    def _fused(
+    def _combine_compiled(
         self,
         fine: Float[Tensor, "1 3 h w"],
         render: Float[Tensor, "1 3 h w"],

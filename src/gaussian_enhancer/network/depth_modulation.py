@@ -51,7 +51,7 @@ class DepthModulation(nn.Module):
             return features
         unit = depth_unit(depth) if unit is None else unit
         if len(depth) == 1 and features.dtype == torch.bfloat16 and fusable(features, depth):
-            return self._fused(features, depth, float(unit))
+            return self._modulate_compiled(features, depth, float(unit))
         inverse = normalised_inverse_depth(depth, unit)
         known_depth = usable(depth).to(inverse.dtype)
         x = unshuffled(torch.cat([inverse, known_depth], dim=1).to(self.stem.weight.dtype))
@@ -59,7 +59,7 @@ class DepthModulation(nn.Module):
         share = halved(known_depth).to(features.dtype)
         return features + share * (features * scale + shift)
 
-    def _fused(
+    def _modulate_compiled(
         self, features: Float[Tensor, "1 c i j"], depth: Float[Tensor, "1 1 h w"], unit: float
     ) -> Float[Tensor, "1 c i j"]:
         """The same for one image where inference is `fusable`."""

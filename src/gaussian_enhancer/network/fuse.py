@@ -64,9 +64,9 @@ class TrustFusion(nn.Module):
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
-        compared = self.block(self._compared(target, references, visibility))
+        compared = self.block(self._compare(target, references, visibility))
         if compared.dtype == torch.bfloat16 and fusable(compared, visibility):
-            fused_values, trust = self._weighed(self.trust(compared), self.value(compared), visibility)
+            fused_values, trust = self._weighted_sum(self.trust(compared), self.value(compared), visibility)
             return convolution(fused_values, self.project, plus=target), trust
         logits = LIMIT * torch.tanh(precise(self.trust(compared)) / LIMIT)
         scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
@@ -77,7 +77,7 @@ class TrustFusion(nn.Module):
         fused_values = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
         return target + self.project(fused_values.flatten(1, 2)), weights.mean(2, keepdim=True)
 
-    def _compared(
+    def _compare(
         self,
         target: Float[Tensor, "b c h w"],
         references: Float[Tensor, "b r c h w"],
@@ -94,13 +94,13 @@ class TrustFusion(nn.Module):
         )
         target_part = F.conv2d(target, weight[:, channels:], bias, padding=1)
         if self.pool is not None:
-            target_part = target_part + self.pool(_pooled(references, visibility))
+            target_part = target_part + self.pool(_pool_references(references, visibility))
         if reference_part.dtype == torch.bfloat16 and fusable(reference_part, target_part):
             _add_and_rectify(reference_part, target_part)
             return reference_part.flatten(0, 1)
         return F.relu(reference_part + target_part[:, None]).flatten(0, 1)
 
-    def _weighed(
+    def _weighted_sum(
         self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
         """Weighted sum of the references' values, and the mean weight of each, where inference is `fusable`."""
@@ -123,7 +123,9 @@ def _add_and_rectify(theirs: Float[Tensor, "b r c h w"], own: Float[Tensor, "b c
         add_and_rectify(reference_words, bits(own))
 
 
-def _pooled(references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]) -> Float[Tensor, "b _ h w"]:
+def _pool_references(
+    references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
+) -> Float[Tensor, "b _ h w"]:
     """Mean features of the references, weighted by visibility, and a third of the sum of visibilities as a channel."""
     if references.dtype == torch.bfloat16 and fusable(references, visibility):
         return _pooled_compiled(references, visibility)

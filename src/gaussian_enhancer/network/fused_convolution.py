@@ -33,7 +33,7 @@ def convolution(
         relu: whether negative values become 0.
     """
     if _ONEDNN is not None and x.dtype == torch.bfloat16 and fusable(x, plus):
-        return _fused(x, layer, scale, plus, relu)
+        return _convolve_fused(x, layer, scale, plus, relu)
     result: Tensor = layer(x)
     if scale is not None:
         result = scale.to(result.dtype) * result
@@ -42,7 +42,7 @@ def convolution(
     return F.relu(result) if relu else result
 
 
-def _fused(x: Tensor, layer: nn.Conv2d, scale: Tensor | None, plus: Tensor | None, relu: bool) -> Tensor:
+def _convolve_fused(x: Tensor, layer: nn.Conv2d, scale: Tensor | None, plus: Tensor | None, relu: bool) -> Tensor:
     """The same by one operation of oneDNN."""
     weight, bias = layer.weight, layer.bias
     if scale is not None:

@@ -51,7 +51,7 @@ def compose(
     render, visibility = views.render, views.visibility
     images = decoded, render, views.references, visibility, views.reference_renders, trust
     if decoded.dtype == torch.bfloat16 and visibility.shape[1] and fusable(*images):
-        return _composed(decoded, views, trust)
+        return _compose_compiled(decoded, views, trust)
     decoded = decoded.to(render.dtype)
     enhanced = render + torch.sigmoid(decoded[:, 3:4]) * decoded[:, :3]
     if views.references.shape[1] == 0:
@@ -70,7 +70,7 @@ def compose(
     return enhanced + decoded[:, 5:6] * photos
 
 
-def _composed(
+def _compose_compiled(
     decoded: Float[Tensor, "b 6 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
 ) -> Float[Tensor, "b 3 h w"]:
     """The same in one pass over memory, where inference is `fusable` and there is a reference."""

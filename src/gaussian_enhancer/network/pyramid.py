@@ -55,14 +55,14 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
         inverse = torch.where(
             known_depth, 1 / torch.where(known_depth, depth, torch.ones_like(depth)), torch.zeros_like(depth)
         )
-        mean, covered = _averaged(inverse, factor, size), _averaged(known_depth.to(depth.dtype), factor, size)
+        mean, covered = _average(inverse, factor, size), _average(known_depth.to(depth.dtype), factor, size)
         depth = torch.where(covered > 0, covered / torch.where(covered > 0, mean, torch.ones_like(mean)), 0.0)
     return NetworkInput(
-        _averaged(views.render, factor, size),
+        _average(views.render, factor, size),
         photos,
         share,
         depth,
-        None if views.alpha is None else _averaged(views.alpha, factor, size),
+        None if views.alpha is None else _average(views.alpha, factor, size),
         unit,
         renders,
     )
@@ -85,23 +85,23 @@ def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c
     if scale == 1:
         return image
     if scale in (2, 4) and image.dtype == torch.float32 and compilable(image):
-        return _upsampled(image, scale)
+        return _upsample_compiled(image, scale)
     return F.interpolate(image, scale_factor=scale, mode="bicubic", align_corners=False)
 
 
-def _upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
+def _upsample_compiled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
     """The same by a compiled kernel, axis by axis."""
     from gaussian_enhancer.network.ssif_sr_kernels import upsample
 
     height, width = image.shape[-2:]
     result = torch.empty(*image.shape[:-2], scale * height, scale * width)
-    shares, starts = _cubic(scale)
+    shares, starts = _cubic_phases(scale)
     with kernel_lock:
         upsample(plane(image.flatten(0, 1)), shares, starts, result.flatten(0, 1).numpy())
     return result
 
 
-def _cubic(scale: int) -> tuple[np.ndarray, np.ndarray]:
+def _cubic_phases(scale: int) -> tuple[np.ndarray, np.ndarray]:
     """Factors of the four pixels around each phase of a fine pixel, and where they begin (Keys, 1981, a = -0.75)."""
     position = (np.arange(scale) + 0.5) / scale - 0.5
     before = np.floor(position)
@@ -112,7 +112,7 @@ def _cubic(scale: int) -> tuple[np.ndarray, np.ndarray]:
     return np.where(distance <= 1, near, far).astype(np.float32), before.astype(np.int64) - 1
 
 
-def _averaged(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
+def _average(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
     if factor == 2:
         return halved(image)
     flat = image.reshape(-1, *image.shape[-3:])
@@ -129,10 +129,10 @@ def _shrunk_references(
     images = views.references, views.reference_renders, views.visibility
     if factor == 2 and fusable(*images):
         return _halved_references(*images)
-    share = _averaged(views.visibility, factor, size)
+    share = _average(views.visibility, factor, size)
 
     def seen(image: Tensor) -> Tensor:
-        return _averaged(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
+        return _average(image * views.visibility, factor, size) / share.clamp_min(1e-6) * (share > 0)
 
     renders = views.reference_renders
     return seen(views.references), None if renders is None else seen(renders), share

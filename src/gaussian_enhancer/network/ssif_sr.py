@@ -98,12 +98,12 @@ class SSIFSR(CachesReferences):
         features = F.pixel_shuffle(self.grow(features), 2)
         first_stage = image, features, *fine_references(views), *(() if encoded is None else encoded[1:])
         if torch.is_grad_enabled() or torch.compiler.is_compiling() or max(views.render.shape[-2:]) <= TILE:
-            images = image, *self._finer(*first_stage)
+            images = image, *self._finer_scales(*first_stage)
         else:
             images = image, *self._finer_tiled(first_stage)
         return tuple(image[..., : n * height, : n * width] for n, image in zip((1, *UPSCALE), images, strict=True))
 
-    def _finer(
+    def _finer_scales(
         self,
         image: Float[Tensor, "b 3 h w"],
         features: Float[Tensor, "b c h w"],
@@ -125,14 +125,14 @@ class SSIFSR(CachesReferences):
         features, decoded, trust = self.middle(features, encoded, seen)
         base = upsampled(image, 2)
         second = self.output(decoded, *merged(base, half, halved(half), seen, trust))
-        twice = _repeated(seen, 2)
+        twice = _repeat_2x(seen, 2)
         base = upsampled(image, 4) + upsampled(second - base, 2)
-        only, trust = merged(base, photos, half, twice, _bilinear(trust) * (twice > 0))
+        only, trust = merged(base, photos, half, twice, _upsample_2x(trust) * (twice > 0))
         decoded = self.tail(self.grow_again(features), only, trust)
         return second, self.output(decoded, only, trust)
 
     def _finer_tiled(self, known: tuple[Tensor, ...]) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
-        """`_finer` part by part, so that no features of the whole image are in memory; equal up to rounding."""
+        """`_finer_scales` part by part, so that no features of the whole image are in memory; equal up to rounding."""
         batch, _, height, width = known[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
         second, fourth = (known[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
@@ -140,7 +140,7 @@ class SSIFSR(CachesReferences):
             for left in range(0, width, TILE):
                 inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
                 outer = inner.grown(halo, height, width)
-                parts = self._finer(*(outer.cut(image, image.shape[-1] // width) for image in known))
+                parts = self._finer_scales(*(outer.cut(image, image.shape[-1] // width) for image in known))
                 for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
                     inner.cut(result, n).copy_(inner.within(outer).cut(part, n))
         return second, fourth
@@ -176,7 +176,7 @@ class Middle(nn.Module):
         """
         if photos.shape[1] == 0:
             return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
-        dtype = _computed(photos)
+        dtype = _computing_dtype(photos)
         x = unshuffled(photos.flatten(0, 1).to(dtype) - 0.5)
         features = self.encode_reference(torch.cat([x, visibility.flatten(0, 1).to(dtype)], dim=1))
         return features.unflatten(0, photos.shape[:2])
@@ -226,18 +226,18 @@ class Tail(nn.Module):
             views: the base and the merged reference, or none.
             trust: how far that is trusted.
         """
-        features = grown(features, self.read(_packed(views, trust)))
+        features = grown(features, self.read(_pack_merged(views, trust)))
         return shuffled(self.head(self.blocks(features)))
 
 
-def _packed(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
+def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
     """What the merged reference adds to the base, the base, and the reference's trust, pixel-unshuffled.
 
     Args:
         views: the base and the merged reference, or none.
         trust: how far that is trusted.
     """
-    base, dtype = views.render, _computed(views.render)
+    base, dtype = views.render, _computing_dtype(views.render)
     if views.references.shape[1] and fusable(base, views.references, views.visibility, trust):
         return _packed_compiled(views, trust)
     residual, trust_sum = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
@@ -295,11 +295,11 @@ def merged(
     if fusable(base, photos, halved, visibility, trust):
         return _merged_compiled(base, photos, halved, visibility, trust)
     trust = trust.to(base.dtype)
-    weight = _bilinear(trust) * _repeated(visibility > 0, 2)
+    weight = _upsample_2x(trust) * _repeat_2x(visibility > 0, 2)
     total = weight.sum(1)
-    mean = _weighted(weight, photos) / total.clamp_min(1e-6)
+    mean = _weighted_sum(weight, photos) / total.clamp_min(1e-6)
     together = trust.sum(1, keepdim=True)
-    soft = _bilinear(torch.cat([_weighted(trust, halved), together[:, 0]], dim=1)[:, None])[:, 0]
+    soft = _upsample_2x(torch.cat([_weighted_sum(trust, halved), together[:, 0]], dim=1)[:, None])[:, 0]
     soft = soft[:, :3] / soft[:, 3:].clamp_min(1e-6)
     return NetworkInput(
         base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]
@@ -326,7 +326,7 @@ def _merged_compiled(
     return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), together[:, None]
 
 
-def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
+def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
     """Sum of weight x photo, without a copy of all photos."""
     total = weight[:, 0] * photos[:, 0]
     for i in range(1, photos.shape[1]):
@@ -334,19 +334,19 @@ def _weighted(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h
     return total
 
 
-def _computed(image: Tensor) -> torch.dtype:
+def _computing_dtype(image: Tensor) -> torch.dtype:
     """The type that convolutions compute in: converting before what comes ahead of them is copied costs half."""
     kind = image.device.type
     return torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else image.dtype
 
 
-def _bilinear(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:
+def _upsample_2x(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:
     """Planes on a grid twice as fine."""
     if planes.shape[1] == 0:
-        return _repeated(planes, 2)
+        return _repeat_2x(planes, 2)
     flat = F.interpolate(planes.flatten(1, 2), scale_factor=2, mode="bilinear", align_corners=False)
     return flat.unflatten(1, planes.shape[1:3])
 
 
-def _repeated(plane: Tensor, times: int) -> Tensor:
+def _repeat_2x(plane: Tensor, times: int) -> Tensor:
     return plane.repeat_interleave(times, dim=-2).repeat_interleave(times, dim=-1)

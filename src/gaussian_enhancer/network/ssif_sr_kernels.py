@@ -43,7 +43,7 @@ def upsample(image, shares, starts, result):
         fine = np.empty((scale, width), np.float32)
         for q in range(scale):
             first = BORDER + starts[q]
-            _mix(row, first, shares[q], fine[q])
+            _weigh_neighbours(row, first, shares[q], fine[q])
         if scale == 2:
             _interleave_2(fine[0], fine[1], result[n, y])
         else:
@@ -59,7 +59,7 @@ def _add_scaled(total, values, factor):
 
 @inner
 @no_type_check
-def _mix(row, first, shares, result):
+def _weigh_neighbours(row, first, shares, result):
     """Write the sum of four neighbours times their shares."""
     a, b, c, d = shares[0], shares[1], shares[2], shares[3]
     one, two, three, four = row[first:], row[first + 1 :], row[first + 2 :], row[first + 3 :]
@@ -110,7 +110,7 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
         weight, total = np.empty((count, width), np.float32), np.zeros(width, np.float32)
         for r in range(count):
             double_row(trust[r], y, weight[r])
-            _hide(weight[r], visibility[r, y // 2])
+            _zero_invisible(weight[r], visibility[r, y // 2])
             _add_scaled(total, weight[r], _ONE)
         for x in range(width):
             seen[y, x] = _ONE if total[x] > _ZERO else _ZERO
@@ -127,7 +127,7 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
 
 @inner
 @no_type_check
-def _hide(weight, visibility):
+def _zero_invisible(weight, visibility):
     """Set the weights of invisible pixels to 0; visibility is at half the resolution."""
     for j in range(len(visibility)):
         if visibility[j] <= _ZERO:

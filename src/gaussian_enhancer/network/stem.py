@@ -64,7 +64,7 @@ class Gather(nn.Module):
             height, width = references.shape[-2:]
             return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
         if self.reference_renders and fusable(references, visibility, views.reference_renders):
-            return self.encode_reference.features(_packed(views)).unflatten(0, references.shape[:2])
+            return self.encode_reference.features(_pack_references(views)).unflatten(0, references.shape[:2])
         further = None
         if self.reference_renders:
             renders = views.reference_renders
@@ -93,7 +93,7 @@ class Gather(nn.Module):
         return self.modulate(fused, views.depth, views.depth_unit), trust
 
 
-def _packed(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
+def _pack_references(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
     """What the encoder of references reads, pixel-unshuffled, in one pass over memory."""
     from gaussian_enhancer.network.bfloat16_kernels import pack_references
 

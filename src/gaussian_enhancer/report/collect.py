@@ -51,9 +51,9 @@ def compared_views(
                 read_raw=partial(read_photo, path, background),
                 read_enhanced=partial(read_photo, enhanced_files[path.stem], background),
                 read_photo=None if photo_file is None else partial(read_photo, photo_file, background),
-                metrics_raw=_known(raw_record),
-                metrics_enhanced=_known(enhanced_record),
-                milliseconds=_known(cost_record).get("milliseconds"),
+                metrics_raw=_known_values(raw_record),
+                metrics_enhanced=_known_values(enhanced_record),
+                milliseconds=_known_values(cost_record).get("milliseconds"),
                 reasons={
                     **(raw_record.reasons if raw_record else {}),
                     **(enhanced_record.reasons if enhanced_record else {}),
@@ -97,5 +97,5 @@ def _by_view(records: Iterable[Record]) -> dict[tuple[str, str], Record]:
     return by_view
 
 
-def _known(record: Record | None) -> dict[str, float]:
+def _known_values(record: Record | None) -> dict[str, float]:
     return {} if record is None else {key: value for key, value in record.metrics.items() if value is not None}

@@ -64,7 +64,7 @@ def open_measured(folder: str | Path) -> MeasuredRun:
         remedy = "measure a run with renders and enhanced renders, or give raw= as well"
         raise InputError(root, f"holds measurements of {variants}, not of raw and enhanced", remedy)
     config = _config(root / "config.yaml")
-    renders, enhanced, photos = _folders(root, config)
+    renders, enhanced, photos = _image_folders(root, config)
     costs = _costs(config)
     red, green, blue = (float(value) for value in config.get("background") or (0, 0, 0))
     views = compared_views(renders, enhanced, photos, (*records, *costs), (red, green, blue))
@@ -86,7 +86,7 @@ def write_contact_sheet(path: Path, views: Sequence[ComparedView]) -> None:
     contact_sheet(rows, titles, [view.name for view in views]).save(path)
 
 
-def _folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, Path]:
+def _image_folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, Path]:
     """Renders, enhanced renders and photos of a measurement."""
     if config.get("run"):
         source = Path(config["run"])

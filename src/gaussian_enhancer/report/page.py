@@ -74,7 +74,7 @@ def document(
         "cards": [card(i, views[i], pictures, worst=i == worst) for i in pictured_indices],
         "gain_of": gain_of,
         "bar_width": partial(_bar_width, views),
-        "unmeasured": partial(_unmeasured, views),
+        "unmeasured": partial(_missing_reason, views),
         "provenance": provenance,
         "data": report_data(title, views, summaries, provenance),
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -93,7 +93,7 @@ def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -
     return 50 * min(1.0, abs(gain) / largest) if math.isfinite(gain) and largest > 0 else 0.0
 
 
-def _unmeasured(views: Sequence[ComparedView], summary: MetricSummary) -> str:
+def _missing_reason(views: Sequence[ComparedView], summary: MetricSummary) -> str:
     """Reason why a metric has no mean."""
     if summary.infinite:
         return f"not finite in {summary.infinite} views (identical images)"

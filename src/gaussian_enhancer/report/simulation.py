@@ -68,8 +68,8 @@ def sheet(section: Section) -> Image.Image:
     example = next(row for row in section.rows if row.images)
     same_captions = all(row.captions == example.captions for row in section.rows if row.images)
     titles = example.captions if same_captions else tuple(str(i + 1) for i in range(columns))
-    blank = torch.full_like(_framed(example.images[0]), GROUND)
-    rows = [[*map(_framed, row.images), *[blank] * (columns - len(row.images))] for row in section.rows]
+    blank = torch.full_like(_enlarge_and_pad(example.images[0]), GROUND)
+    rows = [[*map(_enlarge_and_pad, row.images), *[blank] * (columns - len(row.images))] for row in section.rows]
     names = [row.name if row.images else f"{row.name}: {row.note}" for row in section.rows]
     return contact_sheet(rows, titles, names, height=blank.shape[1])
 
@@ -104,7 +104,7 @@ def write_page(
     write_text(path, render("simulation.html", values))
 
 
-def _framed(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:
+def _enlarge_and_pad(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:
     """Enlarge an image by an integer factor and pad it, where it is too small for the text of a sheet."""
     image = image.detach().cpu().float()
     factor = max(1, least // max(image.shape[1:]))

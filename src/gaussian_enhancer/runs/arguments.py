@@ -48,7 +48,7 @@ def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
         subject = f"{place}.{name}" if place else name
         if name not in parameters and not open_ended:
             raise InputError(subject, f"is no option of {target.rsplit('.', 1)[1]}", f"choose {', '.join(parameters)}")
-        if name in hints and not _built(value):
+        if name in hints and not _is_built(value):
             check_plain(value, hints[name], subject)
 
 
@@ -60,8 +60,8 @@ def _hints(called: Any) -> dict[str, Any]:
         return {}
 
 
-def _built(value: Any) -> bool:
+def _is_built(value: Any) -> bool:
     """Whether a value is built first, or holds what is."""
     if isinstance(value, Mapping):
-        return "_target_" in value or any(map(_built, value.values()))
-    return isinstance(value, list) and any(map(_built, value))
+        return "_target_" in value or any(map(_is_built, value.values()))
+    return isinstance(value, list) and any(map(_is_built, value))

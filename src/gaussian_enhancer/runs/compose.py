@@ -26,7 +26,7 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
     """
     words = tuple(overrides)
     try:
-        job = copy.deepcopy(_once(name, words))
+        job = copy.deepcopy(_compose_cached(name, words))
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(f"{name} {' '.join(words)}", f"is refused ({_first_line(error)})", "mend it") from error
     with open_dict(job):
@@ -35,7 +35,7 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
 
 
 @functools.lru_cache(maxsize=512)
-def _once(name: str, overrides: tuple[str, ...]) -> DictConfig:
+def _compose_cached(name: str, overrides: tuple[str, ...]) -> DictConfig:
     """Cached, since composing takes a tenth of a second and studies ask for the same configuration many times."""
     return compose(name, overrides=list(overrides))
 

@@ -53,7 +53,7 @@ class HighResolutionPhotos:
         if not _is_procedural(finer):
             return attach_fine_photos(rendered, scene_from_values(finer))
         folder = self.folder / f"{run.name.split('-')[0]}-{digest_of(finer)}"
-        return _drawn(rendered, cache(lambda: scene_from_values(finer)), folder)
+        return _render_fine(rendered, cache(lambda: scene_from_values(finer)), folder)
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:
@@ -101,7 +101,7 @@ def _is_procedural(values: Mapping[str, Any]) -> bool:
     return str(values.get("_target_")).startswith(PROCEDURAL)
 
 
-def _drawn(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:
+def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path) -> RenderedSet:
     def attached(view: RenderedView) -> RenderedView:
         if view.camera is None:
             raise InputError(view.name, "has no camera", "give the run as `fit` wrote it")

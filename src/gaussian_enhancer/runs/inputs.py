@@ -91,7 +91,7 @@ class InputPaths:
             remedy = "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER"
             raise InputError("enhance", received, remedy)
         if self.run is not None:
-            rendered = _every(read_run(self.run, self.step, capture=self.capture), self.every)
+            rendered = _every_nth(read_run(self.run, self.step, capture=self.capture), self.every)
             step = run_steps(Path(self.run))[-1] if self.step is None else self.step
             return self.with_fine_photos(Task(rendered, step), fine)
         if self.gaussians is not None:
@@ -152,7 +152,7 @@ def attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
     return HighResolutionPhotos(Path(cfg.runs) / "photos")(Path(cfg.run), rendered)
 
 
-def _every(rendered: RenderedSet, every: int) -> RenderedSet:
+def _every_nth(rendered: RenderedSet, every: int) -> RenderedSet:
     """The set with every n-th of its targets, the first included."""
     if every < 1:
         raise InputError("every", f"is {every}", "give 1 (all views) or more")

@@ -55,7 +55,7 @@ def hold(place: Path) -> bool:
     try:
         created = tuple(folder for folder in file.parents if not folder.exists())
         lock = FileLock(file, thread_local=False)
-        while not _acquired(lock, file.parent, place):
+        while not _try_acquire(lock, file.parent, place):
             pass
     except OSError as error:
         raise unwritable(place, error) from error
@@ -133,7 +133,7 @@ def _file(place: Path) -> Path:
     return place.with_name(f".{place.name}.{NAME}") if place.suffix in RECORDS else place / NAME
 
 
-def _acquired(lock: FileLock, folder: Path, place: Path) -> bool:
+def _try_acquire(lock: FileLock, folder: Path, place: Path) -> bool:
     """Take a lock; False where its holder wrote nothing and removed the folder meanwhile."""
     folder.mkdir(parents=True, exist_ok=True)
     with suppress(FileNotFoundError):

@@ -71,7 +71,7 @@ def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> No
         InputError: the image cannot be written.
     """
     if one.unchanged and view.read is not None:
-        _keep(view.read, folder / one.name)
+        _copy_or_write(view.read, folder / one.name)
     else:
         write_image(folder / one.name, at_photo_size(one.image, view, scale))
 
@@ -91,7 +91,7 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
         if scale == 1:
             for part, read_image in (("renders", view.read), ("gt", view.read_photo)):
                 if read_image is not None:
-                    _keep(read_image, side / part / view.name)
+                    _copy_or_write(read_image, side / part / view.name)
             continue
         if view.read is not None:
             enlarged = upsampled(view.read()[None], scale)[0]
@@ -131,7 +131,7 @@ def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list
     return [record(one) for one in written]
 
 
-def _keep(read: object, path: Path) -> None:
+def _copy_or_write(read: object, path: Path) -> None:
     """Copy the file of an image where it has one that holds it as it is; write the image elsewhere."""
     if isinstance(read, ReadPhoto) and _as_stored(read) and read.path.suffix == path.suffix:
         with whole_file(path) as temporary:

@@ -37,12 +37,16 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
     Raises:
         InputError: a camera is inside a surface, or sees nothing of the splat.
     """
-    usual = [depth for camera in _spread(cameras, OF_CAPTURE) if (depth := _seen(camera, renderer)[0]) is not None]
+    usual = [
+        depth
+        for camera in _evenly_spread(cameras, OF_CAPTURE)
+        if (depth := _visible_depths(camera, renderer)[0]) is not None
+    ]
     if not usual:
         return
     typical = float(torch.stack([depth.median() for depth in usual]).median())
-    for number in _spread(range(len(path)), OF_PATH):
-        depth, share = _seen(path[number], renderer)
+    for number in _evenly_spread(range(len(path)), OF_PATH):
+        depth, share = _visible_depths(path[number], renderer)
         frame_name = f"frame {number + 1} of {len(path)}"
         if depth is None or share < LEAST:
             raise InputError(subject, f"sees nothing of the splat at {frame_name}", REMEDY)
@@ -52,7 +56,7 @@ def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: S
             raise InputError(subject, f"is inside a surface at {frame_name}: {near}", REMEDY)
 
 
-def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
+def _visible_depths(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
     """Depths of a small view where it shows a surface, None where it shows none, and the share that does."""
     scale = min(1.0, SIDE / max(camera.height, camera.width))
     render = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
@@ -60,6 +64,6 @@ def _seen(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None,
     return (render.surface[opaque] if bool(opaque.any()) else None), float(opaque.float().mean())
 
 
-def _spread(items: Sequence[T], count: int) -> list[T]:
+def _evenly_spread(items: Sequence[T], count: int) -> list[T]:
     """At most so many of the items, evenly spread from the first to the last."""
     return [items[round(i)] for i in np.linspace(0, len(items) - 1, min(count, len(items)))]

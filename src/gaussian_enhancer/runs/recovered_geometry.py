@@ -131,7 +131,7 @@ def recover_geometry(rendered: RenderedSet, root: Path, progress: Told | None = 
             new = lock.hold(folder)
         try:
             if not (folder / SUMMARY).is_file():
-                _work(rendered, bare, folder, progress)
+                _recover_missing(rendered, bare, folder, progress)
         finally:
             if new:
                 lock.release(folder)
@@ -143,7 +143,7 @@ def _lacks_cameras(rendered: RenderedSet) -> bool:
     return any(view.camera is None for view in rendered.targets) or all(view.camera is None for view in views)
 
 
-def _work(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None) -> None:
+def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None) -> None:
     """Recover what is missing, and write it; parts that a killed call left are made again."""
     started = time.monotonic()
     try:
@@ -151,9 +151,9 @@ def _work(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None
         complete = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
         posed = _posed(rendered, bare, folder) if complete else rendered
         middle = time.monotonic()
-        complete = _enough(posed)
+        complete = _check_cameras(posed)
         if complete:
-            _sweep(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
+            _write_depths(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
         else:
             _clear(folder)
     except BaseException:
@@ -192,7 +192,7 @@ def _read(rendered: RenderedSet, bare: bool, folder: Path) -> Recovered:
     return Recovered(posed_set, f"by structure from motion: {placed}, {taken[CAMERAS]:.0f} s", depth)
 
 
-def _enough(posed: RenderedSet) -> bool:
+def _check_cameras(posed: RenderedSet) -> bool:
     photos = sum(view.camera is not None for view in posed.references)
     return photos >= ENOUGH and any(view.camera is not None for view in posed.targets)
 
@@ -254,7 +254,7 @@ def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
     return replace(view, read_photo=undistorted, read_fine_photo=undistorted if view.read_fine_photo else None)
 
 
-def _sweep(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
+def _write_depths(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
     """Sweep every view that has a camera, and write its depth; photos come last, which all are compared with."""
     from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
 
@@ -339,13 +339,13 @@ def _identities(rendered: RenderedSet, bare: bool) -> list[list[object]]:
 
     def identity(kind: str, view: RenderedView, read: Read) -> list[object]:
         matrices: Sequence[Tensor] = () if bare or view.camera is None else (view.camera.K, view.camera.world_to_camera)
-        return [kind, view.read is None, _content(read), [matrix.tolist() for matrix in matrices]]
+        return [kind, view.read is None, _content_key(read), [matrix.tolist() for matrix in matrices]]
 
     renders = [identity("render", view, _render_of(view)) for view in rendered.targets]
     return renders + [identity("photo", view, _photo_of(view)) for view in rendered.references]
 
 
-def _content(read: Read) -> str:
+def _content_key(read: Read) -> str:
     """What tells an image from others: its file with size and time of change, or its pixels."""
     if isinstance(read, ReadPhoto):
         state = read.path.stat()

@@ -53,7 +53,7 @@ class SplatRenderer:
         Raises:
             InputError: there is no camera.
         """
-        draw = self._drawn(name, camera, ("colour", "surface", "alpha"))
+        draw = self._render_view(name, camera, ("colour", "surface", "alpha"))
         return RenderedView(name, draw.colour, camera, draw.depth, draw.alpha, None if photo is None else photo.read)
 
     def reference(self, photo: Photo) -> RenderedView:
@@ -65,10 +65,10 @@ class SplatRenderer:
         Raises:
             InputError: it has no camera.
         """
-        draw = self._drawn(photo.name, photo.camera, ("colour", "surface"))
+        draw = self._render_view(photo.name, photo.camera, ("colour", "surface"))
         return RenderedView(lossless(photo.name), draw.colour, photo.camera, draw.depth, None, photo.read)
 
-    def _drawn(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
+    def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
         if camera is None:
             raise InputError(name, "has no camera to render from", "give a capture with cameras")
         return _Drawing(lambda: self(camera), parts)

@@ -77,7 +77,7 @@ def open_capture(cfg: DictConfig, job: str) -> Capture:
     if len(inputs) != 1:
         received = f"was given {' and '.join(inputs)}" if inputs else "was given nothing to render"
         raise InputError(job, received, "give one of run=FOLDER, gaussians=FILE with scene=...")
-    return _of_run(cfg) if cfg.run is not None else _of_splat(cfg)
+    return _capture_of_run(cfg) if cfg.run is not None else _capture_of_splat(cfg)
 
 
 def splat_file(run: str | Path) -> Path:
@@ -115,7 +115,7 @@ def given_file(gaussians: str | Path) -> Path:
     return splat_in(gaussians)
 
 
-def _of_run(cfg: DictConfig) -> Capture:
+def _capture_of_run(cfg: DictConfig) -> Capture:
     rendered = read_run(cfg.run)
     views = sorted((*rendered.targets, *rendered.references), key=lambda view: view.name)
     cameras = tuple(view.camera for view in views if view.camera is not None)
@@ -124,7 +124,7 @@ def _of_run(cfg: DictConfig) -> Capture:
     return Capture(splat_file(cfg.run), cameras, rendered)
 
 
-def _of_splat(cfg: DictConfig) -> Capture:
+def _capture_of_splat(cfg: DictConfig) -> Capture:
     if not cfg.get("scene"):
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
     scene: Scene = build(cfg.scene)

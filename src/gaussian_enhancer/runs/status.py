@@ -55,7 +55,7 @@ def state_of(folder: Path | None) -> State:
     running = _read(folder / RUNNING)
     if running and running.get("host") != socket.gethostname():
         return State("running", f"on {running.get('host')}, another machine; whether it still runs is unknown")
-    if running and _alive(running):
+    if running and _writer_is_alive(running):
         return State("running", f"process {running['pid']}")
     failed = _read(folder / FAILED)
     return State("failed", str(failed.get("error"))) if failed else State("stopped")
@@ -88,7 +88,7 @@ def attempt(discard: bool = False) -> Iterator[None]:
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    with lock.scope(), _marked([]) as folders:
+    with lock.scope(), _begun_runs([]) as folders:
         try:
             yield
         except Exception as error:
@@ -104,7 +104,7 @@ def attempt(discard: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def _marked(folders: list[Path]) -> Iterator[list[Path]]:
+def _begun_runs(folders: list[Path]) -> Iterator[list[Path]]:
     """The list, to which every run that is begun inside the context is added."""
     token = _opened.set(folders)
     try:
@@ -143,7 +143,7 @@ def _unfinished(folders: list[Path]) -> list[Path]:
     return [folder for folder in folders if folder.is_dir() and not (folder / DONE).is_file()]
 
 
-def _alive(who: dict[str, object]) -> bool:
+def _writer_is_alive(who: dict[str, object]) -> bool:
     """Whether the process that wrote ``running`` still exists; another process may have its number by now."""
     import psutil
 

@@ -214,7 +214,7 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
     Raises:
         InputError: there is no such path, it cannot be laid, or it leaves the capture.
     """
-    asked, subject, height = str(cfg.path), f"path={cfg.path}", _whole(cfg, "height")
+    asked, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
     name, fps, clip = asked, None, None if cfg.input is None else _clip(cfg)
     laid: Sequence[Camera]
     if asked in SHAPES:
@@ -289,7 +289,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _whole(cfg: DictConfig, key: str) -> int | None:
+def _whole_number(cfg: DictConfig, key: str) -> int | None:
     value = cfg[key]
     if value is None:
         return None

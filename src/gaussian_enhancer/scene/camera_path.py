@@ -157,7 +157,7 @@ def _orbit(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> t
     angles = 2 * np.pi * (settings.turns or 1) * np.arange(settings.frames) / settings.frames
     ring = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * np.cross(up, first)
     eyes = focus + settings.radius * float(np.median(heights)) * up + distance * ring
-    return tuple(_looking(lens, eye, focus, up, "orbit") for eye in eyes)
+    return tuple(_look_at(lens, eye, focus, up, "orbit") for eye in eyes)
 
 
 def _spiral(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
@@ -177,7 +177,7 @@ def _spiral(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> 
         raise InputError("path=spiral", "has no radius: the cameras stand at one place", "use path=interpolate")
     angles = 2 * np.pi * (settings.turns or 2) * np.arange(settings.frames) / settings.frames
     waves = np.stack([np.cos(angles), -np.sin(angles), -np.sin(angles / 2)], axis=1)
-    return tuple(_looking(lens, eye, target, up, "spiral") for eye in mean + (waves * radii) @ axes)
+    return tuple(_look_at(lens, eye, target, up, "spiral") for eye in mean + (waves * radii) @ axes)
 
 
 def _centres(cameras: Sequence[Camera]) -> Float[np.ndarray, "c 3"]:
@@ -205,7 +205,7 @@ def _focus(cameras: Sequence[Camera]) -> Float[np.ndarray, " 3"] | None:
     return point if before.mean() >= IN_FRONT else None
 
 
-def _looking(
+def _look_at(
     lens: Camera, eye: Float[np.ndarray, " 3"], target: Float[np.ndarray, " 3"], up: Float[np.ndarray, " 3"], shape: str
 ) -> Camera:
     """A camera of a lens at a place that looks at a point, upright."""

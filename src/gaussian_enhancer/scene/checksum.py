@@ -37,7 +37,7 @@ def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = N
     with file.open("rb") as opened:
         sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
     beside = place.with_name(f"{place.name}.sha256")
-    stated = {"recorded": archive.sha256, f"in {beside.name}": _first(beside)}
+    stated = {"recorded": archive.sha256, f"in {beside.name}": _first_word(beside)}
     for origin, expected in stated.items():
         if expected not in (None, sha256):
             raise InputError(place, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(place))
@@ -61,7 +61,7 @@ def served_md5(headers: Message) -> str | None:
         return None
 
 
-def _first(beside: Path) -> str | None:
+def _first_word(beside: Path) -> str | None:
     if not beside.is_file():
         return None
     words = beside.read_text(encoding="utf-8").split()

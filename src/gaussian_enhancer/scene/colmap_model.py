@@ -106,7 +106,7 @@ def _models() -> dict[int, tuple[str, int]]:
     return {number: (name, len(pycolmap.Camera(model=name).params_info.split(","))) for number, name in known.items()}
 
 
-def _damaged(file: Path, size: int) -> InputError:
+def _damaged_file(file: Path, size: int) -> InputError:
     return InputError(file, f"is truncated or damaged ({size} bytes)", AGAIN)
 
 
@@ -120,7 +120,7 @@ def _records(file: Path, data: bytes, record: Any) -> Iterator[tuple[int, Any]]:
     except (struct.error, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
-        raise _damaged(file, len(data)) from error
+        raise _damaged_file(file, len(data)) from error
     if offset != len(data):
         raise InputError(file, f"has {len(data)} bytes where its records take {offset}", AGAIN)
 

@@ -154,9 +154,9 @@ def dataset_of(values: Mapping[str, Any]) -> Dataset:
         InputError: a value is missing, unknown or out of range.
     """
     context = f"dataset {values.get('name', '')}".strip()
-    archives = {str(key): _made(Archive, value, context) for key, value in _mapping(values, "archives", context)}
-    scenes = {str(key): _made(DatasetScene, value, context) for key, value in _mapping(values, "scenes", context)}
-    dataset: Dataset = _made(Dataset, {**values, "archives": archives, "scenes": scenes}, context)
+    archives = {str(key): _build(Archive, value, context) for key, value in _mapping(values, "archives", context)}
+    scenes = {str(key): _build(DatasetScene, value, context) for key, value in _mapping(values, "scenes", context)}
+    dataset: Dataset = _build(Dataset, {**values, "archives": archives, "scenes": scenes}, context)
     return dataset
 
 
@@ -188,7 +188,7 @@ def _mapping(values: Mapping[str, Any], key: str, where: str) -> list[tuple[str,
     return list(found.items())
 
 
-def _made(kind: type, values: Mapping[str, Any], where: str) -> Any:
+def _build(kind: type, values: Mapping[str, Any], where: str) -> Any:
     unknown = sorted(set(values) - {field.name for field in fields(kind)})
     if unknown:
         raise InputError(where, f"states {unknown[0]!r}", f"it is no value of {kind.__name__}")

@@ -64,8 +64,8 @@ def depth_size(path: Path) -> tuple[int, int]:
     Raises:
         InputError: the file is missing or damaged.
     """
-    _, shape, _ = _announced(path)
-    height, width = _squeezed(shape)
+    _, shape, _ = _file_shape(path)
+    height, width = _squeeze(shape)
     return height, width
 
 
@@ -74,7 +74,7 @@ def find_depth(folder: Path, stem: str) -> Path | None:
     return next((f for ending in DEPTH_ENDINGS if (f := folder / f"{stem}{ending}").is_file()), None)
 
 
-def _announced(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
+def _file_shape(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
     """Whether the file is an image, and the shape and type that its header announces, which fit into memory."""
     regular_file(path)
     if path.suffix.lower() == ".png":
@@ -84,25 +84,25 @@ def _announced(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
             return True, (image.height, image.width), np.dtype(np.int32)
     with codec(path, AGAIN):
         shape, dtype = array_header(path, _named)
-    if len(_squeezed(shape)) != 2 or dtype.kind not in "fiu":
+    if len(_squeeze(shape)) != 2 or dtype.kind not in "fiu":
         raise InputError(path, f"holds {dtype} of shape {shape}", "store one number a pixel, shape (height, width)")
     # As stored, as float64, masked, as float32.
     refuse_larger(path, math.prod(shape) * (dtype.itemsize + 8 + 8 + 4), f"is a depth map of shape {shape}")
     return False, shape, dtype
 
 
-def _squeezed(shape: tuple[int, ...]) -> tuple[int, ...]:
+def _squeeze(shape: tuple[int, ...]) -> tuple[int, ...]:
     shape = shape[1:] if len(shape) == 3 and shape[0] == 1 else shape
     return shape[:2] if len(shape) == 3 and shape[2] == 1 else shape
 
 
 def _stored(path: Path) -> np.ndarray:
-    is_image, shape, _ = _announced(path)
+    is_image, shape, _ = _file_shape(path)
     if is_image:
         with opened(path) as image, codec(path, AGAIN):
             return np.asarray(image)
     with codec(path, AGAIN):
-        return np.asarray(load_array(path, _named)).reshape(_squeezed(shape))
+        return np.asarray(load_array(path, _named)).reshape(_squeeze(shape))
 
 
 def _named(names: list[str]) -> str:

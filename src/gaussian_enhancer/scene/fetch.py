@@ -59,7 +59,7 @@ def fetch(
             process fetches the same file.
     """
     patience, report = patience or Patience(), advance or (lambda done, total: None)
-    with _locked(path.with_name(f"{path.name}.part")) as part:
+    with _lock_part(path.with_name(f"{path.name}.part")) as part:
         transfer = Transfer(archive, path, part, page, patience.timeout, report)
         most, idle, reason = transfer.size, 0, ""
         while not transfer.complete:
@@ -87,7 +87,7 @@ def fetch(
 
 
 @contextmanager
-def _locked(part: Path) -> Iterator[FileIO]:
+def _lock_part(part: Path) -> Iterator[FileIO]:
     """The file under way, for this process alone; unbuffered, so that what is counted is written."""
     try:
         part.parent.mkdir(parents=True, exist_ok=True)

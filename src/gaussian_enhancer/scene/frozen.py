@@ -23,7 +23,7 @@ def is_frozen(run: str | Path) -> bool:
         run: for instance "runs/fit/fox-3dgs-1a2b3c4d" or "runs/fit/object_5000-*".
     """
     captured = Path(run).name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES))
-    return captured or _procedural(run, FROZEN_FROM)
+    return captured or _is_procedural(run, FROZEN_FROM)
 
 
 def is_untrained(run: str | Path) -> bool:
@@ -32,10 +32,10 @@ def is_untrained(run: str | Path) -> bool:
     Args:
         run: as `is_frozen` takes it.
     """
-    return is_frozen(run) or _procedural(run, UNTRAINED_FROM)
+    return is_frozen(run) or _is_procedural(run, UNTRAINED_FROM)
 
 
-def _procedural(run: str | Path, first: int) -> bool:
+def _is_procedural(run: str | Path, first: int) -> bool:
     """Whether a run names a procedural scene from a seed on, or of the family that is frozen at every seed."""
     match = PROCEDURAL.match(Path(run).name)
     return match is not None and (match[1] == FROZEN_FAMILY or int(match[2]) >= first)

@@ -118,10 +118,10 @@ def short_tour(cameras: Sequence[Camera]) -> tuple[int, ...]:
     cosine = ((turns[:, None] * turns[None]).sum((-1, -2)) - 1) / 2
     steps = (distance / (unit if unit > 0 else 1.0) + cosine.clamp(-1, 1).arccos()).numpy()
     np.fill_diagonal(steps, 0.0)
-    return tuple(_untangled(steps))
+    return tuple(_untangle(steps))
 
 
-def _untangled(steps: Float[np.ndarray, "c c"]) -> list[int]:
+def _untangle(steps: Float[np.ndarray, "c c"]) -> list[int]:
     """2-opt of an open way from the order 0, 1, 2, ..., best reversal first."""
     order = np.arange(len(steps))
     while True:

@@ -42,13 +42,13 @@ def encode_png(image: UInt8[np.ndarray, "h w 3"]) -> bytes:
     step = max(1, STRIP // rows.shape[1])
     strips = [rows[top : top + step] for top in range(0, height, step)]
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-        parts = list(pool.map(_deflated, strips, [strip is strips[-1] for strip in strips]))
+        parts = list(pool.map(_deflate, strips, [strip is strips[-1] for strip in strips]))
     stream = b"".join([HEADER, *parts, struct.pack(">I", zlib.adler32(rows.data))])
     colours = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits of red, green and blue, not interlaced
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", colours) + _chunk(b"IDAT", stream) + _chunk(b"IEND", b"")
 
 
-def _deflated(rows: UInt8[np.ndarray, "h _"], last: bool) -> bytes:
+def _deflate(rows: UInt8[np.ndarray, "h _"], last: bool) -> bytes:
     """A part of a raw deflate stream that ends at a whole byte; the last one ends the stream."""
     compressor = zlib.compressobj(LEVEL, zlib.DEFLATED, WINDOW, MEMORY, zlib.Z_RLE)
     return compressor.compress(rows.data) + compressor.flush(zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH)

@@ -125,8 +125,8 @@ def read_folder(
         InputError: no renders or no references, sizes of render, photo or depth differ, or a view lacks its camera.
     """
     root = Path(renders)
-    files = {path.stem: path for path in _distinct(list_images(root))}
-    truths = {path.stem: path for path in _distinct(list_images(Path(photos)))} if photos is not None else {}
+    files = {path.stem: path for path in _refuse_same_stems(list_images(root))}
+    truths = {path.stem: path for path in _refuse_same_stems(list_images(Path(photos)))} if photos is not None else {}
     listed = cameras_by_stem(read_cameras(Path(cameras)), Path(cameras)) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
     targets = []
@@ -183,10 +183,10 @@ def _run_of(renders: Path) -> tuple[Path | None, int]:
 
 
 def _stems(side: Path) -> list[str]:
-    return [path.stem for path in _distinct(list_images(side / "renders"))]
+    return [path.stem for path in _refuse_same_stems(list_images(side / "renders"))]
 
 
-def _distinct(paths: list[Path]) -> list[Path]:
+def _refuse_same_stems(paths: list[Path]) -> list[Path]:
     """The files, given that no two differ by their ending only."""
     stems: dict[str, Path] = {}
     for path in paths:

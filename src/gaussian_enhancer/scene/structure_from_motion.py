@@ -70,13 +70,13 @@ def reconstruct(images: Sequence[UnposedImage], folder: Path, progress: Told | N
     report = progress or (lambda part, done, total: None)
     pycolmap = load_pycolmap()
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".work-") as name, _quiet(pycolmap):
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".work-") as name, _quiet_log(pycolmap):
         work = Path(name)
         pycolmap.set_random_seed(SEED)
         try:
             _extract(pycolmap, images, work, report)
             _match(pycolmap, images, work, report)
-            model = _mapped(pycolmap, len(images), work, report)
+            model = _map_incrementally(pycolmap, len(images), work, report)
             if model is not None:
                 model.write_binary(str(folder))
         except RuntimeError as error:  # COLMAP's files are refused by the system
@@ -128,7 +128,7 @@ def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, tol
         told("matches", start + len(lines), len(pairs))
 
 
-def _mapped(pycolmap: ModuleType, count: int, work: Path, told: Told) -> Any:
+def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: Told) -> Any:
     """The largest model that incremental mapping makes; None where it makes none."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size, options.num_threads, options.random_seed = FEWEST, 1, SEED
@@ -146,7 +146,7 @@ def _mapped(pycolmap: ModuleType, count: int, work: Path, told: Told) -> Any:
 
 
 @contextmanager
-def _quiet(pycolmap: ModuleType) -> Iterator[None]:
+def _quiet_log(pycolmap: ModuleType) -> Iterator[None]:
     """Keep glog from writing every step to standard error."""
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value

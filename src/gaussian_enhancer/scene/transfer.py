@@ -41,11 +41,11 @@ class Transfer:
         try:
             response = urllib.request.urlopen(self._request(), timeout=self.timeout)
         except urllib.error.HTTPError as error:
-            self._refused(error)
+            self._refuse_answer(error)
             return
         with response:
-            total = self._accepted(response)
-            self._room(total)
+            total = self._accept_answer(response)
+            self._check_room(total)
             self.advance(self.size, total)
             while block := response.read(BLOCK):
                 self._write(block)
@@ -67,7 +67,7 @@ class Transfer:
                 headers["If-Range"] = self.version.read_text(encoding="utf-8")
         return urllib.request.Request(self.archive.url, headers=headers)
 
-    def _refused(self, error: urllib.error.HTTPError) -> None:
+    def _refuse_answer(self, error: urllib.error.HTTPError) -> None:
         """An answer that is no file: over the end of what is there, passing, or final."""
         if error.code == 416 and self.size:
             whole = re.fullmatch(r"bytes \*/(\d+)", error.headers.get("Content-Range", ""))
@@ -77,12 +77,12 @@ class Transfer:
             return
         if error.code in PASSING:
             raise error
-        self._wrong(f"answers {error.code} {error.reason}")
+        self._wrong_answer(f"answers {error.code} {error.reason}")
 
-    def _accepted(self, response: http.client.HTTPResponse) -> int | None:
+    def _accept_answer(self, response: http.client.HTTPResponse) -> int | None:
         """The file's whole size as the answer states it, after checking that it continues what is there."""
         if response.headers.get_content_type() == "text/html":
-            self._wrong("answers with a web page in place of the archive")
+            self._wrong_answer("answers with a web page in place of the archive")
         match = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
         if response.status == 206 and match and int(match[1]) == self.size:
             total = None if match[2] == "*" else int(match[2])
@@ -94,14 +94,14 @@ class Transfer:
             length = response.headers.get("Content-Length")
             total = int(length) if length else None
         if self.archive.bytes is not None and total not in (None, self.archive.bytes):
-            self._wrong(f"has {total} bytes where {self.archive.bytes} are recorded")
+            self._wrong_answer(f"has {total} bytes where {self.archive.bytes} are recorded")
         self.md5 = served_md5(response.headers) or self.md5
         tag = response.headers.get("ETag", "")
         if tag and not tag.startswith("W/"):
             self.version.write_text(tag, encoding="utf-8")
         return total
 
-    def _room(self, total: int | None) -> None:
+    def _check_room(self, total: int | None) -> None:
         check_room(self.path.parent, (total or self.archive.bytes or 0) - self.size, self.path.name)
 
     def _write(self, block: bytes) -> None:
@@ -119,7 +119,7 @@ class Transfer:
         self.part.truncate()
         self.size = 0
 
-    def _wrong(self, received: str) -> None:
+    def _wrong_answer(self, received: str) -> None:
         remedy = f"see {self.page or 'its authors'} for where it is now, and give that address, size and checksum as "
         hand = f"dataset.archives.KEY.url (bytes, sha256), or put the file at {self.path} by hand"
         raise InputError(self.archive.url, received, remedy + hand)

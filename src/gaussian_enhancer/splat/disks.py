@@ -91,15 +91,15 @@ def _frame(shape, g, view):  # type: ignore[no-untyped-def]
     R = rotation_of(unit[0], unit[1], unit[2], unit[3])
     W = view.rotation
     axes = (
-        _times(W[0, 0], W[0, 1], W[0, 2], R),
-        _times(W[1, 0], W[1, 1], W[1, 2], R),
-        _times(W[2, 0], W[2, 1], W[2, 2], R),
+        _times_matrix(W[0, 0], W[0, 1], W[0, 2], R),
+        _times_matrix(W[1, 0], W[1, 1], W[1, 2], R),
+        _times_matrix(W[2, 0], W[2, 1], W[2, 2], R),
     )
     return camera_point(shape.means, g, view), axes, unit, length
 
 
 @inner
-def _times(a, b, c, R):  # type: ignore[no-untyped-def]
+def _times_matrix(a, b, c, R):  # type: ignore[no-untyped-def]
     """The row (a, b, c) times the matrix R."""
     return (
         a * R[0][0] + b * R[1][0] + c * R[2][0],

@@ -144,7 +144,7 @@ def camera_point(means, g, view):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _clamped(x, y, z, view):  # type: ignore[no-untyped-def]
+def _clamp_tangents(x, y, z, view):  # type: ignore[no-untyped-def]
     """Tangents x/z and y/z kept within the widened field of view, and whether each is its own."""
     beyond_x, beyond_y = 0.15 * view.width / view.fx, 0.15 * view.height / view.fy
     p, q = x / z, y / z
@@ -187,7 +187,7 @@ def _scales(shape, g, mip):  # type: ignore[no-untyped-def]
 def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
     """What forward and backward share: camera point, tangents, rows of J W, R and M, scales, opacity factor."""
     x, y, z = camera_point(shape.means, g, view)
-    tangents = _clamped(x, y, z, view)
+    tangents = _clamp_tangents(x, y, z, view)
     u, v, _, _ = tangents
     W = view.rotation
     row = W[2, 0], W[2, 1], W[2, 2]

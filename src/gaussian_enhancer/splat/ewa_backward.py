@@ -67,7 +67,7 @@ def _filter_rows(weight, m1, m2, normal, covariance, dilation):  # type: ignore[
 
 
 @inner
-def _turned(unit, x, y, z):  # type: ignore[no-untyped-def]
+def _quaternion_gradient(unit, x, y, z):  # type: ignore[no-untyped-def]
     """Gradient with respect to a unit quaternion, from that of turns about the own axes."""
     w, i, j, k = unit
     return (
@@ -79,7 +79,7 @@ def _turned(unit, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _turns(wide, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
+def _turn_gradients(wide, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
     """Gradients of turns about the three own axes; f are gradients of M's rows that are not in H."""
     s0, s1, s2 = wide
     x = (s1 * s1 - s2 * s2) * (y1[1] * z1[2] + y2[1] * z2[2])
@@ -147,8 +147,8 @@ def _project_backward(shape, view, dilation, mip, wanted, image):  # type: ignor
                 keep = (s[k] / wide[k]) ** 2
                 by_width = wide[k] * (wide[k] * (y1[k] * z1[k] + y2[k] * z2[k]) + f1[k] * p1[k] + f2[k] * p2[k])
                 log_scales[g, k] = keep * by_width + h * (1.0 - keep)
-            x, y, z = _turns(wide, y1, y2, z1, z2, p1, p2, f1, f2)
-            turned = _turned(unit, x, y, z)
+            x, y, z = _turn_gradients(wide, y1, y2, z1, z2, p1, p2, f1, f2)
+            turned = _quaternion_gradient(unit, x, y, z)
             for k in range(4):
                 quaternions[g, k] = turned[k] / length
             hu, hv = math.sqrt(_NATURAL) * image[g, 5], math.sqrt(_NATURAL) * image[g, 6]

@@ -105,7 +105,7 @@ def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -
         raise InputError(f"splat for method {method.name}", received, f"use one with {axes}, or another method")
     z = (gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3])[:, 2]
     order = torch.argsort(z.detach(), stable=True)
-    sorted_ = gaussians[order[(z.detach()[order] > near) & _finite(gaussians)[order]]]
+    sorted_ = gaussians[order[(z.detach()[order] > near) & _is_finite(gaussians)[order]]]
     centres = sorted_.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
     axes_camera = camera.rotation @ rotations(sorted_.quaternions)
     directions = torch.nn.functional.normalize(sorted_.means - camera.centre, dim=-1)
@@ -123,7 +123,7 @@ def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -
     return _ellipse_layers(centres, axes_camera * scales[:, None, :], opacity, colour, camera, method)
 
 
-def _finite(gaussians: Gaussians) -> Bool[Tensor, " n"]:
+def _is_finite(gaussians: Gaussians) -> Bool[Tensor, " n"]:
     """Which Gaussians have a place, a size and a direction."""
     shapes = gaussians.means, gaussians.log_scales.exp(), gaussians.quaternions
     return torch.stack([part.isfinite().all(-1) for part in shapes]).all(0)

@@ -52,7 +52,7 @@ def render(
             pass, if a gradient is larger than the splat's own dtype holds.
     """
     if gaussians.means.dtype in (torch.float16, torch.bfloat16):
-        gaussians = _widened(gaussians)
+        gaussians = _to_float32(gaussians)
     _check(gaussians, camera, method, near, screen)
     gaussians = only_renderable(gaussians)
     if gaussians.means.device.type == "cuda":
@@ -70,7 +70,7 @@ def render(
     return _render_ellipsoids(gaussians, camera, method, background, near, screen)
 
 
-def _widened(gaussians: Gaussians) -> Gaussians:
+def _to_float32(gaussians: Gaussians) -> Gaussians:
     """A splat of half precision in float32, whose gradients are refused where half precision cannot hold them."""
     wide, largest = gaussians.to(torch.float32), torch.finfo(gaussians.means.dtype).max
     for field in dataclasses.fields(wide):

@@ -67,7 +67,7 @@ def bin_tiles(
         keys.sort()
         tile_of, rows_of = _pairs(footprints, first, height, width)
         down, across = grid(height, width)
-        return TileLists(*_fill(first, keys, tile_of, rows_of, down * across, get_num_threads()))
+        return TileLists(*_sort_entries(first, keys, tile_of, rows_of, down * across, get_num_threads()))
 
 
 def sum_over_tiles(values: Float32[np.ndarray, "e c"], lists: TileLists) -> Float32[np.ndarray, "n c"]:
@@ -170,7 +170,7 @@ def _pairs(footprints, first, height, width):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(first, keys, tile_of, rows_of, tiles, lanes):  # type: ignore[no-untyped-def]
+def _sort_entries(first, keys, tile_of, rows_of, tiles, lanes):  # type: ignore[no-untyped-def]
     """Sort entries by tile, by counting; each lane takes a run of the keys, whose order stays."""
     total, count = len(tile_of), len(keys)
     cursors = np.zeros((lanes, tiles), np.int64)

@@ -53,15 +53,15 @@ class Augmentation:
             finer: how many times as fine as the render the planes are.
         """
         crop, (height, width) = finer * self.crop, planes.shape[1:]
-        top = finer * _below(max(1, height // finer - self.crop + 1), generator)
-        left = finer * _below(max(1, width // finer - self.crop + 1), generator)
+        top = finer * _random_below(max(1, height // finer - self.crop + 1), generator)
+        left = finer * _random_below(max(1, width // finer - self.crop + 1), generator)
         piece = np.array(planes[:, top : top + crop, left : left + crop])
         while piece.shape[1] < crop or piece.shape[2] < crop:
             grow = [(0, min(crop - side, side)) for side in piece.shape[1:]]
             piece = np.pad(piece, [(0, 0), *grow], mode="symmetric")
-        if _below(2, generator):
+        if _random_below(2, generator):
             piece = piece[:, :, ::-1]
-        return np.ascontiguousarray(np.rot90(piece, _below(4, generator), axes=(1, 2)))
+        return np.ascontiguousarray(np.rot90(piece, _random_below(4, generator), axes=(1, 2)))
 
     def drop(
         self,
@@ -83,8 +83,10 @@ class Augmentation:
         count = (len(planes) - fixed) // each
         if count == 0 or float(torch.rand((), generator=generator)) < self.drop_all:
             return planes[:fixed]
-        kept_count = 1 + _below(count, generator)
-        order = list(range(count)) if _below(2, generator) else torch.randperm(count, generator=generator).tolist()
+        kept_count = 1 + _random_below(count, generator)
+        order = (
+            list(range(count)) if _random_below(2, generator) else torch.randperm(count, generator=generator).tolist()
+        )
         chosen = [planes[fixed + each * i : fixed + each * (i + 1)] for i in order[:kept_count]]
         return np.concatenate([planes[:fixed], *chosen])
 
@@ -127,5 +129,5 @@ class Augmentation:
         return dataclasses.replace(batch, views=views, photo=lit(batch.photo, light), real=real)
 
 
-def _below(limit: int, generator: torch.Generator) -> int:
+def _random_below(limit: int, generator: torch.Generator) -> int:
     return int(torch.randint(limit, (), generator=generator))

@@ -87,7 +87,7 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
             aligned = enhancer.reference_config.align(target, view, pool)
             truth = in_exposure_of(photo, target.image)
             for some in _variants(aligned):
-                yield _judged(enhancer, target, some, truth - target.image)
+                yield _judge(enhancer, target, some, truth - target.image)
 
 
 def _variants(aligned: Aligned) -> list[Aligned]:
@@ -118,7 +118,7 @@ def _with_fewer(aligned: Aligned) -> list[Aligned]:
     ]
 
 
-def _judged(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Float[Tensor, "3 h w"]) -> JudgedView:
+def _judge(enhancer: SetEnhancer, target: Pixels, aligned: Aligned, wanted: Float[Tensor, "3 h w"]) -> JudgedView:
     views = join(target, aligned)
     enhanced = enhancer.enhance(views, aligned.names)
     change = enhanced[0] - target.image

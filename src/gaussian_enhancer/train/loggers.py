@@ -32,10 +32,10 @@ def make_loggers(node: DictConfig) -> list[Logger]:
         InputError: one needs a package that is not installed.
     """
     nodes = {"logger": node} if "_target_" in node else {f"logger.{name!s}": one for name, one in node.items() if one}
-    return [_made(str(name), one) for name, one in nodes.items()]
+    return [_make(str(name), one) for name, one in nodes.items()]
 
 
-def _made(name: str, node: DictConfig) -> Logger:
+def _make(name: str, node: DictConfig) -> Logger:
     try:
         logger: Logger = build(node)
     except InstantiationException as error:
@@ -89,7 +89,7 @@ class _ResumableWriter(ExperimentWriter):
         self.resumed = False
         super().__init__(log_dir)
         if self.resumed:
-            self.metrics_keys = self._kept()[0]
+            self.metrics_keys = self._complete_rows()[0]
 
     def _check_log_dir_exists(self) -> None:
         self.resumed = Path(self.metrics_file_path).is_file()
@@ -97,7 +97,7 @@ class _ResumableWriter(ExperimentWriter):
     def log_metrics(self, metrics_dict: dict[str, float], step: int | None = None) -> None:
         """Record metrics."""
         if self.resumed and step is not None:
-            names, rows = self._kept()
+            names, rows = self._complete_rows()
             self._write(names, [row for row in rows if int(row["step"]) < step])
             self.resumed = False
         super().log_metrics(metrics_dict, step)
@@ -108,7 +108,7 @@ class _ResumableWriter(ExperimentWriter):
             return
         exists = Path(self.metrics_file_path).is_file()
         if self._record_new_keys() or not exists:
-            self._write(self.metrics_keys, [*(self._kept()[1] if exists else ()), *self.metrics])
+            self._write(self.metrics_keys, [*(self._complete_rows()[1] if exists else ()), *self.metrics])
         else:
             with open(self.metrics_file_path, "a", newline="") as file:
                 tables.DictWriter(file, self.metrics_keys).writerows(self.metrics)
@@ -120,7 +120,7 @@ class _ResumableWriter(ExperimentWriter):
             writer.writeheader()
             writer.writerows(rows)
 
-    def _kept(self) -> tuple[list[str], list[dict[str, str]]]:
+    def _complete_rows(self) -> tuple[list[str], list[dict[str, str]]]:
         """Columns and rows of the file, without a last row that was cut."""
         with open(self.metrics_file_path, newline="") as file:
             lines = [line for line in file if line.endswith("\n")]

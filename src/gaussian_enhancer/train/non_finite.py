@@ -53,7 +53,7 @@ class NonFiniteFilter:
         Raises:
             InputError: it has.
         """
-        _refuse(self.counts, self.share, seen, max(seen, FEWEST))
+        _refuse_sample(self.counts, self.share, seen, max(seen, FEWEST))
 
     def refuse_many_of_all(self, seen: int) -> None:
         """Fail where all processes together have dropped too large a share; all of them have to ask.
@@ -64,14 +64,14 @@ class NonFiniteFilter:
         Raises:
             InputError: they have.
         """
-        _refuse(self.of_all(), self.share, seen, seen)
+        _refuse_sample(self.of_all(), self.share, seen, seen)
 
     def of_all(self) -> dict[str, int]:
         """What all processes dropped, by name; all of them have to ask."""
         return dict(sum((Counter(one) for one in gathered([self.counts])), Counter()))
 
 
-def _refuse(counts: dict[str, int], share: float, seen: int, base: int) -> None:
+def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -> None:
     total = sum(counts.values())
     if total > share * base:
         worst = max(counts, key=lambda name: counts[name])

@@ -59,21 +59,21 @@ class RunSamples:
         """
         steps, found = run_steps(run), []
         for step in steps if self.snapshots else steps[-1:]:
-            views, identity = self._thinned(self._read(run, step), _identity(run, step))
-            found += self._prepared(views, identity, True, threads, advance)
+            views, identity = self._thin(self._read(run, step), _identity(run, step))
+            found += self._prepare(views, identity, True, threads, advance)
         return found
 
     def training_views(self, run: Path, threads: int, advance: Callable[[], None]) -> list[Sample]:
         """Training views with the depth of the last snapshot; the photos of all snapshots are the same."""
         step = run_steps(run)[-1]
         views = training_targets(self._read(run, step))
-        return self._prepared(views, _identity(run, step), False, threads, advance)
+        return self._prepare(views, _identity(run, step), False, threads, advance)
 
     def _read(self, run: Path, step: int) -> RenderedSet:
         views = read_run(run, step)
         return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
 
-    def _thinned(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
+    def _thin(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
         """The views that a run gives, and what tells them from another choice of them."""
         count, most = len(views.targets), self.views_per_run
         if most is None or count <= most:
@@ -81,7 +81,7 @@ class RunSamples:
         chosen = tuple(views.targets[(2 * i + 1) * count // (2 * most)] for i in range(most))
         return dataclasses.replace(views, targets=chosen), f"{identity} {most} views"
 
-    def _prepared(
+    def _prepare(
         self, views: RenderedSet, identity: str, held_out: bool, threads: int, advance: Callable[[], None]
     ) -> list[Sample]:
         matched = held_out and self.match_exposure

@@ -243,7 +243,7 @@ def batch_of(
         references: places for references.
         fine: the same, 4 times as fine.
     """
-    values = _stacked(planes, FIXED + EACH * references)
+    values = _stack(planes, FIXED + EACH * references)
     height, width = values.shape[-2:]
     images = values.float() / 255
     inverse = (values[:, 7:8].float() * 256 + values[:, 8:9].float()) * (NEAREST / 65535)
@@ -255,12 +255,12 @@ def batch_of(
     views = NetworkInput(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
     photo, finer = images[:, 3:6], [layer for layer in fine if layer is not None]
     if finer and len(finer) == len(samples):
-        layers = _stacked(finer, FINE * (1 + references)).float() / 255
+        layers = _stack(finer, FINE * (1 + references)).float() / 255
         photo, others = layers[:, :FINE], layers[:, FINE:].unflatten(1, (references, FINE))
         views = dataclasses.replace(views, fine_references=others)
     return Batch(views, photo, tuple(sample.name for sample in samples))
 
 
-def _stacked(planes: Sequence[UInt8[np.ndarray, "_ h w"]], count: int) -> UInt8[Tensor, "b p h w"]:
+def _stack(planes: Sequence[UInt8[np.ndarray, "_ h w"]], count: int) -> UInt8[Tensor, "b p h w"]:
     wide = [np.pad(p, ((0, count - len(p)), (0, 0), (0, 0))) for p in planes]
     return torch.from_numpy(np.ascontiguousarray(np.stack(wide)))

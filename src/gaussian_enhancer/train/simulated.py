@@ -69,10 +69,10 @@ class Simulation:
         kinds = {_known(samples[i]): None for i in chosen}
         for kind in kinds:
             alike = [i for i in chosen if _known(samples[i]) == kind]
-            batch = self._replaced(batch, alike, *kind, seeds=[seeds[i] for i in alike])
+            batch = self._replace_renders(batch, alike, *kind, seeds=[seeds[i] for i in alike])
         return batch
 
-    def _replaced(
+    def _replace_renders(
         self, batch: Batch, chosen: list[int], held_out: bool, has_depth: bool, has_alpha: bool, seeds: list[int]
     ) -> Batch:
         views, index = batch.views, torch.tensor(chosen)

@@ -41,7 +41,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
     from gaussian_enhancer.train.loggers import RunSetup, make_loggers
 
     values = effective(alike(cfg))
-    cfg = _told_of_its_run(cfg, job, part)
+    cfg = _with_run_description(cfg, job, part)
     loggers = make_loggers(cfg.logger)
     options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module
     if spawns(cfg) and device_count(cfg) > 1:
@@ -51,7 +51,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
         options["profiler"] = build(cfg.profiler, dirpath=str(job.folder))
     return build(
         cfg.trainer,
-        callbacks=[RunSetup(cfg.runtime, values), *_callbacks(cfg, job, checkpoint), *_shown(loggers)],
+        callbacks=[RunSetup(cfg.runtime, values), *_callbacks(cfg, job, checkpoint), *_image_logger(loggers)],
         logger=loggers,
         enable_progress_bar=cfg.runtime.progress,
         default_root_dir=str(job.folder),
@@ -60,7 +60,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
     )
 
 
-def _told_of_its_run(cfg: DictConfig, job: Run, part: str) -> DictConfig:
+def _with_run_description(cfg: DictConfig, job: Run, part: str) -> DictConfig:
     """The configuration with ``this_run``, to which loggers refer, filled in."""
     dash = f"-{part}" if part else ""
     configuration = copy.deepcopy(cfg)
@@ -88,7 +88,7 @@ def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
     return [one for one in built if cfg.runtime.progress or not isinstance(one, ProgressBar)]
 
 
-def _shown(loggers: list[Any]) -> list[Any]:
+def _image_logger(loggers: list[Any]) -> list[Any]:
     """The callback that logs tables and images, where a logger takes them."""
     from gaussian_enhancer.train.validation_images import ABLE, ValidationImages
 

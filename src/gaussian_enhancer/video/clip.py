@@ -41,7 +41,7 @@ class Clip:
                 self.count = sum(packet.size > 0 for packet in source.demux(stream))
         except (OSError, IndexError, TypeError, ValueError) as error:
             raise InputError(self.path, f"cannot be read as a video ({error})", REMEDY) from error
-        self._frames, self._next = self._decoded(), 0
+        self._frames, self._next = self._decode(), 0
 
     def frame(self, index: int) -> Float[Tensor, "3 h w"]:
         """The colours of a frame, [0, 1].
@@ -53,7 +53,7 @@ class Clip:
             InputError: the file has no such frame, or is damaged there.
         """
         if index < self._next:
-            self._frames, self._next = self._decoded(), 0
+            self._frames, self._next = self._decode(), 0
         try:
             for picture in self._frames:
                 self._next += 1
@@ -63,6 +63,6 @@ class Clip:
             raise InputError(self.path, f"is damaged at frame {index} ({error})", REMEDY) from error
         raise InputError(self.path, f"has no frame {index}", f"it has {self.count}")
 
-    def _decoded(self) -> Iterator[Any]:
+    def _decode(self) -> Iterator[Any]:
         with self._library.open(str(self.path)) as source:
             yield from source.decode(video=0)

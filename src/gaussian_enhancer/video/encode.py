@@ -169,7 +169,7 @@ class VideoWriter:
                         *(item for file in audio_files for item in file.streams.audio),
                     )
                     copies = [(item, target.add_stream_from_template(item)) for item in streams]
-                    for packet, stream in heapq.merge(*(_packets(*item) for item in copies), key=_moment):
+                    for packet, stream in heapq.merge(*(_packets(*item) for item in copies), key=_decoding_time):
                         packet.stream = stream
                         target.mux(packet)
             except OSError as error:
@@ -202,7 +202,7 @@ def _packets(given: Any, stream: Any) -> Iterator[tuple[Any, Any]]:
             yield packet, stream
 
 
-def _moment(one: tuple[Any, Any]) -> float:
+def _decoding_time(one: tuple[Any, Any]) -> float:
     """Decoding time of a packet in seconds."""
     packet, _ = one
     return float(packet.dts * packet.time_base)

@@ -131,10 +131,10 @@ class Film:
         Raises:
             InputError: a frame on disk is damaged, or a reference cannot be read.
         """
-        config = _own(self.enhancer.reference_config)
+        config = _copy_config(self.enhancer.reference_config)
         for index, view in enumerate(self.rendered.targets):
             view = held(view)
-            target = read_target(view) if self._draws(index) else None
+            target = read_target(view) if self._needs_render(index) else None
             if self.stored[index]:
                 stored_frame = self.folder.read(index), self.folder.candidates(index)
                 _go_on_from(config, stored_frame[1])
@@ -180,7 +180,7 @@ class Film:
                 self.folder.write(frame.index, frame.enhanced, frame.candidates)
             yield frame
 
-    def _draws(self, index: int) -> bool:
+    def _needs_render(self, index: int) -> bool:
         """Whether a frame is rendered: to be enhanced, to be shown, or for temporal smoothing of the next frame."""
         next_is_new = index + 1 < len(self.stored) and not self.stored[index + 1]
         return not self.stored[index] or self.show_renders or (self.enhancer.temporal_smoothing > 0 and next_is_new)
@@ -194,7 +194,7 @@ class Film:
         return quantised(image)
 
 
-def _own(config: ReferenceConfig) -> ReferenceConfig:
+def _copy_config(config: ReferenceConfig) -> ReferenceConfig:
     """Copy a reference configuration, so that it remembers the previous frame's references independently."""
     return replace(config, kept=list(config.kept)) if isinstance(config, PathReferences) else config
 

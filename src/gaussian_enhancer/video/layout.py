@@ -76,10 +76,10 @@ class Layout:
         if self.kind == "side_by_side":
             return torch.cat([render, enhanced], dim=-1)
         share = 0.5 - 0.5 * math.cos(2 * math.pi * SWEEPS * moment) if self.wipe is None else self.wipe
-        return _wiped(render, enhanced, round(share * enhanced.shape[-1]))
+        return _wipe(render, enhanced, round(share * enhanced.shape[-1]))
 
 
-def _wiped(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], column: int) -> Float[Tensor, "3 h w"]:
+def _wipe(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], column: int) -> Float[Tensor, "3 h w"]:
     """The render left of a column, the enhanced view right of it, and a white line between them."""
     frame = enhanced.clone()
     frame[..., :column] = render[..., :column]

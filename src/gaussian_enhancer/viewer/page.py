@@ -79,26 +79,26 @@ class Page:
     ) -> None:
         self.server, self.session, self.saved, self.settings, self.told = server, session, saved, settings, told
         self.worker = Worker(self._draw_or_tell)
-        self.controls = Controls(server, session, settings.mode, self._changed)
+        self.controls = Controls(server, session, settings.mode, self._on_change)
         self._bind()
         self._shown: dict[Hashable, _Shown] = {}
         self._refused: defaultdict[Hashable, set[str]] = defaultdict(set)
         self._kept: list[PageCamera] = []
         self._frame, self._weights = 0, session.first.weights
         self._photo: RenderedView | None = None
-        server.on_client_connect(self._connected)
-        server.on_client_disconnect(self._disconnected)
+        server.on_client_connect(self._on_connect)
+        server.on_client_disconnect(self._on_disconnect)
 
     def _bind(self) -> None:
         """Connect the buttons to their actions."""
         controls = self.controls
-        controls.save_view.on_click(self._guarded(self._save_view))
-        controls.add.on_click(self._guarded(self._add_camera))
-        controls.clear.on_click(self._guarded(self._clear_path))
-        controls.save_path.on_click(self._guarded(self._save_path))
-        controls.go.on_click(self._guarded(self._go_to_photo))
+        controls.save_view.on_click(self._report_errors(self._save_view))
+        controls.add.on_click(self._report_errors(self._add_camera))
+        controls.clear.on_click(self._report_errors(self._clear_path))
+        controls.save_path.on_click(self._report_errors(self._save_path))
+        controls.go.on_click(self._report_errors(self._go_to_photo))
 
-    def _connected(self, client: Any) -> None:
+    def _on_connect(self, client: Any) -> None:
         last = _page_camera(client)
 
         def moved(_: Any) -> None:
@@ -111,12 +111,12 @@ class Page:
         client.camera.on_update(moved)
         self.worker.came(client.client_id)
 
-    def _disconnected(self, client: Any) -> None:
+    def _on_disconnect(self, client: Any) -> None:
         self.worker.forget(client.client_id)
         self._shown.pop(client.client_id, None)
         self._refused.pop(client.client_id, None)
 
-    def _changed(self) -> None:
+    def _on_change(self) -> None:
         for viewer in self.server.get_clients():
             self.worker.changed(viewer)
 
@@ -182,7 +182,7 @@ class Page:
             self.controls.show_photo(to_bytes(thumbnail), photo.name)
             self._photo = photo
 
-    def _guarded(self, act: Callable[[Any], str]) -> Callable[[Any], None]:
+    def _report_errors(self, act: Callable[[Any], str]) -> Callable[[Any], None]:
         """Wrap the action of a button: a text that it returns, or an `InputError`, becomes a notification."""
 
         def pressed(event: Any) -> None:

@@ -132,7 +132,7 @@ class Worker:
         self, draw: Callable[[Hashable, bool, Callable[[], bool]], None], schedule: ViewSchedule | None = None
     ) -> None:
         self._draw, self._schedule = draw, ViewSchedule() if schedule is None else schedule
-        self._news = threading.Condition()
+        self._condition = threading.Condition()
         self._stopped = False
         self._ended = threading.Event()
         self._error: BaseException | None = None
@@ -150,33 +150,33 @@ class Worker:
 
     def stop(self) -> None:
         """Complete the view that is being drawn, and end the thread."""
-        with self._news:
+        with self._condition:
             self._stopped = True
-            self._news.notify()
+            self._condition.notify()
         if self._thread.is_alive():
             self._thread.join()
 
     def came(self, viewer: Hashable) -> None:
         """Register a new viewer."""
-        self._tell(self._schedule.came, viewer)
+        self._report(self._schedule.came, viewer)
 
     def moved(self, viewer: Hashable) -> None:
         """Register a movement of a viewer's camera."""
-        self._tell(self._schedule.moved, viewer)
+        self._report(self._schedule.moved, viewer)
 
     def changed(self, viewer: Hashable) -> None:
         """Register a change of what a viewer shows."""
-        self._tell(self._schedule.changed, viewer)
+        self._report(self._schedule.changed, viewer)
 
     def forget(self, viewer: Hashable) -> None:
         """Remove a viewer that disconnected."""
-        with self._news:
+        with self._condition:
             self._schedule.forget(viewer)
 
-    def _tell(self, how: Callable[[Hashable, float], None], viewer: Hashable) -> None:
-        with self._news:
+    def _report(self, how: Callable[[Hashable, float], None], viewer: Hashable) -> None:
+        with self._condition:
             how(viewer, time.monotonic())
-            self._news.notify()
+            self._condition.notify()
 
     def _run(self) -> None:
         try:
@@ -190,15 +190,15 @@ class Worker:
     def _superseded(self, task: ViewTask) -> bool:
         if not task.full:
             return False
-        with self._news:
+        with self._condition:
             return self._stopped or self._schedule.superseded(task)
 
     def _due(self) -> ViewTask | None:
-        with self._news:
+        with self._condition:
             while not self._stopped:
                 now = time.monotonic()
                 task = self._schedule.take(now)
                 if task is not None:
                     return task
-                self._news.wait(self._schedule.wait(now))
+                self._condition.wait(self._schedule.wait(now))
         return None

@@ -86,7 +86,7 @@ class Session:
         Raises:
             InputError: a splat or weights cannot be read, or a number is out of range.
         """
-        stage, default_strength = self._kept(choice)
+        stage, default_strength = self._cached(choice)
         stage.enhancer.strength = default_strength if choice.strength is None else choice.strength
         return stage
 
@@ -108,7 +108,7 @@ class Session:
         """
         return self.stage(choice).draw(camera, enhance, superseded)
 
-    def _kept(self, choice: SessionChoice) -> tuple[Stage, float]:
+    def _cached(self, choice: SessionChoice) -> tuple[Stage, float]:
         key = choice.splat, choice.weights, choice.plan, choice.max_references
         if key not in self._stages:
             stage = self._open(choice)

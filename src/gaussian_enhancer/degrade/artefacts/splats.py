@@ -117,7 +117,7 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
     """The rows of a view from ``top`` to below ``bottom``, with sorted splats over them."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
-    splats = splats.taken(_touching(splats, top, bottom, extent ** (2 / POWERS[profile])))
+    splats = splats.taken(_overlapping(splats, top, bottom, extent ** (2 / POWERS[profile])))
     if splats.depth.shape[1] == 0:
         return strip
     image = view.image
@@ -128,10 +128,10 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
     if depth is not None:
         inverse = 1 / torch.where(usable(depth), depth, torch.inf)
         alphas = alphas * ((1 - splats.depth[..., None, None] * inverse) / SOFTNESS).clamp(0, 1)
-    return _over(strip, splats, alphas)
+    return _composite(strip, splats, alphas)
 
 
-def _touching(splats: SplatLayer, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
+def _overlapping(splats: SplatLayer, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
     """Indices of the splats that reach into rows, in their order; filled up with others to equal numbers."""
     along, across = splats.log_sigma.exp().unbind(2)
     tall = reach * torch.hypot(along * splats.angle.sin(), across * splats.angle.cos())
@@ -144,7 +144,7 @@ def _touching(splats: SplatLayer, top: int, bottom: int, reach: float) -> Int64[
     return chosen.sort(dim=1).values
 
 
-def _over(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"]) -> View:
+def _composite(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"]) -> View:
     """Composite sorted splats of known opacity at every pixel."""
     through = torch.ones_like(alphas[:, 0])
     weights = []
@@ -158,10 +158,10 @@ def _over(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"]) -> V
     through = through[:, None]
     image = through * view.image + colour
     alpha = None if view.alpha is None else view.alpha + (1 - view.alpha) * weight
-    return View(image, _expected(view, far, weight, through), alpha)
+    return View(image, _expected_depth(view, far, weight, through), alpha)
 
 
-def _expected(
+def _expected_depth(
     view: View, far: Float[Tensor, "b 1 h w"], weight: Float[Tensor, "b 1 h w"], through: Float[Tensor, "b 1 h w"]
 ) -> Float[Tensor, "b 1 h w"] | None:
     """Expected depth, written as a change of the view's own, so that no weight means no change."""

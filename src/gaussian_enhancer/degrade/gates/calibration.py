@@ -119,7 +119,7 @@ def solved(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tens
         weights = weighted(here / scale, wanted / scale)
         share = weights * (here / scale).sum(1) / whole
         chances = share.sqrt().clamp_max(1)
-        limits = _limits(measured, scale, share / chances.clamp_min(1e-12))
+        limits = _strength_limits(measured, scale, share / chances.clamp_min(1e-12))
     return weighted(measured.below(limits) / scale, wanted / scale).clamp_max(1), limits
 
 
@@ -141,7 +141,9 @@ def weighted(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) -> Fl
     return torch.where(size > 0, contributions / size.clamp_min(1e-300), 0.0)
 
 
-def _limits(measured: Responses, scale: Float[Tensor, " e"], share: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
+def _strength_limits(
+    measured: Responses, scale: Float[Tensor, " e"], share: Float[Tensor, " t"]
+) -> Float[Tensor, " t"]:
     """Where the mean response below a limit is a given share of the whole one, by bisection."""
     count = len(measured.types)
     low, high = torch.full((count,), 1e-3, dtype=torch.float64), torch.ones(count, dtype=torch.float64)

@@ -114,7 +114,7 @@ class FactorCombiner(nn.Module):
         """
         height, width = manual.shape[-2:]
         whole = whole_cells(manual)
-        said = self._said(torch.cat([whole, whole_cells(noise)], dim=1), factors)
+        said = self._half_resolution_output(torch.cat([whole, whole_cells(noise)], dim=1), factors)
         local, residue = said[:, :LOCAL], F.pixel_shuffle(said[:, LOCAL:], 2).to(manual.dtype).tanh()
         local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
         offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
@@ -126,22 +126,22 @@ class FactorCombiner(nn.Module):
     def _enlarged(image: Tensor, factor: int) -> Tensor:
         return F.interpolate(image, scale_factor=factor, mode="bilinear", align_corners=False)
 
-    def _said(self, images: Float[Tensor, "b 4 h w"], factors: Factors) -> Float[Tensor, "b k i j"]:
+    def _half_resolution_output(self, images: Float[Tensor, "b 4 h w"], factors: Factors) -> Float[Tensor, "b k i j"]:
         """The U-net's output at half resolution."""
         x = self.stem(F.pixel_unshuffle(images, 2))
         skips = []
         for level, blocks in enumerate(self.down):
-            x = _through(blocks.children(), x, factors)
+            x = _through_blocks(blocks.children(), x, factors)
             if level < len(self.shrink):
                 skips.append(x)
                 x = self.shrink[level](x)
         for level in reversed(range(len(self.grow))):
             x = F.interpolate(self.grow[level](x), scale_factor=2, mode="bilinear", align_corners=False)
-            x = _through(self.up[level].children(), x + skips[level], factors)
+            x = _through_blocks(self.up[level].children(), x + skips[level], factors)
         return self.head(F.relu(x))
 
 
-def _through(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
+def _through_blocks(blocks: Iterable[nn.Module], x: Tensor, factors: Factors) -> Tensor:
     for block in blocks:
         x = block(x, factors)
     return x

@@ -133,7 +133,7 @@ class PairedGenerator:
         """
         if real is None:
             raise InputError("generator=paired", "got no real renders", "give a fitted run, or use generator=diffused")
-        return _refined(self, manual, generators, lambda: self.model.extractor(manual.image, real))
+        return _refine(self, manual, generators, lambda: self.model.extractor(manual.image, real))
 
 
 class DiffusedGenerator:
@@ -155,7 +155,7 @@ class DiffusedGenerator:
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
     ) -> View:
         """Bring manually degraded views closer to real renders; depth and opacity stay."""
-        return _refined(self, manual, generators, lambda: self.model.sample(manual.image, self.sampler, generators))
+        return _refine(self, manual, generators, lambda: self.model.sample(manual.image, self.sampler, generators))
 
 
 class PairedOrDiffusedGenerator(DiffusedGenerator):
@@ -167,10 +167,10 @@ class PairedOrDiffusedGenerator(DiffusedGenerator):
         """Bring manually degraded views closer to real renders; depth and opacity stay."""
         if real is None:
             return super().__call__(manual, generators)
-        return _refined(self, manual, generators, lambda: self.model.extractor(manual.image, real))
+        return _refine(self, manual, generators, lambda: self.model.extractor(manual.image, real))
 
 
-def _refined(
+def _refine(
     second: PairedGenerator | DiffusedGenerator,
     manual: View,
     generators: Sequence[torch.Generator],

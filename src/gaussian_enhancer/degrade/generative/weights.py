@@ -94,7 +94,7 @@ def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) 
         weights: a .safetensors file, or the name of weights in the package.
         sampler: how; the default one where None.
     """
-    return DiffusedGenerator(load_model(weights).model, sampler, _fast())
+    return DiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
 
 
 def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> PairedOrDiffusedGenerator:
@@ -104,10 +104,10 @@ def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | Non
         weights: a .safetensors file, or the name of weights in the package.
         sampler: how; the default one where None.
     """
-    return PairedOrDiffusedGenerator(load_model(weights).model, sampler, _fast())
+    return PairedOrDiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
 
 
-def _fast() -> torch.dtype:
+def _fastest_dtype() -> torch.dtype:
     """The type that the processor convolves fastest in."""
     return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
 

@@ -159,10 +159,10 @@ class OffsetStep(nn.Module):
         offset_features = leaky(self.compare(torch.cat([reference, target], dim=1)))
         if self.inform is not None and coarser is not None:
             # Twice, since an offset of one coarse pixel is one of two fine ones.
-            offset_features = leaky(self.inform(torch.cat([offset_features, 2 * _doubled(coarser[0])], dim=1)))
+            offset_features = leaky(self.inform(torch.cat([offset_features, 2 * _upsample_2x(coarser[0])], dim=1)))
         aligned = deformable_sample(reference, *self.moves(offset_features), self.mix.weight, self.mix.bias)
         if self.join is not None and coarser is not None:
-            aligned = self.join(torch.cat([aligned, _doubled(leaky(coarser[1]))], dim=1))
+            aligned = self.join(torch.cat([aligned, _upsample_2x(leaky(coarser[1]))], dim=1))
         return offset_features, aligned
 
     def moves(self, found: Float[Tensor, "f o i j"]) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
@@ -216,10 +216,10 @@ class Attention(nn.Module):
         """Fuse; sides are even."""
         fused = leaky(self.fuse(torch.cat([target, news], dim=1)))
         pooled = torch.cat([F.max_pool2d(fused, 3, 2, 1), F.avg_pool2d(fused, 3, 2, 1)], dim=1)
-        weight = self.weigh(_doubled(leaky(self.look(leaky(self.squeeze(pooled))))))
+        weight = self.weigh(_upsample_2x(leaky(self.look(leaky(self.squeeze(pooled))))))
         return fused * 2 * torch.sigmoid(weight) + self.shift(weight)
 
 
-def _doubled(x: Float[Tensor, "f c i j"]) -> Float[Tensor, "f c _ _"]:
+def _upsample_2x(x: Float[Tensor, "f c i j"]) -> Float[Tensor, "f c _ _"]:
     """Features on a grid twice as fine."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)

@@ -107,8 +107,8 @@ class NAFBlock(nn.Module):
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
         """Refine features; sides are multiples of the cell."""
         mixed = self.attend(gated(self.depthwise(self.widen(self.first_norm(x)))))
-        x = x + _scaled(self.project, self.scales[0], mixed)
-        return x + _scaled(self.contract, self.scales[1], gated(self.expand(self.second_norm(x))))
+        x = x + _scale_outputs(self.project, self.scales[0], mixed)
+        return x + _scale_outputs(self.contract, self.scales[1], gated(self.expand(self.second_norm(x))))
 
 
 class PixelNorm(nn.LayerNorm):
@@ -147,7 +147,7 @@ def gated(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b _ i j"]:
     return one * other
 
 
-def _scaled(convolution: nn.Conv2d, scale: Tensor, x: Tensor) -> Tensor:
+def _scale_outputs(convolution: nn.Conv2d, scale: Tensor, x: Tensor) -> Tensor:
     """A 1x1 convolution whose outputs are scaled, by scaling its weights, which are fewer than the pixels."""
     assert convolution.bias is not None
     return F.conv2d(x, convolution.weight * scale[:, None, None, None], convolution.bias * scale)

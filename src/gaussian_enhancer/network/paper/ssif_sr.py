@@ -96,13 +96,13 @@ class PaperSSIFSR(CachesReferences):
         images: list[Tensor] = []
         for level in range(len(SCALES)):
             if buffered is None or not self.buffer:
-                buffered = self._fused(views, references)
-            image = self._decoded(level, views, buffered, fine[level])
+                buffered = self._fuse(views, references)
+            image = self._decode(level, views, buffered, fine[level])
             images.append(self.combine[level - 1](image, *images) if level else image)
         scales = zip(images, SCALES, strict=True)
         return tuple(image[..., : scale * height, : scale * width] for image, scale in scales)
 
-    def _fused(
+    def _fuse(
         self, views: NetworkInput, references: Float[Tensor, "b r c i j"]
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b c i j"]]:
         """F_fused and F[D], what is cached."""
@@ -110,7 +110,7 @@ class PaperSSIFSR(CachesReferences):
         fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))
         return fused, self.encode_depth(depth_planes(views))
 
-    def _decoded(
+    def _decode(
         self,
         level: int,
         views: NetworkInput,

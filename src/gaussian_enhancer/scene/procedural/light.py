@@ -77,9 +77,9 @@ class Light:
             reference = (position - points.new_tensor(self.spec.target)).norm()
             colour = colour * (reference / distance.clamp_min(0.15)) ** 2
         texel = distance / float(self.camera.K[0, 0])
-        return towards, colour, self._lit(points + (1.5 * texel) * normals)
+        return towards, colour, self._lit_share(points + (1.5 * texel) * normals)
 
-    def _lit(self, points: Tensor) -> Tensor:
+    def _lit_share(self, points: Tensor) -> Tensor:
         """Share of a 3 x 3 texel neighbourhood (bilinear, from 4 x 4 comparisons) that sees the light."""
         pose, K = self.camera.world_to_camera.to(points.device).double(), self.camera.K.to(points.device).double()
         pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T

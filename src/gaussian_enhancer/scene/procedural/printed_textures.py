@@ -27,7 +27,7 @@ def _words(rng: np.random.Generator, count: int) -> str:
     return " ".join(rng.choice(_WORDS, count))
 
 
-def _aged(rng: np.random.Generator, image: Image.Image, gloss: float) -> Texture:
+def _age(rng: np.random.Generator, image: Image.Image, gloss: float) -> Texture:
     """Ink on paper that has yellowed, faded and been touched."""
     colour = np.asarray(image, dtype=float) / 255
     stains = fractal(rng, 1.2, side=len(colour))
@@ -65,7 +65,7 @@ def page(rng: np.random.Generator) -> Texture:
         picture = np.clip(fractal(rng, 1.1, side=256) * 1.6 - 0.3, 0, 1) * 255
         image.paste(Image.fromarray(picture.astype(np.uint8)).resize((295, 190)).convert("RGB"), (left, middle + 8))
         _paragraph(draw, rng, (left, middle + 206, left + 295, 1000), int(rng.integers(14, 20)), ink)
-    return _aged(rng, image, 0.3)
+    return _age(rng, image, 0.3)
 
 
 def poster(rng: np.random.Generator) -> Texture:
@@ -86,7 +86,7 @@ def poster(rng: np.random.Generator) -> Texture:
     for k, size in enumerate(rng.choice([190, 150, 120, 90], 3, replace=False)):
         draw.text((50, 60 + 230 * k), _words(rng, 1).upper(), fill=_rgb(ink), font=ImageFont.load_default(int(size)))
     _paragraph(draw, rng, (50, 800, 974, 1000), 28, ink)
-    return _aged(rng, image, 0.7)
+    return _age(rng, image, 0.7)
 
 
 def sign(rng: np.random.Generator) -> Texture:
@@ -101,7 +101,7 @@ def sign(rng: np.random.Generator) -> Texture:
         draw.rectangle((12, top + 12, 1011, top + 243), outline=_rgb(ink), width=6)
         draw.text((60, top + 30), _words(rng, 2).upper(), fill=_rgb(ink), font=ImageFont.load_default(120))
         draw.text((60, top + 180), _words(rng, 7), fill=_rgb(ink), font=ImageFont.load_default(44))
-    return _aged(rng, image, 0.6)
+    return _age(rng, image, 0.6)
 
 
 def spines(rng: np.random.Generator) -> Texture:
@@ -116,4 +116,4 @@ def spines(rng: np.random.Generator) -> Texture:
         for x in (40, 60, 960):
             draw.line((x, 0, x, width), fill=ink, width=int(rng.integers(2, 10)))
         image.paste(spine.transpose(Image.Transpose.ROTATE_270), (k * width, 0))
-    return _aged(rng, image, 0.5)
+    return _age(rng, image, 0.5)

@@ -123,7 +123,7 @@ def nearest_faces(
     best = torch.zeros(count, dtype=torch.int64, device=projected.edges.device)
     holed = cutout[projected.faces]
     for faces, test in ((projected.faces[~holed], None), (projected.faces[holed], keep)):
-        for face, sample, inverse in _covered(projected, faces, grid, columns, first, last):
+        for face, sample, inverse in _covered_samples(projected, faces, grid, columns, first, last):
             if test is not None:
                 ahead = ((inverse.view(torch.int32).long() << 32) > best[sample]).nonzero()[:, 0]
                 face, sample, inverse = face[ahead], sample[ahead], inverse[ahead]
@@ -136,7 +136,7 @@ def nearest_faces(
     return (best & 0xFFFFFFFF) - 1
 
 
-def _covered(
+def _covered_samples(
     projected: Projected, faces: Tensor, grid: SampleGrid, columns: int, first: int, last: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """All (face, sample, 1/z) of a band of rows, in portions that fit into memory."""

@@ -163,7 +163,7 @@ def _surface(
     fresnel = reflectance + (1 - reflectance) * (1 - seen) ** 5 * (1 - roughness) ** 2
     fresnel = (fresnel * gloss)[:, None]
     tinted = torch.where(reflectance[:, None] > 0.25, albedo, torch.ones_like(albedo))
-    mirrored = _mirrored(world, away + 2 * seen[:, None] * normals, roughness)
+    mirrored = _mirror_radiance(world, away + 2 * seen[:, None] * normals, roughness)
     result = albedo * diffuse * (1 - fresnel) + fresnel * tinted * (mirrored + shine) + emission
     if world.haze > 0:
         clear = torch.exp(-world.haze * z)[:, None]
@@ -190,7 +190,7 @@ def _material(
     return channels, albedo, albedo * looks[:, 5:6]
 
 
-def _mirrored(world: World, directions: Tensor, roughness: Tensor) -> Tensor:
+def _mirror_radiance(world: World, directions: Tensor, roughness: Tensor) -> Tensor:
     """What a surface of some roughness reflects from a direction."""
     if world.probe is None:
         return world.sky.radiance(directions, world.atlas, 0.1, sharp=False)

@@ -123,14 +123,14 @@ def densify(
         generator: source of randomness for the places of the halves.
     """
     old = optimiser.gaussians()
-    kept = ~_useless(old, settings, extent)
+    kept = ~_is_useless(old, settings, extent)
     room = min(limit - int(kept.sum()), int(settings.growth * len(old)) + 1)
     candidates = kept & (pull.mean() > settings.pull)
     chosen = _strongest(pull.mean(), candidates, max(0, room))
     large = old.log_scales.exp().amax(1) > settings.small * extent
-    old = dataclasses.replace(old, opacity_logits=torch.where(chosen, _shared(old), old.opacity_logits))
+    old = dataclasses.replace(old, opacity_logits=torch.where(chosen, _shared_opacity(old), old.opacity_logits))
     clones, splits = old[chosen & ~large], old[chosen & large]
-    halves = [_half(splits, generator) for _ in range(2)]
+    halves = [_smaller_half(splits, generator) for _ in range(2)]
     optimiser.replace("opacity_logits", old.opacity_logits)
     # A split Gaussian makes room for its halves, so clone and split both add one.
     optimiser.keep(kept & ~(chosen & large))
@@ -138,12 +138,12 @@ def densify(
         optimiser.append(joining)
 
 
-def _shared(old: Gaussians) -> Float[Tensor, " n"]:
+def _shared_opacity(old: Gaussians) -> Float[Tensor, " n"]:
     """Logits of the opacity that two Gaussians on top of each other need to equal one."""
     return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
-def _useless(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
+def _is_useless(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
     """Nearly transparent or far too large."""
     useless = old.opacity_logits.sigmoid() < settings.opacity
     return useless | (old.log_scales.exp().amax(1) > settings.world_size * extent)
@@ -157,7 +157,7 @@ def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]
     return chosen
 
 
-def _half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
+def _smaller_half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
     """One of two smaller Gaussians, its centre drawn from its parent's density."""
     scales = parents.log_scales.exp()
     offsets = torch.randn(scales.shape, generator=generator).to(scales) * scales

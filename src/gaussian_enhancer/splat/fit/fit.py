@@ -122,7 +122,7 @@ class _Work:
         """Start anew, or where the folder's checkpoint stopped."""
         checkpoint = load_checkpoint(self.folder, self._identity())
         if checkpoint is not None:
-            self._adopt(checkpoint["splat"])
+            self._adopt_gaussians(checkpoint["splat"])
             self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
             self.pull.restore({name: value.to(self.device) for name, value in checkpoint["pull"].items()})
             self.smoothing = None if checkpoint["smoothing"] is None else checkpoint["smoothing"].to(self.device)
@@ -139,7 +139,7 @@ class _Work:
             sweep=self.settings.sweep,
             progress=progress,
         )
-        self._adopt({f.name: getattr(first, f.name) for f in dataclasses.fields(first)})
+        self._adopt_gaussians({f.name: getattr(first, f.name) for f in dataclasses.fields(first)})
         self._smooth()
 
     def advance(self) -> tuple[Tensor, Tensor]:
@@ -187,7 +187,7 @@ class _Work:
             },
         )
 
-    def _adopt(self, values: dict[str, Tensor | None]) -> None:
+    def _adopt_gaussians(self, values: dict[str, Tensor | None]) -> None:
         gaussians = Gaussians(**values).to(self.device)  # type: ignore[arg-type]
         self.optimiser = SplatOptimiser(gaussians, self.settings.rates, self.extent, self.settings.steps)
         self.pull = Pull(len(gaussians), self.device)

@@ -71,7 +71,7 @@ def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator)
     drawn, enough = 0, 0
     while enough < count:
         points = torch.cat([_in_frustum(c, 1 + count // len(cameras), distance, generator) for c in cameras])
-        visible_counts = torch.stack([_sees(camera, points) for camera in cameras]).sum(0)
+        visible_counts = torch.stack([_sees_points(camera, points) for camera in cameras]).sum(0)
         # Cameras that share nothing would draw for ever: after some rounds every point counts.
         accepted.append(points[visible_counts >= 2] if len(cameras) > 1 and drawn < 8 else points)
         drawn, enough = drawn + 1, enough + len(accepted[-1])
@@ -108,7 +108,7 @@ def _in_frustum(camera: Camera, count: int, distance: float, generator: torch.Ge
     return (rays / inverse - camera.world_to_camera[:3, 3]) @ camera.rotation
 
 
-def _sees(camera: Camera, points: Tensor) -> Tensor:
+def _sees_points(camera: Camera, points: Tensor) -> Tensor:
     local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = local @ camera.K.T
     x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]

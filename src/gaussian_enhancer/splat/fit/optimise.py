@@ -194,9 +194,11 @@ class SplatOptimiser:
     def restore(self, values: dict[str, Any]) -> None:
         """Go on from what `state` returned."""
         for name in self._leaves:
-            leaf = _joined(values, name, "")
+            leaf = _join_parts(values, name, "")
             has_moments = "means.exp_avg" in values
-            moments = [_joined(values, name, f".{key}") if has_moments else torch.zeros_like(leaf) for key in MOMENTS]
+            moments = [
+                _join_parts(values, name, f".{key}") if has_moments else torch.zeros_like(leaf) for key in MOMENTS
+            ]
             self._set(name, leaf, Moments(*moments))
         self._taken = int(values.get("means.step", 0))
 
@@ -233,7 +235,7 @@ def _parts(name: str, tensor: Tensor) -> dict[str, Tensor]:
     return {"sh_base": tensor[:, :1].detach().clone(), "sh_rest": tensor[:, 1:].detach().clone()}
 
 
-def _joined(values: dict[str, Any], name: str, suffix: str) -> Tensor:
+def _join_parts(values: dict[str, Any], name: str, suffix: str) -> Tensor:
     """The inverse of `_parts`, as a tensor of its own."""
     if name != "sh":
         return values[name + suffix].clone()  # type: ignore[no-any-return]

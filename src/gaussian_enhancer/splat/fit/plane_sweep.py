@@ -103,11 +103,11 @@ def sweep_points(
     inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
     for number, view in enumerate(views):
-        depths.append(inverse_depth(view.image, view.camera, *_others(views, view), inverse, settings))
+        depths.append(inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse, settings))
         if progress is not None:
             progress(number + 1, len(views))
     step = float(inverse[1] - inverse[0])
-    return _merge(views, depths, step, settings)
+    return _merge_confirmed(views, depths, step, settings)
 
 
 def sweep_depths(
@@ -142,7 +142,9 @@ def sweep_depths(
     inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
     for number, view in enumerate(views):
-        depths.append(1 / inverse_depth(view.image, view.camera, *_others(views, view), inverse, settings)[None])
+        depths.append(
+            1 / inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse, settings)[None]
+        )
         if progress is not None:
             progress(number + 1, len(views))
     return depths
@@ -205,7 +207,7 @@ def _views(
     return views
 
 
-def _others(views: list[_View], view: _View) -> tuple[np.ndarray, list[Camera]]:
+def _neighbour_images(views: list[_View], view: _View) -> tuple[np.ndarray, list[Camera]]:
     """The neighbours' images on a common canvas (photos of a scene may differ in size) and their cameras."""
     chosen = [views[j] for j in view.neighbours]
     height = max((v.image.shape[0] for v in chosen), default=1)
@@ -246,10 +248,10 @@ def _seen_depths(positions: Tensor, camera: Camera) -> Tensor:
 def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:
     """Depths that a sweep of small images over a wide range confirms twice; empty where it confirms too few."""
     wide = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
-    coarse = [_reduced(view) for view in views]
-    depths = [inverse_depth(v.image, v.camera, *_others(coarse, v), wide, settings) for v in coarse]
+    coarse = [_reduce_photo(view) for view in views]
+    depths = [inverse_depth(v.image, v.camera, *_neighbour_images(coarse, v), wide, settings) for v in coarse]
     strict = dataclasses.replace(settings, confirmations=2)
-    positions = _merge(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
+    positions = _merge_confirmed(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
     found = torch.cat([_seen_depths(positions, view.camera) for view in coarse])
     return found if len(positions) >= 100 else found[:0]
 
@@ -263,12 +265,12 @@ def _depth_range(depths: Tensor, distance: float) -> tuple[float, float]:
     return 1 / (1.3 * near), 1 / (0.6 * far)
 
 
-def _reduced(view: _View) -> _View:
+def _reduce_photo(view: _View) -> _View:
     image = np.ascontiguousarray(view.image[::2, ::2])
     return _View(image, view.camera.resized(*image.shape[:2]), view.neighbours)
 
 
-def _merge(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
+def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
     """Keep what enough neighbours confirm and what no earlier view has given already."""
     positions, colours, confirmations = [], [], []
     for i, view in enumerate(views):
@@ -276,7 +278,7 @@ def _merge(views: list[_View], depths: list[Tensor], step: float, settings: Swee
         confirmed = torch.zeros(len(world))
         merged = torch.zeros(len(world), dtype=torch.bool)
         for j in view.neighbours:
-            agrees = _agrees(world, views[j].camera, depths[j], step, settings)
+            agrees = _agrees_at(world, views[j].camera, depths[j], step, settings)
             confirmed += agrees
             if j < i:
                 merged |= agrees
@@ -287,7 +289,7 @@ def _merge(views: list[_View], depths: list[Tensor], step: float, settings: Swee
     return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(confirmations))
 
 
-def _agrees(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
+def _agrees_at(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
     """Whether a view's inverse depth map holds each point at its inverse depth."""
     local = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = local @ camera.K.T

@@ -76,8 +76,8 @@ class FitProgress:
         """
         if self._bar.disable or (step % EVERY and step > 1):
             return
-        self._loss = _mixed(self._loss, float(loss))
-        self._error = _mixed(self._error, float(difference.square().mean()))
+        self._loss = _mix(self._loss, float(loss))
+        self._error = _mix(self._error, float(difference.square().mean()))
         psnr = -10 * math.log10(max(self._error, 1e-10))
         state = f"loss {self._loss:.4f}  {psnr:.2f} dB  {count} Gaussians"
         self._bar.update(self._task, completed=step, state=state)
@@ -87,5 +87,5 @@ class FitProgress:
         self._bar.update(self._task, completed=views, total=total)
 
 
-def _mixed(mean: float | None, value: float) -> float:
+def _mix(mean: float | None, value: float) -> float:
     return value if mean is None else 0.9 * mean + 0.1 * value

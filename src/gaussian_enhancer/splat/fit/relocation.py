@@ -99,12 +99,12 @@ def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, genera
     if len(live) == 0:
         return
     if len(dead):
-        chosen = live[_drawn(opacities[live], len(dead), generator)]
-        optimiser.put(dead, _split(optimiser, chosen, settings)[chosen])
+        chosen = live[_draw_indices(opacities[live], len(dead), generator)]
+        optimiser.put(dead, _split_opacity(optimiser, chosen, settings)[chosen])
     joining = min(limit, int((1 + settings.growth) * len(optimiser))) - len(optimiser)
     if joining > 0:
-        chosen = _drawn(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
-        optimiser.append(_split(optimiser, chosen, settings)[chosen])
+        chosen = _draw_indices(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
+        optimiser.append(_split_opacity(optimiser, chosen, settings)[chosen])
 
 
 @torch.no_grad()
@@ -133,7 +133,7 @@ def explore(
     optimiser.shift(free, strength[:, None] * turned(quaternions, displacement))
 
 
-def _drawn(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:
+def _draw_indices(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:
     """Indices drawn in proportion to the weights, with replacement."""
     # torch.multinomial refuses more than 2^24 weights
     edges = weights.double().cpu().cumsum(0)
@@ -141,7 +141,7 @@ def _drawn(weights: Float[Tensor, " m"], count: int, generator: torch.Generator)
     return torch.searchsorted(edges, places, right=True).clamp(max=len(weights) - 1).to(weights.device)
 
 
-def _split(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settings: Relocation) -> Gaussians:
+def _split_opacity(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settings: Relocation) -> Gaussians:
     """Make each drawn Gaussian one of as many as it will be; all Gaussians afterwards."""
     now = optimiser.gaussians()
     parents, times = drawn.unique(return_counts=True)

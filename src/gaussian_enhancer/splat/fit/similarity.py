@@ -37,7 +37,7 @@ def prepare(photo: Float[Tensor, "c h w"]) -> PreparedPhoto:
         photo: image in [0, 1].
     """
     photo = photo.detach().contiguous()
-    if not _compiled(photo):
+    if not _similarity_compiled(photo):
         return PreparedPhoto(photo, windowed(photo), windowed(photo * photo))
     from gaussian_enhancer.splat.fit import similarity_kernels as kernels
 
@@ -56,7 +56,7 @@ def photometric_loss(image: Float[Tensor, "c h w"], target: PreparedPhoto, weigh
         target: prepared photo of the same size.
         weight: share of the SSIM term, in [0, 1].
     """
-    if _compiled(image):
+    if _similarity_compiled(image):
         return _CompiledLoss.apply(image, target, weight)  # type: ignore[no-any-return]
     absolute = (image - target.photo).abs().mean()
     return (1 - weight) * absolute + weight * (1 - ssim_map(image, target.photo).mean())
@@ -104,5 +104,5 @@ class _CompiledLoss(torch.autograd.Function):
         return gradient, None, None
 
 
-def _compiled(image: Tensor) -> bool:
+def _similarity_compiled(image: Tensor) -> bool:
     return image.device.type == "cpu" and image.dtype == torch.float32

@@ -62,9 +62,9 @@ def starting_gaussians(
     elif init == "points":
         if known is None:
             raise InputError("init=points", f"but scene {scene.name} has none", "choose plane_sweep or random")
-        points = _some(known, count, generator)
+        points = _random_subset(known, count, generator)
     elif init in ("auto", "plane_sweep"):
-        first = None if known is None or init == "plane_sweep" else _some(known, count // 2, generator)
+        first = None if known is None or init == "plane_sweep" else _random_subset(known, count // 2, generator)
         room = count if first is None else count - len(first.positions)
         swept = sweep_points(photos.pixels(), photos.cameras, sweep, known=known, progress=progress)
         if len(swept.points.positions) == 0 and first is None:
@@ -94,7 +94,7 @@ def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) 
     return Points(swept.points.positions[chosen], swept.points.colours[chosen])
 
 
-def _some(points: Points, count: int, generator: torch.Generator) -> Points:
+def _random_subset(points: Points, count: int, generator: torch.Generator) -> Points:
     chosen = torch.randperm(len(points.positions), generator=generator)[:count]
     return Points(points.positions[chosen], points.colours[chosen])
 

@@ -46,13 +46,13 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
     ranges = np.repeat(chunk, _CHUNK)[: len(vertex)]
     colour = np.stack([bit_field(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
     if "min_r" in (chunk.dtype.names or ()):
-        colour = _within(ranges, colour, ("r", "g", "b"))
+        colour = _within_range(ranges, colour, ("r", "g", "b"))
     sh = ((colour - 0.5) / SH_CONSTANT)[:, None, :]
     if "sh" in elements:
         sh = np.concatenate([sh, _higher_harmonics(elements["sh"])], axis=1)
     gaussians = Gaussians(
-        means=_tensor(_within(ranges, _triple(vertex["packed_position"]), ("x", "y", "z"))),
-        log_scales=_tensor(_within(ranges, _triple(vertex["packed_scale"]), ("scale_x", "scale_y", "scale_z"))),
+        means=_tensor(_within_range(ranges, _triple(vertex["packed_position"]), ("x", "y", "z"))),
+        log_scales=_tensor(_within_range(ranges, _triple(vertex["packed_scale"]), ("scale_x", "scale_y", "scale_z"))),
         quaternions=_tensor(_rotations(vertex["packed_rotation"])),
         opacity_logits=_tensor(opacity_logits((vertex["packed_color"] & np.uint32(255)).astype(np.uint8))),
         sh=_tensor(sh),
@@ -90,7 +90,7 @@ def _triple(packed: np.ndarray) -> Float[np.ndarray, "n 3"]:
     return np.stack([bit_field(packed, 21, 11), bit_field(packed, 11, 10), bit_field(packed, 0, 11)], axis=1)
 
 
-def _within(ranges: np.ndarray, fraction: np.ndarray, axes: tuple[str, ...]) -> Float[np.ndarray, "n 3"]:
+def _within_range(ranges: np.ndarray, fraction: np.ndarray, axes: tuple[str, ...]) -> Float[np.ndarray, "n 3"]:
     """Fractions as values between the ``min_`` and ``max_`` of their chunks."""
     low = np.stack([ranges[f"min_{axis}"] for axis in axes], axis=1).astype(np.float64)
     high = np.stack([ranges[f"max_{axis}"] for axis in axes], axis=1).astype(np.float64)

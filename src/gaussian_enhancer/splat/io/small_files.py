@@ -56,7 +56,7 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
         InputError: see `check_format`; or the file cannot be written.
     """
     check_format(name, gaussians)
-    shown_gaussians = _filtered(gaussians.to("cpu"))
+    shown_gaussians = _apply_filter(gaussians.to("cpu"))
     shown_gaussians = half_turned(shown_gaussians) if name == "spz" else shown_gaussians
     parts = {
         "means": shown_gaussians.means,
@@ -78,7 +78,7 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
         temporary.write_bytes(content)
 
 
-def _filtered(gaussians: Gaussians) -> Gaussians:
+def _apply_filter(gaussians: Gaussians) -> Gaussians:
     """The splat with its 3D filter applied."""
     if gaussians.smoothing is None:
         return gaussians

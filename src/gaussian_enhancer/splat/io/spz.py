@@ -79,7 +79,7 @@ def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
         warnings.warn(f"{path}: was trained with anti-aliasing; render it as Mip-Splatting", stacklevel=2)
     if header.extended:
         warnings.warn(f"{path}: has vendor extensions, which are ignored; check its axes", stacklevel=2)
-    return validated(path, _decoded(header, streams), invalid)
+    return validated(path, _decode(header, streams), invalid)
 
 
 def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _Header:
@@ -155,7 +155,7 @@ def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
     return header, streams
 
 
-def _decoded(header: _Header, streams: list[bytes]) -> Gaussians:
+def _decode(header: _Header, streams: list[bytes]) -> Gaussians:
     """Bytes as numbers, in the axes of 3DGS's .ply."""
     count, higher = header.count, _HARMONICS[header.degree]
     position, opacity, colour, scale, rotation = (np.frombuffer(stream, np.uint8) for stream in streams[:5])

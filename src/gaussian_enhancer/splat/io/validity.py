@@ -43,7 +43,7 @@ def only_renderable(gaussians: Gaussians) -> Gaussians:
 
     Its count stays, and its tensors' gradients are 0 there.
     """
-    if _plain(gaussians):
+    if _is_plainly_valid(gaussians):
         return gaussians
     good = renderable(gaussians)
     neutral = {"opacity_logits": -1e4, "quaternions": 1.0}
@@ -57,7 +57,7 @@ def only_renderable(gaussians: Gaussians) -> Gaussians:
     return Gaussians(**{name: kept(name) for name in LIMITS})  # type: ignore[arg-type]
 
 
-def _plain(gaussians: Gaussians) -> bool:
+def _is_plainly_valid(gaussians: Gaussians) -> bool:
     """Whether the extremes alone, which cost little, show that every Gaussian can be rendered."""
     if len(gaussians) == 0:
         return True
