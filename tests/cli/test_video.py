@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from gaussian_enhancer.cli import video as job
 from gaussian_enhancer.cli.video import run
-from gaussian_enhancer.errors import InputError
+from gaussian_enhancer.errors import INTERRUPTED, InputError
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
@@ -101,7 +100,7 @@ def test_a_folder_of_frames_and_a_resumed_run_are_as_a_run_in_one_go(words, tmp_
     monkeypatch.setattr(Film, "_enhance", interrupted)
     with pytest.raises(SystemExit) as stop:
         run(configured(*words))
-    assert stop.value.code == job.STOPPED
+    assert stop.value.code == INTERRUPTED
     assert f"2 of {FRAMES} frames made; the same command goes on" in capsys.readouterr().err
     folder = folder_of(tmp_path)
     assert len(images(folder / "frames")) == 2

@@ -148,8 +148,8 @@ Products = tuple[
 def block_products(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Products:
     """Mean products by block of every two vectors, shares of a block that references see, and mean changes.
 
-    The vectors are those of `_block_descriptions`. The products are those of their means, and of their deviations from
-    them. Readable twin of the compiled kernel, on any device.
+    The vectors are those of `_block_descriptions`. The products are those of their means, and of their
+    details. Readable twin of the compiled kernel, on any device.
     """
     image, render, photos, visibility = (
         image[..., ::STEP, ::STEP].float() for image in (enhanced, views.render, views.references, views.visibility)
