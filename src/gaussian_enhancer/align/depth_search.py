@@ -96,7 +96,7 @@ class _Seen:
         photo: of a size that is not finer than the target, in the render's exposure.
         render: the splat's of the same view, alike; the photo where there is none.
         colours: gain and offset per channel of both to the target's colours.
-        counts: 1 for samples at which the reference has a say, 0 elsewhere.
+        counts: 1 for samples at which the reference counts, 0 elsewhere.
     """
 
     projection: ReferenceProjection

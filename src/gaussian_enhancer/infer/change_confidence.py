@@ -29,7 +29,7 @@ SAMPLES = BLOCK // STEP
 STRIP = 64
 """Rows of blocks that are worked on at once, so that large images need little memory."""
 SEEN = 0.1
-"""Share of a block's pixels that a reference has to see to have a say."""
+"""Share of a block's pixels that a reference has to see to count."""
 TINY = 1e-6
 """Added to squared colour differences before something is divided by them."""
 BANDS = 2
@@ -268,7 +268,7 @@ def _summary(
     empty: Float[Tensor, "b 1 i j"],
     count: int,
 ) -> list[Float[Tensor, "b f i j"]]:
-    """Mean, least and greatest of the values that have a say; zeros where none has."""
+    """Mean, least and greatest of the values that count; zeros where none has."""
     if not values:
         return [torch.zeros_like(empty).expand(-1, 3 * count, -1, -1)]
     stacked, valid = torch.stack(values), torch.stack(says)[:, :, None]

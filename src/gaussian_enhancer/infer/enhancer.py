@@ -89,7 +89,7 @@ class SetEnhancer:
             colour_clamping does.
         pass_through: return the render of a view in which no reference is visible, at the render's own resolution. A
             network that was trained with references and sees none can only guess.
-        keeps_coverage: hand out with each view how many references show each of its pixels.
+        keeps_coverage: return with each view how many references show each of its pixels.
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.

@@ -237,14 +237,14 @@ def shuffle_and_add(features, skip, result):
 
 @kernel
 @no_type_check
-def add_and_rectify(theirs, own):
-    """Write relu(theirs + own) over theirs, (n, r, i, j, c); own (n, i, j, c) is added to each."""
-    batch, count, height, width, channels = theirs.shape
+def add_and_rectify(references, target):
+    """Write relu(references + target) over references, (n, r, i, j, c); target (n, i, j, c) is added to each."""
+    batch, count, height, width, channels = references.shape
     for row in prange(batch * count * height):
         n, r, i = row // (count * height), row // height % count, row % height
         for j in range(width):
             for c in range(channels):
-                theirs[n, r, i, j, c] = half(max(wide(theirs[n, r, i, j, c]) + wide(own[n, i, j, c]), _ZERO))
+                references[n, r, i, j, c] = half(max(wide(references[n, r, i, j, c]) + wide(target[n, i, j, c]), _ZERO))
 
 
 @kernel
@@ -313,14 +313,14 @@ def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
             for x in range(width):
                 weight[r, x] = weight[r, x] if visibility[r, 0, y, x] > _ZERO else _ZERO
         for c in range(3):
-            news, residual = np.zeros(width, np.float32), np.zeros(width, np.float32)
+            added, residual = np.zeros(width, np.float32), np.zeros(width, np.float32)
             for r in range(count):
-                _add_difference(news, weight[r], photos[r, c, y], render[c, y])
+                _add_difference(added, weight[r], photos[r, c, y], render[c, y])
                 if drawn > _ZERO:
                     _add_difference(residual, weight[r], photos[r, c, y], renders[r, c, y])
             for x in range(width):
                 change = _sigmoid(wide(decoded[3, y, x])) * wide(decoded[c, y, x])
-                change += wide(decoded[4, y, x]) * news[x] + wide(decoded[5, y, x]) * residual[x]
+                change += wide(decoded[4, y, x]) * added[x] + wide(decoded[5, y, x]) * residual[x]
                 result[c, y, x] = render[c, y, x] + change
 
 
@@ -358,7 +358,7 @@ def double_row(image, y, result):
 @kernel
 @no_type_check
 def pack_combination(fine, render, coarser, result):
-    """Write fine - render as 2x2 pixels side by side, then what coarser scales hand on, (i, j, 12 + d) bfloat16."""
+    """Write fine - render as 2x2 pixels side by side, then what coarser scales pass on, (i, j, 12 + d) bfloat16."""
     count, height, width = coarser.shape
     for i in prange(height):
         for j in range(width):

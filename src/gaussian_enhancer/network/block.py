@@ -13,9 +13,9 @@ from gaussian_enhancer.network.fused_convolution import convolution
 class Block(nn.Module):
     """Residual pair of 3x3 convolutions with one activation between and no normalisation.
 
-    x + s * conv(relu(conv(x))), s per channel, small at birth so that a deep stack starts near the identity (as the
-    scales of NAFNet, Chen et al., ECCV 2022). Nothing looks at the whole image, so that tiles equal the whole; plain
-    3x3 convolutions are what processors run fastest for their parameters in bf16.
+    x + s * conv(relu(conv(x))), s per channel, small at initialisation so that a deep stack starts near the identity
+    (as the scales of NAFNet, Chen et al., ECCV 2022). Nothing looks at the whole image, so that tiles equal the whole;
+    plain 3x3 convolutions are what processors run fastest for their parameters in bf16.
 
     Args:
         channels: of input and output.

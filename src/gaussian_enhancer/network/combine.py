@@ -35,12 +35,12 @@ class Combination(nn.Module):
     """E = T + up(sum_k g_k (E_k - render_k)) + r, gains g and residual r per pixel from all scales together.
 
     Changes are combined, not images: a coarser image lacks the render's detail, its change does not. Gains and
-    residual are zero at birth. Everything but the residual lives on the grid of half the resolution, which costs a
-    quarter.
+    residual are zero at initialisation. Everything but the residual lives on the grid of half the resolution, which
+    costs a quarter.
 
     Args:
         coarser: number of coarser scales.
-        handed: channels that each of them hands on beside its image's change.
+        handed: channels that each of them passes on beside its image's change.
         width: channels within.
     """
 
@@ -63,7 +63,7 @@ class Combination(nn.Module):
         Args:
             fine: what this scale made of the render by itself.
             render: of this scale.
-            coarser: from each coarser scale its image's change and what else it hands on, coarsest first.
+            coarser: from each coarser scale its image's change and what else it passes on, coarsest first.
         """
         height, width = fine.shape[-2:]
         half = [_resized(values, height // 2, width // 2) for values in coarser]

@@ -19,7 +19,7 @@ class Decoder(nn.Module):
     """A shallow U-Net from half resolution down and back, then one pixel-shuffle to full resolution.
 
     Each level halves the resolution; the way back adds what the way down had there. Everything is convolution, so
-    that the output at a pixel depends on a bounded neighbourhood. The last convolution is zero at birth.
+    that the output at a pixel depends on a bounded neighbourhood. The last convolution is zero at initialisation.
 
     Args:
         widths: channels of each level, the first at half resolution.

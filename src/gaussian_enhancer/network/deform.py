@@ -60,8 +60,8 @@ class Deformation(nn.Module):
     """Reads references' features where the target's features suggest, each by itself.
 
     Offsets are reach x tanh(.) (BasicVSR++'s remedy against runaway offsets, Chan et al., CVPR 2022) and masks
-    2 x sigmoid(.), both from a zero-initialised convolution: at birth a plain convolution. They are predicted at
-    half the features' resolution, which widens what is looked at and costs a quarter.
+    2 x sigmoid(.), both from a zero-initialised convolution: at initialisation a plain convolution. They are predicted
+    at half the features' resolution, which widens what is looked at and costs a quarter.
 
     Args:
         channels: of the features.

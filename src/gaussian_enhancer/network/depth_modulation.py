@@ -19,7 +19,7 @@ from gaussian_enhancer.types import FARTHEST_DEPTH, usable
 
 
 class DepthModulation(nn.Module):
-    """E = S(H, D) = H (1 + a(D)) + b(D), with a and b zero at birth and wherever there is no depth.
+    """E = S(H, D) = H (1 + a(D)) + b(D), with a and b zero at initialisation and wherever there is no depth.
 
     Args:
         channels: of the features that are modulated.

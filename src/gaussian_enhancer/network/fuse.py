@@ -34,7 +34,7 @@ class TrustFusion(nn.Module):
 
     With pooling, l and the values also see the references' mean features, weighted by visibility, and how many there
     are: references that agree with each other and not with the render are right where the render is wrong (the pooled
-    statistics of IBRNet, Wang et al., CVPR 2021). Pooling adds nothing at birth.
+    statistics of IBRNet, Wang et al., CVPR 2021). Pooling contributes nothing at initialisation.
 
     Args:
         channels: of the features.
@@ -114,13 +114,13 @@ class TrustFusion(nn.Module):
         return fused_values, trust
 
 
-def _add_and_rectify(theirs: Float[Tensor, "b r c h w"], own: Float[Tensor, "b c h w"]) -> None:
-    """relu(theirs + own) in place of theirs, in one pass over memory; both are channels-last."""
+def _add_and_rectify(references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]) -> None:
+    """relu(references + target), written over references, in one pass over memory; both are channels-last."""
     from gaussian_enhancer.network.bfloat16_kernels import add_and_rectify
 
-    reference_words = theirs.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
+    reference_words = references.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
     with kernel_lock:
-        add_and_rectify(reference_words, bits(own))
+        add_and_rectify(reference_words, bits(target))
 
 
 def _pool_references(

@@ -22,9 +22,9 @@ from gaussian_enhancer.types import NetworkInput
 class SIF(CachesReferences):
     """Enhanced = compose(decode(gather(views))): one fusion at one scale.
 
-    Residual and gates are zero at birth: the untrained network returns the render bit for bit. GaussianEnhancer's SIF,
-    with a decoder after NAFNet, trust in place of a convolution over a fixed pair of references, and terms that hand
-    on references' pixels without encoding them (`compose`).
+    Residual and gates are zero at initialisation: the untrained network returns the render bit for bit.
+    GaussianEnhancer's SIF, with a decoder after NAFNet, trust in place of a convolution over a fixed pair of
+    references, and terms that hand on references' pixels without encoding them (`compose`).
 
     Args:
         widths: channels at 1/2, 1/4, 1/8, ... of the resolution.

@@ -31,7 +31,7 @@ class SSIFLR(CachesReferences):
     At each scale T = output(decode(gather(views))). At 1/4, references are aligned once more, to T in place of the
     render: E = output(settle(gather(T))). E(1/2) = combine(T(1/2), E(1/4)), E(1) = combine(T(1), E(1/4), E(1/2)).
     Untrained, every scale returns its render. What differs from the paper: `gather`'s ways of fusing, `compose`'s
-    terms, and that coarser scales hand on their change and features, not their image.
+    terms, and that coarser scales pass on their change and features, not their image.
 
     Args:
         widths: channels at 1/2, 1/4, 1/8, ... of the resolution of the finest scale's decoder; those of the coarser

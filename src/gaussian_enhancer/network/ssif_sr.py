@@ -281,7 +281,7 @@ def merged(
     """Merge references: their mean weighted by trust, and the sum of their trust.
 
     Its ``reference_renders`` are what its own half size holds of it, so that `compose`'s term of photo minus render
-    hands on detail alone, which no difference of exposure touches. Merging costs less than handing on each.
+    passes on detail alone, which no difference of exposure affects. Merging costs less than passing on each.
 
     Args:
         base: what stands for the render at this scale.

@@ -103,7 +103,7 @@ def _part(name: str, value: Any) -> Any:
 
 
 def _refusal(subject: str, error: ValidationError) -> InputError:
-    """The first thing that pydantic refuses, in our words."""
+    """The first error of pydantic, as a message for users."""
     first = error.errors(include_url=False)[0]
     location = ".".join([subject, *(str(part) for part in first["loc"])])
     received = repr(first.get("input"))[:80]

@@ -64,7 +64,7 @@ class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
 
 
 class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
-    """Crops by (sample, seed, share), with the share handed on.
+    """Crops by (sample, seed, share), with the share passed on.
 
     Args:
         crops: by (sample, seed).

@@ -169,7 +169,7 @@ def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
 
 
 def quieten() -> None:
-    """Silence what Lightning says of every training and is no news."""
+    """Silence Lightning's routine messages."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
     known = "exists and is not empty|many workers|is deprecated|in eval mode|recommended to use|find_unused_parameters"

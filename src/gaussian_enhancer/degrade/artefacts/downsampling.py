@@ -59,7 +59,7 @@ def resampling_matrix(
     down: Int64[Tensor, " b"],
     up: Int64[Tensor, " b"],
 ) -> Float[Tensor, "b n n"]:
-    """What becomes of an axis that is sampled at every ``factor``-th pixel and enlarged again, as a matrix.
+    """The effect on an axis of being sampled at every ``factor``-th pixel and enlarged again, as a matrix.
 
     The axis goes on at its ends with the values that it ends with. No low-pass filter precedes the sampling.
 

@@ -74,8 +74,8 @@ class FactorCombiner(nn.Module):
     up to `REACH` pixels, changes the contrast of each octave of its detail between none and double, and adds a tone and
     a residue of at most `RESIDUE` each. So few numbers are learnt from few pairs: a network of this size that paints
     learnt in thousands of steps neither to blur nor to leave out detail. What a cell's code says reaches its cell
-    directly as well. White noise enters beside M for what no code holds. The last convolutions are zero at birth, so
-    that training starts from L = M.
+    directly as well. White noise enters beside M for what no code holds. The last convolutions are zero at
+    initialisation, so that training starts from L = M.
 
     Args:
         vector: entries of z's vector.

@@ -13,7 +13,7 @@ from gaussian_enhancer.degrade.generative.texture import OCTAVES, amplitudes
 
 
 class Refine(nn.Module):
-    """x + conv(relu(conv(x))), the second convolution zero at birth.
+    """x + conv(relu(conv(x))), the second convolution zero at initialisation.
 
     Args:
         channels: of input and output.

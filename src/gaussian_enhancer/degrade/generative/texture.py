@@ -11,7 +11,7 @@ from torch import Tensor
 from gaussian_enhancer.degrade.generative.factors import CELL, whole_cells
 
 OCTAVES = 3
-"""Octaves of detail that are told apart: of 1, 2 and 4 pixels."""
+"""Octaves of detail that are distinguished: of 1, 2 and 4 pixels."""
 
 FAINT = 1e-5
 """Energy below which amplitudes count as none, colours in [0, 1]."""

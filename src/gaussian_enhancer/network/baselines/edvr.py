@@ -29,9 +29,10 @@ class EDVR(Network):
 
     After Wang et al., "EDVR: Video Restoration with Enhanced Deformable Convolutional Networks", CVPRW 2019, in its
     form for inputs of full resolution, whose features lie at a quarter of it. Meant for references as they are
-    (``alignment=none``): it is told neither cameras nor depth. What differs from the paper's network: offsets are
-    bounded and zero at birth, and predicted from half as many channels; references are as many as there are, weighed
-    by visibility and summed, instead of a fixed number joined by a convolution; attention in space has one level.
+    (``alignment=none``): it receives neither cameras nor depth. What differs from the paper's network: offsets are
+    bounded and zero at initialisation, and predicted from half as many channels; references are as many as there are,
+    weighed by visibility and summed, instead of a fixed number joined by a convolution; attention in space has one
+    level.
 
     It is built from SIF's sizes so that both have as many parameters: half as many channels as SIF's coarsest level,
     as many residual blocks before alignment as that level has, and (blocks[0] + 1) times as many in the
@@ -103,7 +104,7 @@ class EDVR(Network):
 class PyramidAlignment(nn.Module):
     """EDVR's PCD: alignment starts at the coarsest level; each finer level starts from the offsets of the last.
 
-    A cascade at the finest level refines what came out. Every step's offsets are bounded and zero at birth.
+    A cascade at the finest level refines what came out. Every step's offsets are bounded and zero at initialisation.
 
     Args:
         channels: of the features.

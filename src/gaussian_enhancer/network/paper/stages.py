@@ -99,7 +99,7 @@ class FeatureFusion(nn.Module):
 class LearnedCombine(nn.Module):
     """Combine and Fuse of the algorithms: a scale's image with those of all coarser scales, enlarged.
 
-    E = T + c(T, up E_1, up E_2, ...), c two convolutions of which the last is zero at birth.
+    E = T + c(T, up E_1, up E_2, ...), c two convolutions of which the last is zero at initialisation.
 
     Args:
         coarser: number of coarser scales.
@@ -159,6 +159,6 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
 
 
 def zeroed(convolution: nn.Conv2d) -> None:
-    """Set a convolution to zero, so that it changes nothing at birth."""
+    """Set a convolution to zero, so that it changes nothing at initialisation."""
     nn.init.zeros_(convolution.weight)
     nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]
