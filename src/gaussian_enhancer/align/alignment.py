@@ -66,7 +66,7 @@ class Pixels:
         return self._map_images(precise)
 
     def _map_images(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
-        """The view with changed images; the same object, with its cached values, if nothing changes."""
+        """The view with its images changed; the same object, with its cached values, if no image changes."""
         images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_IMAGES}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
@@ -95,7 +95,7 @@ class Aligned:
 
 @runtime_checkable
 class Warp(Protocol):
-    """One way of bringing references to the target's grid."""
+    """A method of bringing references to the target's grid."""
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Bring at most ``keep`` of the references, given nearest first, to the target's grid."""
@@ -267,7 +267,7 @@ def _write_fine_rows(
     top: int,
     result: Float[Tensor, "3 H W"],
 ) -> None:
-    """Write rows of a fine reference: its own colours, and the coarse one's where only that sees something.
+    """Write rows of a fine reference: its own colours, and those of the coarse reference where only that is visible.
 
     At the photo's border the coarse grid may see what the fine one does not.
 

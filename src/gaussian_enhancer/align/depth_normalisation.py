@@ -1,4 +1,4 @@
-"""Depth as networks see it: inverse, in units of the image's own median, so that a scene's scale does not matter.
+"""Depth as networks' input: inverse, in units of the image's median, which removes the scene's scale.
 
 Axes: b batch, h height, w width.
 """

@@ -33,7 +33,7 @@ from gaussian_enhancer.types import Camera, usable
 TINY = 1e-8
 """Added to variances of colour, so that rounding where photos are equal does not grow under the root."""
 DEAREST = 4.0
-"""Cost of a hypothesis that nothing sees; no difference of colours is as large."""
+"""Cost of a hypothesis that no reference sees; larger than any difference of colours."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ class Search:
 
 
 DepthKind = Literal["surface", "expected", "exact"]
-"""What a target's depth is: the splat's median z, its mean z, which lies between surfaces that mix, or the truth."""
+"""Kind of a target's depth: the splat's median z, its mean z (between the surfaces that blend), or exact."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
     "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
-"""How far each kind is searched; a wide search around what is nearly right finds more that is wrong than right."""
+"""Search range of each kind; a wide search around nearly correct depth finds more wrong matches than right ones."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Source:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A reference as the search sees it.
+    """A reference, prepared for the search.
 
     Args:
         projection: of the target's samples.

@@ -1,4 +1,4 @@
-"""Compiled search of depth around a rendered surface: what `depth.search` does, without its memory traffic.
+"""Compiled depth search around a rendered surface: the same as `depth_search.search` with less memory traffic.
 
 Axes: h height, w width, m multipliers of depth. Images are (h, w, channels) float32 here; costs (h, w, m), so that a
 pixel's hypotheses lie together and are worked on as one vector.
@@ -49,7 +49,7 @@ def find_costs(
     cost,
     weight,
 ):
-    """Write each hypothesis's cost, and 1 as its weight where a view sees it, 0 elsewhere.
+    """Write each hypothesis's cost and its weight: 1 where a view sees it, 0 elsewhere.
 
     ``images`` holds all views' pixels one after the other, photo and render side by side; view r begins at pixel
     starts[r], has sizes[r] = (width, height) and a spare row. All views of a hypothesis are read at once, so that its
@@ -101,7 +101,7 @@ def find_costs(
 def _write_landings(
     depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside
 ):
-    """Write the pixel above and to the left of where each hypothesis lands, the rest of the way, and whether inside."""
+    """Write each hypothesis's projection: pixel above and to the left, fraction beyond it, and whether inside."""
     a, b = position
     width, height = _F(size[0]), _F(size[1])
     across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
@@ -133,7 +133,7 @@ def _interpolate_channel(images, p, q, channel, fx, fy):
 @kernel
 @no_type_check
 def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
-    """Sum costs over windows and write each pixel's cheapest step, refined by a parabola; 0 where nothing is seen."""
+    """Sum costs over windows; write each pixel's step of least cost, refined by a parabola; 0 where no view sees it."""
     height, width, count = cost.shape
     for y in prange(height):
         above, below = max(0, y - radius), min(height, y + radius + 1)

@@ -14,7 +14,7 @@ from torch import Tensor
 from gaussian_enhancer.align.projection import array, compiled
 
 STEPS = (4, 2)
-"""Pixels between the 5x5 samples of each pass, as in the a-trous transform: wide first, then what that left."""
+"""Pixels between the 5x5 samples of each pass, as in the a-trous transform; the widest pass is first."""
 REACH = 2
 """Samples to each side."""
 SPREAD = 0.03
@@ -47,7 +47,7 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
 
 
 def fitted(depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int) -> Float[Tensor, "1 h w"]:
-    """How far each pixel's plane lies beyond it, as a share of its inverse depth; readable twin of the kernel.
+    """Distance of each pixel's fitted plane beyond it, as a share of its inverse depth; readable twin of the kernel.
 
     Args:
         depth: z, with a margin of ``REACH`` samples on every side.

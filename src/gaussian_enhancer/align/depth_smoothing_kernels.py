@@ -1,4 +1,4 @@
-"""Compiled fit of planes to depth: what `smooth.fitted` does, a row at a time so that pixels fill a vector.
+"""Compiled fit of planes to depth: the same as `depth_smoothing.fitted`, row by row so that loops vectorise.
 
 Axes: h height, w width; images are (channels, height, width) float32.
 """
@@ -17,7 +17,7 @@ _ONE = _F(1)
 @kernel
 @no_type_check
 def fit_planes(depth, render, step, reach, sharpness, contrast, ridge, furthest, result):
-    """Write how far each pixel's plane lies beyond it; depth and render have a margin of ``reach`` samples."""
+    """Write the distance of each pixel's fitted plane beyond it; depth and render have ``reach`` samples of margin."""
     for y in prange(result.shape[0]):
         _fit_row(depth, render, y + reach * step, step, reach, sharpness, contrast, ridge, furthest, result[y])
 
@@ -25,7 +25,7 @@ def fit_planes(depth, render, step, reach, sharpness, contrast, ridge, furthest,
 @inner
 @no_type_check
 def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthest, result):
-    """The same for one row, by loops that LLVM makes vectors of: over slices, few at a time, by counters alone."""
+    """The same for one row, by loops that LLVM vectorises: over slices, few at a time, with plain counters."""
     width, margin = len(result), reach * step
     here, end = depth[row, margin : margin + width], margin + width
     contrasts, weight, beyond = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)

@@ -1,4 +1,4 @@
-"""Compiled warp of references: what `projection` and `alignment` do per pixel, without their memory traffic.
+"""Compiled warp of references: the same as `projection` and `alignment` per pixel, with less memory traffic.
 
 Axes: h height, w width of the target; p, q of a reference's image. Images are (channels, height, width) float32.
 """

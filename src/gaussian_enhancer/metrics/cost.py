@@ -37,7 +37,7 @@ class Timing:
 
     @property
     def quartiles(self) -> tuple[float, float]:
-        """Lower and upper quartile over repeats, interpolated, milliseconds; a single one is both."""
+        """Lower and upper quartile over repeats, interpolated, in milliseconds; equal for a single repeat."""
         if len(self.repeats) == 1:
             return self.repeats[0], self.repeats[0]
         low, _, high = statistics.quantiles(self.repeats, n=4, method="inclusive")
@@ -60,7 +60,7 @@ class Timing:
 def timed(
     calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"
 ) -> dict[str, Timing]:
-    """Time several computations against each other, one repeat of each in turn, there and back.
+    """Time several computations against each other, one repeat of each in turn, in alternating order.
 
     Interleaving lets a slow spell of the machine strike all of them alike; the median ignores single hiccups; the
     warm-up takes compilation, caches and autotuning out.
@@ -125,7 +125,7 @@ def _wait(device: torch.device) -> None:
 
 
 def _reset_high_water_mark() -> bool:
-    """Lower the process's recorded peak to what it holds now; whether the system did so."""
+    """Reset the process's recorded peak memory to its present use; return whether the system did so."""
     switch = Path("/proc/self/clear_refs")
     if not switch.exists():
         return False

@@ -17,7 +17,7 @@ from gaussian_enhancer.scene.renders import run_steps
 
 @dataclass(frozen=True)
 class Label:
-    """What a record says of the images that it measures.
+    """A record's description of the images that it measures.
 
     Args:
         run: the run's name.
@@ -34,7 +34,7 @@ class Label:
 
 @dataclass(frozen=True)
 class ImageFiles:
-    """One image on disk and what it is measured against.
+    """An image on disk with the photo that it is compared with.
 
     Args:
         label: what the record says of it.
@@ -159,7 +159,7 @@ def measure_files(
 
 
 def _by_stem(folder: str | Path) -> dict[str, Path]:
-    """A folder's images by name without ending, which must tell them apart."""
+    """A folder's images by name without ending, which must be unique."""
     found: dict[str, Path] = {}
     for path in list_images(Path(folder)):
         if path.stem in found:

@@ -97,7 +97,7 @@ class PerceptualDistance:
 
 
 USUAL = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
-"""The distances that are measured where nobody names some."""
+"""The distances that are measured by default."""
 
 
 def asked_distances(

@@ -19,7 +19,7 @@ PROTOCOL = (
     "8-bit images; PSNR over all channels; psnr_aligned after the best affine colour map; psnr_masked over the mask; "
     "SSIM 11x11 sigma 1.5 zero padding; LPIPS v0.1"
 )
-"""What every quality record says of how it was measured."""
+"""The protocol that every quality record states."""
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def provenance(timed: bool = False) -> dict[str, str]:
 
 
 def _processor() -> str:
-    """The processor's model name where the system tells it."""
+    """The processor's model name, where the system provides it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

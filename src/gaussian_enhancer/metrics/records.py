@@ -31,11 +31,11 @@ HIGHER_IS_BETTER = {
 """Which way a metric improves; None where neither way is better."""
 
 LATER: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
-"""Fields that came later, with what they are where a line lacks them: older lines keep their checksums."""
+"""Fields added later, with their values where a line lacks them, so that older lines keep their checksums."""
 
 
 MISSING = "missing"
-"""Kind of the record that stands where a row could not be measured in a cell; ``reasons["row"]`` says why."""
+"""Kind of the record for a row that could not be measured in a cell; ``reasons["row"]`` says why."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def missing_record(
     seed: int | None = None,
     sources: dict[str, str] | None = None,
 ) -> Record:
-    """What stands in the records where a row could not be measured.
+    """The record for a row that could not be measured.
 
     Args:
         variant: the method.
@@ -112,7 +112,7 @@ def missing_record(
 
 
 def write_records(path: str | Path, records: Iterable[Record]) -> None:
-    """Write a file of records, whole or not at all, in place of one that is there.
+    """Write a file of records atomically; an existing file is replaced.
 
     Raises:
         InputError: if the file cannot be written.

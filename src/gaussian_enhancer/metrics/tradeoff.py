@@ -1,4 +1,4 @@
-"""Error over run time: settings as points, the Pareto front, and what to choose from it.
+"""Error over run time: settings as points, the Pareto front, and the choice from it.
 
 After the work-precision diagrams of the SciML benchmarks: every method at several settings, one axis the error, the
 other the time, all measured in one run.

@@ -1,4 +1,4 @@
-"""Views whose pixels stay in memory, for measuring what is computed rather than what is read."""
+"""Views whose pixels stay in memory, so that measurements exclude reading."""
 
 import functools
 from dataclasses import replace

@@ -137,7 +137,7 @@ def _surface(depth: Float[Tensor, "1 h w"], camera: Camera, stride: int) -> Floa
 
 
 def _nearest_names(target: str, names: list[str], indices: list[int]) -> tuple[int, ...]:
-    """Indices by how many names lie between each name and the target's, earlier names first among equals."""
+    """Indices by the number of names between each name and the target's; earlier names first among equals."""
     ordered = sorted(zip(names, indices, strict=True), key=lambda pair: _natural(pair[0]))
     position = sum(_natural(name) < _natural(target) for name, _ in ordered)
     gaps = [(position - k if k < position else k - position + 1, index) for k, (_, index) in enumerate(ordered)]

@@ -65,7 +65,7 @@ def load_published(
 
 
 def missing_parts(path: Path, dataset: str, downscale: int | float = 1) -> tuple[Path, ...]:
-    """Files and folders of a scene that are needed and not there.
+    """Files and folders of a scene that are required and missing.
 
     Args:
         path: the scene's folder.

@@ -39,7 +39,7 @@ OWN = ("config.yaml", "done")
 
 @dataclass(frozen=True)
 class _Folders:
-    """Where the parts of one side's views lie; None for parts that are not there."""
+    """Folders of the parts of one side's views; None for missing parts."""
 
     renders: Path
     photos: Path | None = None
@@ -105,7 +105,7 @@ def read_folder(
     name: str = "",
     finer: bool = False,
 ) -> RenderedSet:
-    """Renders from a bare folder, with whatever else is known of them. Files belong together by name without ending.
+    """Read renders from a folder, with photos, depth and cameras where given. Files are matched by name without ending.
 
     Args:
         renders: folder of renders to enhance.
@@ -156,7 +156,7 @@ def read_folder(
 
 
 def _remedy(run: Path) -> str:
-    """What else to give for a run of 3DGS without training views, which names its capture in ``cfg_args``."""
+    """Advice for a run of 3DGS without training views, which names its capture in ``cfg_args``."""
     arguments = run / "cfg_args"
     match = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
     return f"run={run} scene=capture scene.path={match[1] if match else 'CAPTURE'}"

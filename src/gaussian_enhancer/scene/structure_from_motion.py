@@ -31,7 +31,7 @@ LENSES = {True: "SIMPLE_PINHOLE", False: "SIMPLE_RADIAL"}
 """COLMAP's camera model of images without lens distortion, and of others."""
 
 Told = Callable[[str, int, int], None]
-"""Called with what is done, and how many of how many parts of it are."""
+"""Progress callback: the name of the step, and how many of its parts are done, of how many."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _match(pycolmap: ModuleType, images: Sequence[UnposedImage], work: Path, tol
 
 
 def _map_incrementally(pycolmap: ModuleType, count: int, work: Path, told: Told) -> Any:
-    """The largest model that incremental mapping makes; None where it makes none."""
+    """The largest model of incremental mapping; None if there is none."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size, options.num_threads, options.random_seed = FEWEST, 1, SEED
     options.mapper.random_seed = options.triangulation.random_seed = SEED

@@ -1,4 +1,4 @@
-"""The scenes of a dataset that a download asks for, and what of them is on disk."""
+"""The scenes of a dataset that a download requests, and which of their parts are on disk."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ from gaussian_enhancer.scene.extract import Parts
 
 @dataclass(frozen=True)
 class Wanted:
-    """One scene that is asked for.
+    """A requested scene.
 
     Args:
         scene: where it lies in which archive.
@@ -32,7 +32,7 @@ class Wanted:
 def wanted_scenes(
     dataset: Dataset, folder: Path, scenes: tuple[str, ...] | None, images: tuple[str, ...] | None
 ) -> Mapping[str, Wanted]:
-    """What is asked for, by the scenes' names.
+    """Requested scenes by name.
 
     Args:
         dataset: the dataset.
@@ -51,7 +51,7 @@ def wanted_scenes(
 
 
 def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Iterator[str]:
-    """Lines that say what would be fetched and what is there."""
+    """Lines that list what would be fetched and what is present."""
     yield f"{dataset.title}, {dataset.page}"
     yield f"  licence: {dataset.licence}"
     yield f"  folder: {folder}, {shutil.disk_usage(_existing(folder)).free / 1e9:.1f} GB free"
@@ -75,7 +75,7 @@ def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Ite
 
 
 def needed_archives(dataset: Dataset, wanted: Mapping[str, Wanted]) -> list[Archive]:
-    """The archives of the scenes of which something is absent.
+    """The archives of the scenes that lack parts.
 
     Args:
         dataset: the dataset.

@@ -1,4 +1,4 @@
-"""Colour distortion: what saving through another colour space does.
+"""Colour distortion, as saving in another colour space causes it.
 
 Axes: b batch, h height, w width.
 """

@@ -1,4 +1,4 @@
-"""Displacement: pixels read from beside where they belong, as splats at a wrong depth show them.
+"""Displacement: pixels are sampled at offset positions, as if splats lay at a wrong depth.
 
 Axes: b batch, c channels, h height, w width, 2 (x, y) in pixels.
 """
@@ -27,7 +27,7 @@ LEAP = 1.5
 def displaced(
     planes: Float[Tensor, "b c h w"], offset: Float[Tensor, "b 2 h w"], mode: str = "bilinear"
 ) -> Float[Tensor, "b c h w"]:
-    """Planes read at p + offset(p); the border goes on outside.
+    """Sample planes at p + offset(p); beyond the border, its pixels are repeated.
 
     Args:
         planes: what is read.

@@ -1,4 +1,4 @@
-"""Smooth random fields: what varies slowly over an image.
+"""Smooth random fields over an image.
 
 Axes: b batch, n fields, h height, w width.
 """

@@ -1,4 +1,4 @@
-"""JPEG: what a lossy file costs.
+"""JPEG compression.
 
 Axes: b batch.
 """

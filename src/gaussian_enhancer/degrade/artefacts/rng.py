@@ -24,7 +24,7 @@ def spawn(count: int, generator: torch.Generator) -> tuple[torch.Generator, ...]
 
 
 def named(name: str, seed: int) -> torch.Generator:
-    """A generator that follows from a name and a seed: other names have nothing to do with it.
+    """A generator derived from a name and a seed, independent of those of other names.
 
     Args:
         name: of what is drawn, for instance a type of artefact.

@@ -1,4 +1,4 @@
-"""What the simulator degrades, and what every artefact is: a function from views to views.
+"""The views that the simulator degrades, and the type of an artefact: a function from views to views.
 
 Axes: b batch, h height, w width.
 """

@@ -112,7 +112,7 @@ class AdaptiveGate:
 
     @classmethod
     def from_file(cls, path: str | Path, types: Mapping[str, bool] | None = None) -> "AdaptiveGate":
-        """Read what `to_file` wrote.
+        """Read a file of `to_file`.
 
         Args:
             path: the file.

@@ -76,7 +76,7 @@ def switched_on(types: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def probability(where: str, value: object) -> None:
-    """Refuse what is no probability.
+    """Refuse a value outside [0, 1].
 
     Raises:
         InputError: the value is no number in [0, 1].

@@ -22,7 +22,7 @@ RESIDUE = 0.25
 """Largest tone and largest residue, of colours in [0, 1]."""
 
 LOCAL = 2 + OCTAVES + 3
-"""Smooth planes that say what is done: displacement along x and y, contrast by octave, tone by channel."""
+"""Smooth planes of the refinement's parameters: displacement by axis, contrast by octave, tone by channel."""
 
 
 class Modulation(nn.Module):
@@ -63,7 +63,7 @@ class ModulatedBlock(nn.Module):
         self.second = nn.Conv2d(channels, channels, 3, padding=1)
 
     def forward(self, x: Float[Tensor, "b c i j"], factors: Factors) -> Float[Tensor, "b c i j"]:
-        """Refine features as z says."""
+        """Refine features, modulated by z."""
         return x + 0.2 * self.second(F.relu(self.modulation(self.first(x), factors)))
 
 

@@ -169,7 +169,7 @@ class Denoiser(nn.Module):
         self.vector_out = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.ReLU(), linear(2 * width, vector))
 
     def features(self, manual: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b k i j"]:
-        """What M says; the same for all steps."""
+        """Features of M, the same for all steps."""
         return self.condition(manual)
 
     def forward(self, noisy: Factors, time: Float[Tensor, " b"], features: Float[Tensor, "b k i j"]) -> Factors:

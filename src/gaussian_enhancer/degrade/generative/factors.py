@@ -1,4 +1,4 @@
-"""Degradation factors z: what tells one render's degradation from another's, and where it lies.
+"""Degradation factors z: the kind and the place of one render's degradation.
 
 Axes: b batch, v vector entries, c grid channels, h height, w width of the image, i = ceil(h / 8), j = ceil(w / 8).
 """

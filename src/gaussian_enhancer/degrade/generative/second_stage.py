@@ -126,7 +126,7 @@ class PairedGenerator:
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
     ) -> View:
-        """Bring manually degraded views to what their real renders look like; depth and opacity stay.
+        """Refine manually degraded views towards the look of real renders; depth and opacity stay.
 
         Raises:
             InputError: there are no real renders.

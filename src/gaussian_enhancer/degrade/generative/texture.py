@@ -1,4 +1,4 @@
-"""How strong detail is, place by place, whatever it shows: what a simulated render must share with a real one.
+"""Local strength of detail, regardless of content: simulated and real renders must agree in it.
 
 Axes: b batch, c channels, h height, w width, i = ceil(h / 8), j = ceil(w / 8).
 """

@@ -1,4 +1,4 @@
-"""What a family writes: geometry, textures, materials, lights and a camera path, before anything is baked.
+"""A scene family's output: geometry, textures, materials, lights and a camera path, before light is baked.
 
 Axes: c cameras.
 """

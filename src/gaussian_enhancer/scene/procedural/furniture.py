@@ -1,4 +1,4 @@
-"""Things that stand about in rooms and yards: tables, chairs, shelves with books, vases, plants, lattices.
+"""Furniture of rooms and yards: tables, chairs, shelves with books, vases, plants, lattices.
 
 Each function puts one thing into a draft. Metres; `at` is where it stands, `yaw` its turn about z in radians.
 """

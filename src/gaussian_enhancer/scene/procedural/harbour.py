@@ -112,7 +112,7 @@ def _basin(p: Palette) -> None:
 
 
 def _far_quay(p: Palette) -> None:
-    """What lies behind the basin, at 12 to 400 metres: sheds, a crane, masts, pines, a light, a headland."""
+    """The background behind the basin, at 12 to 400 metres: sheds, a crane, masts, pines, a light, a headland."""
     rng = p.draft.rng
     xs = np.linspace(-70, 70, 15)
     p.draft.add(

@@ -1,4 +1,4 @@
-"""What a harbour is made of: water, hulls, decks, sheet metal, nets, ropes, sails, dressed stone, pine needles.
+"""Textures of a harbour: water, hulls, decks, sheet metal, nets, ropes, sails, dressed stone, pine needles.
 
 Axes: t texture side.
 """

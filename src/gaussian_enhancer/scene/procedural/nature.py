@@ -1,4 +1,4 @@
-"""Things that stand outdoors: trees, stones, grass, bushes, posts, far hills and blocks of houses.
+"""Outdoor objects: trees, stones, grass, bushes, posts, far hills and blocks of houses.
 
 Each function puts one thing, or one lot of things, into a draft. Metres.
 """

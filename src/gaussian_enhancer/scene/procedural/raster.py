@@ -1,4 +1,4 @@
-"""Which face each sample sees: exact ray-triangle visibility for pinhole cameras, scan line by scan line.
+"""The visible face of each sample: exact ray-triangle visibility for pinhole cameras, scan line by scan line.
 
 With a face's corners v0, v1, v2 in camera axes, det = v0 . (v1 x v2) and a ray d = (x, y, 1), the functions
 w_i(d) = d . (v_{i+1} x v_{i+2}) / det are linear in the pixel; the ray meets the face in front of the camera exactly

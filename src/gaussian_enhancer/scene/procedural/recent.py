@@ -22,7 +22,7 @@ class Recent:
         self.size = 0
 
     def get(self, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
-        """A copy of the tensor under a key, made where it is not held."""
+        """A copy of the tensor of a key, from the cache or newly made."""
         if key in self.held:
             self.held.move_to_end(key)
             return self.held[key].clone()

@@ -75,7 +75,7 @@ def coverage(world: World, camera: Camera, grid: SampleGrid = PHOTO_GRID) -> Flo
 
 
 def radiance_grid(world: World, camera: Camera) -> Float[Tensor, "3 h w"]:
-    """Linear radiance at pixel centres: what reflections are made of."""
+    """Linear radiance at pixel centres, for reflections."""
     projected = project(world.mesh.corners, camera)
     face, x, y = _visible(world, projected, camera, SampleGrid(), 0, camera.height)
     linear = _radiance(world, projected, camera, face, x, y, _pixel_angle(camera))

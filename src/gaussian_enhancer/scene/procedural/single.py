@@ -1,4 +1,4 @@
-"""`object`: one intricate thing on white with exact coverage, as in NeRF-Synthetic."""
+"""`object`: one intricate object on white with exact coverage, as in NeRF-Synthetic."""
 
 import numpy as np
 
