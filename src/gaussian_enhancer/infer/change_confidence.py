@@ -1,4 +1,4 @@
-"""How much of a network's change to apply, block by block, judged by what the references show there.
+"""The share of a network's change to apply, block by block, predicted from the references.
 
 A network changes a render where warped photos differ from it. Where depth is wrong, photos differ by misalignment, and
 the change does harm. Where the light moved with the camera, or the object was turned under it, photos differ in shade,
@@ -31,12 +31,12 @@ STRIP = 64
 SEEN = 0.1
 """Share of a block's pixels that a reference has to see to count."""
 TINY = 1e-6
-"""Added to squared colour differences before something is divided by them."""
+"""Added to squared colour differences that are divided by."""
 BANDS = 2
 """Parts of the change that have shares of their own: block means, and details."""
 OF_IMAGE, OF_REFERENCE, OF_PAIR = 3, 7, 3
 FEATURES = OF_IMAGE + BANDS * (1 + 3 * (OF_REFERENCE + OF_PAIR))
-"""Numbers that describe a block: for each band the mean, least and greatest of what references, and pairs, say."""
+"""Features of a block: for each band the mean, least and greatest evidence of references, and of pairs."""
 INPUTS = 3 * FEATURES
 """The block's own, those averaged over 3x3 blocks, and over the image."""
 
@@ -126,7 +126,7 @@ def spread(blocks: Float[Tensor, "b c i j"], height: int, width: int) -> Float[T
 
 
 def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b f i j"]:
-    """What the change and the references say of each block, and the same averaged over 3x3 blocks and over the image.
+    """Features of each block from the change and the references, and their means over 3x3 blocks and over the image.
 
     Args:
         enhanced: what the network made of the render.
@@ -186,12 +186,12 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
 
 
 def _block_means(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c i j"]:
-    """Means over blocks; those at the far borders are means of what is there."""
+    """Means over blocks; at the far borders, over the pixels inside the image."""
     return F.avg_pool2d(image, SAMPLES, ceil_mode=True)
 
 
 def _products(images: Float[Tensor, "b v 3 h w"]) -> tuple[Float[Tensor, "b v v i j"], Float[Tensor, "b v v i j"]]:
-    """Mean products, by block, of every two of some images: of their means, and of what they have beside them."""
+    """Mean products, by block, of every two of some images: of their block means, and of their details."""
     height, width = images.shape[-2:]
     padding = 0, -width % SAMPLES, 0, -height % SAMPLES
     blocks = F.pad(images, padding).unflatten(-1, (-1, SAMPLES)).unflatten(-3, (-1, SAMPLES))
@@ -226,7 +226,7 @@ def _block_descriptions(
 def _reference_evidence(
     products: Float[Tensor, "b v v i j"], seen: Float[Tensor, "b r i j"]
 ) -> list[Float[Tensor, "b f i j"]]:
-    """What references, and pairs of them, say of one band, summed up."""
+    """Summary of the evidence of references, and of pairs of them, on one band."""
     count = seen.shape[1]
     images, pairs = [], []
     for i in range(count):

@@ -1,4 +1,4 @@
-"""Compiled twins of `change_confidence`: products of what a block's pixels show, and shares of the change, in one pass.
+"""Compiled twins of `change_confidence`: products of a block's vectors, and shares of the change, in one pass.
 
 Axes: r references, v vectors of a block, h height, w width, i j blocks.
 """

@@ -26,14 +26,14 @@ references see and what they do not."""
 REGULARISATION = 1e-3
 """Variance of colour below which the model does not follow it: He et al.'s epsilon."""
 PRIOR = 0.01
-"""Share of a window that references have to see, for its own model to count as much as the whole image's."""
+"""Share of a window that must be visible for its model to count as much as the whole image's."""
 
 OPAQUE = 0.5
 """Opacity from which a pixel is treated as a surface; towards 0 it is more and more left as it is."""
 
 
 def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> Float[Tensor, "b 3 h w"]:
-    """The enhanced image, with the smooth change that its seen pixels predict in place of its own where none is seen.
+    """The enhanced image; where no reference is visible, its change is the smooth one that visible pixels predict.
 
     Nothing changes where references are visible, where the render's opacity is zero, and in images of which no
     reference shows anything.

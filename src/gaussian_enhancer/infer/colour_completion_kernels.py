@@ -1,4 +1,4 @@
-"""Compiled completion of a change of colour: what `colour_completion` does at every pixel, in one pass over memory.
+"""Compiled colour completion: the same as `colour_completion` at every pixel, in one pass over memory.
 
 Axes: h height, w width, i j cells of the coarse grid; images are (channels, height, width) float32.
 """
@@ -44,7 +44,7 @@ def complete(enhanced, render, opaque, model, result):
 @inner
 @no_type_check
 def cells_around(position, count, cells):
-    """The two cells whose centres lie around a pixel's, and how far along; the outermost beyond them."""
+    """The two cells whose centres enclose a pixel's, and the fraction between them; the outermost at the borders."""
     place = max((_F(position) + _HALF) * _F(cells) / _F(count) - _HALF, _ZERO)
     first = min(int(place), cells - 1)
     return first, min(first + 1, cells - 1), min(place - _F(first), _ONE)

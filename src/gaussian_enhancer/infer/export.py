@@ -37,7 +37,7 @@ METADATA = "gaussian_enhancer"
 
 @dataclass(frozen=True)
 class Signature:
-    """What a caller of a program has to know.
+    """An exported program's signature, for its callers.
 
     Args:
         name: of the weights.

@@ -1,4 +1,4 @@
-"""The plan of an enhancement: what of a scene is used, and what is left out and why.
+"""The plan of an enhancement: the parts of a scene that are used or left out, and why.
 
 It is plain data that is printed and saved. `gaussian_enhancer.infer.planner` makes it.
 """
@@ -110,7 +110,7 @@ class ViewPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """What of a scene is used and what is left out.
+    """The parts of a scene that are used or left out.
 
     Args:
         scene: its name.

@@ -1,4 +1,4 @@
-"""Reading all input before anything is written, so that a damaged file is found first."""
+"""Read all input before writing, so that a damaged file is found first."""
 
 from collections.abc import Callable, Iterable
 from functools import partial

@@ -54,7 +54,7 @@ class ReferenceFeatures:
 
 
 def _one_reference(views: NetworkInput, index: int) -> NetworkInput:
-    """The network's input with one of the references, and nothing of the target but its size."""
+    """The network's input with one reference and, of the target, its size alone."""
 
     def one(images: Tensor | None) -> Tensor | None:
         return None if images is None else images[:, index : index + 1]

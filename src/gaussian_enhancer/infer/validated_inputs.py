@@ -1,4 +1,4 @@
-"""Validating the input of a scene: cameras, depth, references and fine photos; what cannot be used, and why."""
+"""Validate the input of a scene (cameras, depth, references, fine photos) and state what cannot be used, and why."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""When inference in bfloat16 may take fused ways, and how kernels see features.
+"""Conditions for fused inference in bfloat16, and how kernels access features.
 
 Axes: b batch, c channels, h height, w width.
 """

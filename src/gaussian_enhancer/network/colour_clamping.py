@@ -17,7 +17,7 @@ from gaussian_enhancer.types import NetworkInput
 def clamp_to_references(
     image: Float[Tensor, "b 3 h w"], views: NetworkInput, window: int = 3
 ) -> Float[Tensor, "b 3 h w"]:
-    """The image with each channel clamped to what the render and the references reach around the pixel.
+    """Clamp each channel of the image to the range of the render and the references around the pixel.
 
     The limits are the least and the greatest value in the window of the render and, where they are visible, of the
     references. Photos that lie on the target's grid hold what an enhanced pixel may look like, give or take their

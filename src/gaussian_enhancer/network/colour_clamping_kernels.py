@@ -1,4 +1,4 @@
-"""Compiled colour clamping: what `colour_clamping` does, a row at a time so that pixels fill a vector.
+"""Compiled colour clamping: the same as `colour_clamping`, row by row so that loops vectorise.
 
 Axes: r references, h height, w width; images are (channels, height, width) float32.
 """

@@ -19,7 +19,7 @@ from gaussian_enhancer.network.fused_convolution import convolution
 
 @runtime_checkable
 class Combine(Protocol):
-    """A frozen dataclass of plain values that names one way of combining scales."""
+    """A frozen dataclass of plain values that selects how scales are combined."""
 
     @property
     def handed(self) -> int:

@@ -64,7 +64,7 @@ def _stack(channels: int, count: int) -> nn.Sequential:
 
 
 def grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
-    """Features shuffled to twice their resolution, plus those that the way down had there."""
+    """Features shuffled to twice their resolution, plus the encoder's features of that resolution."""
     if not (x.dtype == skip.dtype == torch.bfloat16 and fusable(x, skip)):
         return skip + F.pixel_shuffle(x, 2)
     from gaussian_enhancer.network.bfloat16_kernels import shuffle_and_add

@@ -57,7 +57,7 @@ def deformable_sample(
 
 
 class Deformation(nn.Module):
-    """Reads references' features where the target's features suggest, each by itself.
+    """Samples each reference's features at offsets predicted from the target's features.
 
     Offsets are reach x tanh(.) (BasicVSR++'s remedy against runaway offsets, Chan et al., CVPR 2022) and masks
     2 x sigmoid(.), both from a zero-initialised convolution: at initialisation a plain convolution. They are predicted

@@ -1,4 +1,4 @@
-"""Depth modulation: features scaled and shifted by what the depth says.
+"""Depth modulation: features scaled and shifted by functions of depth.
 
 Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
 """

@@ -168,7 +168,7 @@ class MeanFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse, and tell each reference's share at each pixel."""
+        """Fuse; also return each reference's share at each pixel."""
         weights = visibility / visibility.sum(1, keepdim=True).clamp_min(1)
         mean = (weights.to(references.dtype) * references).sum(1)
         return target + self.join(torch.cat([target, mean], dim=1)), weights
@@ -193,7 +193,7 @@ class PairFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse, and tell where each reference was visible.
+        """Fuse; also return each reference's visibility.
 
         Raises:
             InputError: there are more than two references.

@@ -1,4 +1,4 @@
-"""Convolutions with what follows them in the same pass over memory: a scale per channel, a sum and an activation.
+"""Convolutions fused with a scale per channel, a sum and an activation in one pass over memory.
 
 Axes: b batch, c input channels, d output channels, h height, w width.
 """
@@ -21,7 +21,7 @@ def convolution(
     plus: Float[Tensor, "b d _ _"] | None = None,
     relu: bool = False,
 ) -> Float[Tensor, "b d _ _"]:
-    """relu(plus + scale * layer(x)), each part where it is asked for.
+    """relu(plus + scale * layer(x)); each part is optional.
 
     Where `fusable`, oneDNN does all of it while it writes the result, and the scale goes into the weights.
 

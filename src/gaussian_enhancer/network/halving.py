@@ -34,7 +34,7 @@ def unshuffled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
 
 
 def halved(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b i j"]:
-    """Means over squares of 2x2 pixels: rows are added first, which lie in memory as they are read.
+    """Means over squares of 2x2 pixels; rows, which are contiguous in memory, are added first.
 
     Args:
         image: of even sides.

@@ -20,7 +20,7 @@ OUTPUTS = 6
 
 @runtime_checkable
 class Output(Protocol):
-    """A frozen dataclass that names one way from decoded values to an image; all zero values give the render."""
+    """A frozen dataclass that selects the output head; decoded values of zero give the render."""
 
     @property
     def outputs(self) -> int:
@@ -102,12 +102,12 @@ class Gated:
 
 @dataclass(frozen=True)
 class Residual:
-    """Choice of a residual alone, render + residual: the paper's way, in which all comes out of the decoder."""
+    """Choice of a residual alone, render + residual, as in the paper."""
 
     outputs: ClassVar[int] = 3
 
     def __call__(
         self, decoded: Float[Tensor, "b 3 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
     ) -> Float[Tensor, "b 3 h w"]:
-        """Add what was decoded."""
+        """Add the decoded residual."""
         return views.render + decoded.to(views.render.dtype)

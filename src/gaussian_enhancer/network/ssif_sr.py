@@ -32,7 +32,7 @@ MARGIN = 14
 
 
 class SSIFSR(CachesReferences):
-    """GaussianEnhancer++'s SSIF-SR (algorithm 2): what is found at 1x once, refined by fine references at 2x and 4x.
+    """GaussianEnhancer++'s SSIF-SR (algorithm 2): the result at 1x is refined by fine references at 2x and 4x.
 
     S1 = output(T1), T1 and features from decode(gather(views)), all of it at the render's resolution. S2 = output(T2)
     over base2 = up2(S1), T2 from the features, enlarged, and the references' at 2x; S4 = output(T4) over
@@ -335,7 +335,7 @@ def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r
 
 
 def _computing_dtype(image: Tensor) -> torch.dtype:
-    """The type that convolutions compute in: converting before what comes ahead of them is copied costs half."""
+    """The type that convolutions compute in; converting before features are copied costs half as much."""
     kind = image.device.type
     return torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else image.dtype
 

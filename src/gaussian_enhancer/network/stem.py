@@ -18,7 +18,7 @@ from gaussian_enhancer.types import NetworkInput
 
 @runtime_checkable
 class Choice(Protocol):
-    """A frozen dataclass of plain values that names one way of doing a stage."""
+    """A frozen dataclass of plain values that selects an implementation of a stage."""
 
     def build(self, channels: int) -> nn.Module:
         """The stage for features of so many channels."""

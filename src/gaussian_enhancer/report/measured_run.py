@@ -17,7 +17,7 @@ from gaussian_enhancer.scene.renders import run_steps
 
 @dataclass(frozen=True)
 class MeasuredRun:
-    """A finished measure job and what it measured.
+    """A finished measure job and its measurements.
 
     Args:
         views: renders, enhanced renders, photos and numbers.

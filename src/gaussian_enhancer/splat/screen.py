@@ -1,4 +1,4 @@
-"""What a backend tells of each Gaussian besides the picture, and how tensors reach compiled kernels.
+"""A backend's output on each Gaussian besides the image, and the passing of tensors to compiled kernels.
 
 Axes: n Gaussians.
 """

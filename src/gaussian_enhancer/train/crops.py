@@ -78,7 +78,7 @@ class Collate:
 
 @dataclass(frozen=True)
 class SharedCollate:
-    """Crops of one process's share to a batch: what the whole batch would be, cut to the share.
+    """Batch one process's share of crops as the whole batch would be, cut to the share.
 
     Args:
         collate: of whole batches.

@@ -23,7 +23,7 @@ from gaussian_enhancer.types import Batch
 
 @dataclass(frozen=True)
 class GeneratorLoss:
-    """Weights of what the second stage is trained for.
+    """Weights of the second stage's losses.
 
     Args:
         pixels: of the mean absolute difference between L and R.
@@ -39,7 +39,7 @@ class GeneratorLoss:
 
 
 class _GeneratorModule(LightningModule):
-    """What both steps share: what a batch holds, and the optimizer."""
+    """Common part of both steps: a batch's content and the optimizer."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class _GeneratorModule(LightningModule):
         return batch.views.render, batch.real, spawn(len(batch.names), generator)
 
     def configure_optimizers(self) -> Any:
-        """The optimizer on what is trained in this step."""
+        """The optimizer of the parameters that this step trains."""
         groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
         return configured(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
 
@@ -127,7 +127,7 @@ class PairedModule(_GeneratorModule):
 
 
 class DiffusedModule(_GeneratorModule):
-    """Second step: the denoiser learns the codes of the first step's extractor; all else stays.
+    """Second step: the denoiser learns the codes of the first step's extractor; everything else is frozen.
 
     DiffIR unrolls its four steps and asks for the extractor's very code (L1), which makes samples of a code that M
     does not determine collapse to one. Here the denoiser is trained at a random time to predict the code (L2), which is
@@ -164,7 +164,7 @@ class DiffusedModule(_GeneratorModule):
         return denoising
 
     def validation_step(self, batch: Batch, index: int) -> None:
-        """Share of the code that the denoiser cannot tell; how near to R sampled views are, as in the first step."""
+        """Share of the code that the denoiser cannot predict, and the distance of sampled views to R."""
         manual, real, generators = self.prepared(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)

@@ -48,7 +48,7 @@ def _make(name: str, node: DictConfig) -> Logger:
 
 
 class RunSetup(Callback):
-    """Sets up every process of a training, and tells loggers the run's configuration.
+    """Sets up every process of a training, and passes the run's configuration to loggers.
 
     Args:
         runtime: of the job's configuration.
@@ -67,7 +67,7 @@ class RunSetup(Callback):
 
 
 class ResumableCSVLogger(CSVLogger):
-    """Lightning's CSV logger, but a training that goes on keeps the rows it has; Lightning's own deletes them.
+    """Lightning's CSV logger, but a resumed training keeps its earlier rows; Lightning's own deletes them.
 
     Rows from the first step that is logged again onwards were written between the last checkpoint and the kill: they
     are dropped.
@@ -76,7 +76,7 @@ class ResumableCSVLogger(CSVLogger):
     @property
     @rank_zero_experiment
     def experiment(self) -> Any:
-        """The writer; it starts with the rows that are there."""
+        """The writer; it starts with the rows of the file."""
         if self._experiment is None:
             self._experiment = _ResumableWriter(self.log_dir)
         return self._experiment

@@ -135,13 +135,13 @@ class EnhancerModule(LightningModule):
         self.non_finite.refuse_many_of_all(self.global_step * self.crops * self.trainer.world_size)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep what was dropped; a checkpoint without such samples is what it was before they were counted."""
+        """Store the dropped samples; a checkpoint without any has no such entry, as before they were counted."""
         counts = self.non_finite.of_all()
         if counts:
             checkpoint["dropped"] = counts
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Go on counting; the first process takes what all had dropped."""
+        """Resume the count; the first process takes the dropped samples of all."""
         if self.trainer.is_global_zero:
             self.non_finite.counts = dict(checkpoint.get("dropped", {}))
 
@@ -162,7 +162,7 @@ class EnhancerModule(LightningModule):
         return {"place": position, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
-        """Bring together what all processes found of single views, in the views' order."""
+        """Gather the results of single views from all processes, in the views' order."""
         self.judged = sorted(gathered(self.judged), key=lambda one: one.place)
 
     def configure_optimizers(self) -> Any:

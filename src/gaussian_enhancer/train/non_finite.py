@@ -17,7 +17,7 @@ from gaussian_enhancer.train.share import gathered
 from gaussian_enhancer.types import Batch
 
 BAD_SHARE = 0.01
-"""Share of the samples that may be dropped where nothing else is said."""
+"""Default share of the samples that may be dropped."""
 FEWEST = 1000
 """Crops that are counted at least before their share is judged: one bad crop among the first ten is no tenth of all."""
 
@@ -80,7 +80,7 @@ def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -
 
 
 def refuse_share(share: float) -> None:
-    """Refuse what is no share.
+    """Refuse a value that is no share.
 
     Raises:
         InputError: it is not in [0, 1].

@@ -1,4 +1,4 @@
-"""From the partial constructors of a configuration to what Lightning's ``configure_optimizers`` returns."""
+"""Build the result of Lightning's ``configure_optimizers`` from a configuration's partial constructors."""
 
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -32,7 +32,7 @@ def is_first() -> bool:
 
 
 def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: int, *given: Any) -> Any:
-    """Do a work in several processes and return what the first of them returns.
+    """Run a function in several processes and return the first one's result.
 
     Lightning's own default would start the others by repeating the command line, which in a sweep is the whole sweep
     and in a notebook nothing at all; Fabric spawns them instead. Where one fails the others are ended.
@@ -74,7 +74,7 @@ def _in_a_process(fabric: Any, call: bytes) -> bytes:
 
 
 def _refusal(traceback: str) -> InputError | None:
-    """The user's mistake that ended a process, which hands back nothing but its traceback's text."""
+    """The user's mistake that ended a process, parsed from its traceback, which is all that it returns."""
     name = f"{InputError.__module__}.{InputError.__qualname__}: "
     lines = [line.removeprefix(name) for line in traceback.splitlines() if line.startswith(name)]
     if not lines:

@@ -74,7 +74,7 @@ class RunSamples:
         return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
 
     def _thin(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
-        """The views that a run gives, and what tells them from another choice of them."""
+        """The views of a run, and the identity of this selection."""
         count, most = len(views.targets), self.views_per_run
         if most is None or count <= most:
             return views, identity

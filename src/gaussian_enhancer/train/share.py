@@ -1,4 +1,4 @@
-"""The part of a training that each of several processes takes, so that together they do what one would do alone.
+"""The share of a training for each of several processes, whose sum equals a training in one process.
 
 A step's crops are drawn for all; each process makes its own part of them. What is drawn for a batch as a whole (the
 light of its samples, whether references' renders are known) follows from the whole batch in every process. Torch's
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ProcessShare:
-    """Where a part lies in its whole batch.
+    """The position of a part in its whole batch.
 
     Args:
         crops: sample and seed of every crop of the whole batch.
@@ -79,7 +79,7 @@ class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
 
 
 def gathered(own: Sequence[T]) -> list[T]:
-    """What all processes have, in each of them; what this one has where it is alone."""
+    """Gather a value from all processes in each of them; with one process, its own value."""
     if not (torch.distributed.is_available() and torch.distributed.is_initialized()):
         return list(own)
     every: list[Any] = [None] * torch.distributed.get_world_size()

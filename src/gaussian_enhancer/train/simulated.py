@@ -21,7 +21,7 @@ from gaussian_enhancer.types import Batch
 
 @dataclass(frozen=True)
 class Simulation:
-    """Which crops are simulated, and by what; both follow from the crop's own seed, whatever batch it is in.
+    """Which crops are simulated, and by which artefacts; both depend on the crop's seed alone, not on its batch.
 
     Args:
         simulator: photos in, renders out.

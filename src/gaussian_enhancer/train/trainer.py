@@ -18,7 +18,7 @@ from gaussian_enhancer.runs.run import Run, effective
 from gaussian_enhancer.train.processes import started_elsewhere
 
 SPAWNED = ("auto", "ddp", "ddp_spawn")
-"""Strategies for which a job starts its processes by itself; any other is Lightning's own affair."""
+"""Strategies for which a job starts its processes itself; all others are left to Lightning."""
 
 
 def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **overrides: Any) -> Any:

@@ -57,7 +57,7 @@ class ValidationImages(Callback):
             self.kept.append((position, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Log what was found and kept, by the first process alone."""
+        """Log the kept images, in the first process alone."""
         if not self.loggers:
             return
         shown = sorted(gathered(self.kept), key=lambda one: one[0])

@@ -11,7 +11,7 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class Identity(Network):
-    """Returns the render: what every gain is counted from. No parameters."""
+    """Returns the render, the baseline of every gain. No parameters."""
 
     def __init__(self) -> None:
         super().__init__()

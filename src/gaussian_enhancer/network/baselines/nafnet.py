@@ -1,4 +1,4 @@
-"""NAFNet, a single-image restorer: what can be done without references.
+"""NAFNet, a single-image restorer: the baseline without references.
 
 Axes: b batch, c channels, h height, w width, i, j sides of the features.
 """
@@ -115,12 +115,12 @@ class PixelNorm(nn.LayerNorm):
     """Layer normalisation over the channels of each pixel."""
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Normalise; channels-last features are read and written as they lie."""
+        """Normalise; channels-last features are read and written without a copy."""
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
 class LocalAttention(nn.Module):
-    """x times a linear function of its own mean over squares, interpolated bilinearly between their centres.
+    """x times a linear function of its mean over squares, interpolated bilinearly between their centres.
 
     NAFNet's simplified channel attention with the mean taken locally, as TLC does at inference (Chu et al., "Improving
     Image Restoration by Revisiting Global Information Aggregation", ECCV 2022); here in training, too.

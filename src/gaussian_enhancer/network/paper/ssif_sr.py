@@ -105,7 +105,7 @@ class PaperSSIFSR(CachesReferences):
     def _fuse(
         self, views: NetworkInput, references: Float[Tensor, "b r c i j"]
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b c i j"]]:
-        """F_fused and F[D], what is cached."""
+        """F_fused and F[D], which are cached."""
         target = self.encode_target(views.render - 0.5)
         fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))
         return fused, self.encode_depth(depth_planes(views))

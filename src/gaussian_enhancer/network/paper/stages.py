@@ -38,7 +38,7 @@ class ImageEncoder(nn.Module):
         return self.blocks(self.stem(F.pixel_unshuffle(image, 2)))
 
     def each(self, images: Float[Tensor, "b r p h w"]) -> Float[Tensor, "b r c i j"]:
-        """Encode several images by the same weights, each by itself."""
+        """Encode several images separately by the same weights."""
         if images.shape[1] == 0:
             batch, _, _, height, width = images.shape
             return images.new_zeros(batch, 0, self.stem.out_channels, height // 2, width // 2)

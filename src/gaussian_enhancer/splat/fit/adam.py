@@ -1,4 +1,4 @@
-"""One step of Adam whose first columns may learn at a rate of their own, compiled on the CPU.
+"""One step of Adam, compiled on the CPU; the first columns may have another learning rate.
 
 The colour's coefficients are one tensor, as the renderer takes them, but the constant one learns faster than the
 others; torch's Adam has one rate a tensor. Source: Kingma and Ba, Adam, ICLR 2015, algorithm 1.

@@ -1,4 +1,4 @@
-"""Adaptive density control: where the image pulls, Gaussians are added; where they show nothing, they go.
+"""Adaptive density control: Gaussians are added where gradients are large, and invisible ones are removed.
 
 Axes: n Gaussians, s scale axes.
 Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2. What differs: the number is bounded, the
@@ -99,7 +99,7 @@ class Pull:
         return {"total": self.total, "times": self.times}
 
     def restore(self, values: dict[str, Tensor]) -> None:
-        """Go on from what `state` returned."""
+        """Restore a state that `state` returned."""
         self.total, self.times = values["total"].clone(), values["times"].clone()
 
 

@@ -1,4 +1,4 @@
-"""A fit's results on disk: the splat, its cameras, and what it shows of every photo, in 3DGS's layout.
+"""A fit's results on disk in 3DGS's layout: the splat, its cameras, and its renders of all photos.
 
 Axes: h height, w width. ``{train,test}/ours_<step>/{renders,gt,alpha}/<stem>.png`` with 8 bits and
 ``depth/<stem>.npy`` (z of the surface in scene units, float32, 0 where nothing was hit).

@@ -1,4 +1,4 @@
-"""Fitting a splat to a scene's training photos, step by step, so that a killed fit goes on where it was.
+"""Fit a splat to a scene's training photos in resumable steps.
 
 Axes: n Gaussians, h height, w width. All randomness is a function of seed and step, so that a resumed fit draws what
 the uninterrupted one would have drawn.
@@ -225,7 +225,7 @@ class _Work:
             self.smoothing = smoothing_size(means, self.photos.cameras, near=self.near)
 
     def _photo_number(self) -> int:
-        """Every photo once before any comes again, in an order that seed and round determine."""
+        """Every photo once per round, in an order that seed and round determine."""
         count = len(self.photos)
         order = torch.randperm(count, generator=_generator_of(self.settings.seed, self.step // count, 3))
         return int(order[self.step % count])

@@ -1,4 +1,4 @@
-"""What the cameras alone say about a scene: its extent, its distance, which views match well.
+"""Geometry of a scene from its cameras alone: extent, distance, and which views match well.
 
 Axes: none beyond plain vectors; distances are in scene units.
 """

@@ -192,7 +192,7 @@ class SplatOptimiser:
         return values
 
     def restore(self, values: dict[str, Any]) -> None:
-        """Go on from what `state` returned."""
+        """Restore a state that `state` returned."""
         for name in self._leaves:
             leaf = _join_parts(values, name, "")
             has_moments = "means.exp_avg" in values

@@ -257,7 +257,7 @@ def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings)
 
 
 def _depth_range(depths: Tensor, distance: float) -> tuple[float, float]:
-    """Nearest and farthest depth worth searching: what was found with a margin, or a wide guess."""
+    """Nearest and farthest depth to search: the range of known depths with a margin, or a wide guess."""
     if len(depths) == 0:
         return distance / 4, distance * 50
     inverse = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
@@ -271,7 +271,7 @@ def _reduce_photo(view: _View) -> _View:
 
 
 def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
-    """Keep what enough neighbours confirm and what no earlier view has given already."""
+    """Keep points that enough neighbours confirm and that no earlier view has given."""
     positions, colours, confirmations = [], [], []
     for i, view in enumerate(views):
         world = _unproject(view.camera, depths[i])

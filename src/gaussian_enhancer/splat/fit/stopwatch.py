@@ -1,4 +1,4 @@
-"""Where the time of a fit goes: milliseconds by phase."""
+"""Run time of a fit by phase, in milliseconds."""
 
 import time
 from collections.abc import Callable, Iterator
