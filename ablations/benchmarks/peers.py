@@ -54,6 +54,7 @@ from ablations.report.performance import (
 )
 from ablations.study.engine import Study, job
 from ablations.tradeoff.summary import HIGH, LOW, TIME
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
@@ -117,7 +118,7 @@ def reported(cfg: DictConfig, console: Console) -> None:
     sources = Sources(**found)
     write_text(drawing, performance_plot(sources))
     write_text(page, performance_page(sources, {name: Path(cfg[name]) for name in Sources.FILES}, drawing, page))
-    console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
+    print_line(console, f"{page}, {drawing}")
 
 
 def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Console) -> Iterator[Record]:

@@ -15,6 +15,7 @@ from ablations.report.dashboard.pictures import ShownImages, copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
 from ablations.suite.evaluation import composed
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.runs.instantiate import require
@@ -51,7 +52,7 @@ def run(cfg: DictConfig) -> float | None:
     absent = sum(bool(source.absent) for source in sources)
     counts = f"{len(listed)} tables, {len(all_records(listed))} records, {len(pictures.shown)} views with pictures"
     counts += f", {absent} of {len(sources)} runs not on this machine in full" if absent else ""
-    Console(stderr=True).print(f"{path}: {counts}", highlight=False, soft_wrap=True)
+    print_line(Console(stderr=True), f"{path}: {counts}")
     return None
 
 

@@ -21,6 +21,7 @@ from ablations.ibgs.training import (
     training_views,
 )
 from ablations.study.fits import finished_fits, scene_of
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.weights import count_parameters
 from gaussian_enhancer.runs.instantiate import build
@@ -47,7 +48,7 @@ def run(cfg: DictConfig) -> None:
     job = open_run(cfg, "ibgs", f"{scene_of(fit)}-{cfg.step}")
     console, weights = Console(stderr=True), job.folder / WEIGHTS
     if job.done:
-        console.print(f"trained already: {weights}", highlight=False, soft_wrap=True)
+        print_line(console, f"trained already: {weights}")
         return
     views = training_views(rendered, choice, settings.exposure)
     network = _trained(views, settings, job, console, cfg.runtime.progress)
@@ -55,7 +56,7 @@ def run(cfg: DictConfig) -> None:
     (job.folder / NAME).unlink(missing_ok=True)
     job.finish()
     told = f"{count_parameters(network)} parameters, {len(views)} views, {settings.steps} steps"
-    console.print(f"{weights}: {told}", highlight=False, soft_wrap=True)
+    print_line(console, f"{weights}: {told}")
 
 
 def _only(fits: Sequence[Path], pattern: str) -> Path:

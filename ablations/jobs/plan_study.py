@@ -16,6 +16,7 @@ from rich.console import Console
 from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
 from ablations.study.engine import Study, job
 from ablations.suite.evaluation import StudyCell, composed, fitted_cell
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.enhancer import Enhanced
@@ -96,7 +97,7 @@ def _reported(cfg: DictConfig, console: Console) -> float | None:
     tried = results / "already_good.jsonl"
     good = read_records(tried) if tried.is_file() else ()
     write_text(page, plan_study_page(cfg.title, cfg.about, sets, good, drawing, page))
-    console.print(f"{page}, {drawing}", highlight=False, soft_wrap=True)
+    print_line(console, f"{page}, {drawing}")
     ratios = [cost.ratio for cost in sets[0].costs() if cost.ratio is not None]
     return min(ratios, default=None)
 
@@ -142,7 +143,7 @@ def _cell(cfg: DictConfig, name: str, console: Console) -> Iterator[Record]:
         cell = StudyCell(name, splat, (*choice.fit, *cfg.worlds.fit), choice.every)
         yield from _measured(cfg, cell, bool(choice.get("background")))
     except InputError as error:
-        console.print(f"{name} is missing: {error}", highlight=False, soft_wrap=True)
+        print_line(console, f"{name} is missing: {error}")
         yield missing_record(cfg.baseline, str(error), scene=name, splat=splat)
 
 

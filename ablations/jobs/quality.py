@@ -19,6 +19,7 @@ from ablations.study.engine import Study, job
 from ablations.study.results import Results
 from ablations.suite.evaluation import StudyCell, check_same_views, measured_row
 from ablations.suite.method_runs import with_backbones
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
@@ -65,7 +66,7 @@ def _reported(cfg: DictConfig) -> float | None:
     tables = [_table(cfg, str(name), records) for name in cfg.tables]
     link = Path(os.path.relpath(source, page.parent)).as_posix()
     write_text(page, quality_page(cfg.title, cfg.about, tables, link))
-    CONSOLE.print(f"{page}, {source}", highlight=False, soft_wrap=True)
+    print_line(CONSOLE, f"{page}, {source}")
     first = tables[0].results
     gains = first.sample(first.pairs, tuple(first.study.methods)[-1], "psnr_aligned", first.study.baseline)
     return gains.mean() if gains.values else None
@@ -97,7 +98,7 @@ def _measured(cfg: DictConfig, name: str, title: str, cell: StudyCell) -> Iterat
         try:
             found = measured_row(cfg, cell, str(method), choice)
         except InputError as error:
-            CONSOLE.print(f"{method} is missing: {error}", highlight=False, soft_wrap=True)
+            print_line(CONSOLE, f"{method} is missing: {error}")
             found = (missing_record(str(method), str(error), scene=cell.scene, splat=cell.splat),)
         else:
             views[str(method)] = tuple(sorted(record.view for record in found))

@@ -17,6 +17,7 @@ from ablations.stability.order import measured_order
 from ablations.stability.sampler import SCHEDULES
 from ablations.stability.watched import measured
 from ablations.study.engine import Study, job
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import Record, read_records
@@ -49,7 +50,7 @@ def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
     for record in measured(cases, threads=threads):
         if record.variant == FAILED:
             outcome = f"{record.scene} {record.splat} {record.view}: {record.reasons['outcome']}"
-            console.print(outcome, highlight=False, soft_wrap=True, markup=False)
+            print_line(console, outcome)
         yield record
 
 
@@ -65,7 +66,7 @@ def _reported(source: Path, page: Path) -> float:
         raise InputError("records", "hold no cell of the matrix", "run gaussian-enhancer stability")
     _write(page, source, records, cases)
     failed = sum(record.variant == FAILED for record in cells)
-    Console(stderr=True).print(f"{page}, {source}: {failed} cells have failed", highlight=False, soft_wrap=True)
+    print_line(Console(stderr=True), f"{page}, {source}: {failed} cells have failed")
     return float(failed)
 
 

@@ -21,6 +21,7 @@ from ablations.suite.descriptions import Experiment, asked_names, experiment, kn
 from ablations.suite.evaluation import StudyCell, check_same_views
 from ablations.suite.method_runs import Runs, with_backbones
 from ablations.suite.plan import planned, told
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import MISSING, Record, missing_record, read_records, write_records
@@ -90,7 +91,7 @@ def _method(
         Exception
     ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
         reason = reason_of(error)
-        console.print(f"{method} is missing: {reason}", highlight=False, soft_wrap=True)
+        print_line(console, f"{method} is missing: {reason}")
         if not isinstance(error, InputError):
             console.print_exception()
         return (missing_record(method, reason, scene=cell.scene, splat=cell.splat, seed=seed),)
@@ -176,4 +177,4 @@ def report(folder: Path, name: str, console: Console) -> None:
     """
     table, records = read_description(folder / f"{name}.json"), read_records(folder / f"{name}.jsonl")
     for path in write_reports(folder, table, records):
-        console.print(str(path), highlight=False, soft_wrap=True)
+        print_line(console, str(path))

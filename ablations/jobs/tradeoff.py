@@ -23,6 +23,7 @@ from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import TradeoffStudy, read_studies
 from ablations.tradeoff.summary import summarised
 from ablations.tradeoff.trainings import training_records
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
 from gaussian_enhancer.metrics.lpips import asked_distances
@@ -101,7 +102,7 @@ def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: Tradeoff
         paths.append(Path(cfg.settings))
         write_presets(paths[-1], offered(compared, records.get("quality", ())))
     for path in paths:
-        CONSOLE.print(str(path), highlight=False, soft_wrap=True)
+        print_line(CONSOLE, str(path))
 
 
 def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:

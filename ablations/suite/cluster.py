@@ -19,6 +19,7 @@ from ablations.suite.descriptions import Experiment, experiment
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import PlannedRun, Work, planned
 from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.lock import waiting
@@ -66,7 +67,7 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
                 raise KeyboardInterrupt
             words = f"{count} of {len(steps)}: {step.work.job} {step.name}"
             words += f": {reason_of(error)}" if error else "" if future.status == "finished" else ": an input failed"
-            console.print(words, highlight=False, soft_wrap=True)
+            print_line(console, words)
         failed = [one for one in steps if _own_error(futures[one.name], one, futures)]
         return {one.digest: futures[one.name].exception() for one in failed}
 

@@ -21,6 +21,7 @@ from torch import Tensor
 from ablations.suite.descriptions import Experiment
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.checkpoint import find_checkpoint
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import reason_of
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
@@ -52,7 +53,7 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
             weights[method], learnt[method] = runs.weights(one, method, seed), runs.train_digest(one, method, seed)
         except Exception as error:  # the other methods are worth measuring
             reasons[method] = reason_of(error)
-            console.print(f"{method} is missing: {reasons[method]}", highlight=False, soft_wrap=True)
+            print_line(console, f"{method} is missing: {reasons[method]}")
     for size, (height, width) in runs.cfg.scale.outputs.items():
         for method, reason in reasons.items():
             yield missing_record(method, reason, scene=str(size), view=str(size), seed=seed)

@@ -19,6 +19,7 @@ from ablations.suite.evaluation import StudyCell, composed, fitted_cell
 from ablations.tradeoff.methods import Enhance, SettingLoader
 from ablations.tradeoff.settings import TradeoffStudy
 from ablations.tradeoff.summary import HIGH, LOW, TIME
+from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.metrics.cost import peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
@@ -84,7 +85,7 @@ def study_records(
                 train = {"train": Path(weights[name]).parent.name} if name in trained else {}
                 yield replace(record, sources={"fit": record.run, **train})
         for name, reason in reasons.items():
-            console.print(f"{name} is missing: {reason}", highlight=False, soft_wrap=True)
+            print_line(console, f"{name} is missing: {reason}")
             yield missing_record(f"{study.name}/{name}", reason, scene=cell.scene, splat=cell.splat)
 
 
