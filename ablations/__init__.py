@@ -1,1 +1,1 @@
-"""The lab: the experiment suite, its studies, and the reports that it makes from records."""
+"""The experiment suite, its studies, and the reports that it makes from records."""

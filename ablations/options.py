@@ -1,4 +1,4 @@
-"""The types and bounds of the options of the jobs of this package, which the command line checks as all others'."""
+"""Types and bounds of the options of this package's jobs. The command line validates them like all other options."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -34,14 +34,14 @@ PixelSize = Annotated[str, Field(pattern=r"^[1-9]\d*x[1-9]\d*$")]
 
 
 class Measurement(Options):
-    """Options of measurements that print a table of rows."""
+    """Options of measurements that print a row table."""
 
     row_table: Group
     records: RecordsFile | None
 
 
 class Distances(Shared):
-    """Options of what measures LPIPS as well."""
+    """Options of jobs that also measure LPIPS."""
 
     lpips: list[str]
     backbones: Place | None
@@ -62,7 +62,7 @@ class OfViews(OfFits, Distances):
 
 
 class FromRecords(Distances):
-    """Options of measurements of runs that make a page from their records."""
+    """Options of jobs that measure runs and make a page from the records."""
 
     row_table: Group
     runs: Places
@@ -435,4 +435,4 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "viewer_speed": ViewerSpeed,
     "video_speed": VideoSpeed,
 }
-"""The options by job."""
+"""The class of options of each job."""

@@ -1,1 +1,1 @@
-"""Tables, diagrams and pages of studies, from records only."""
+"""Makes tables, diagrams and pages of studies from records alone."""

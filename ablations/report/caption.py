@@ -1,4 +1,4 @@
-"""What stands over and under a table: caption with its stand-ins and machine, how to read it, where it comes from."""
+"""Texts above and below a table: caption with stand-ins and machine, how to read the table, sources of its numbers."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ KINDS["images"] = KINDS["quality"]
 
 
 def caption(table: TableDescription, records: Sequence[Record]) -> str:
-    """Title, scale, what stands in for what, and for tables of cost the machine, in sentences.
+    """Title, scale, rows of the paper's own system, stand-ins, and for tables of cost the machine, as sentences.
 
     Args:
         table: its description.
@@ -45,47 +45,49 @@ def caption(table: TableDescription, records: Sequence[Record]) -> str:
 
 
 def _whose(table: TableDescription, records: Sequence[Record]) -> list[str]:
-    """Whose system the rows are, and whether the paper's own were made."""
+    """Sentences on which rows are the paper's system and which are ours, and on the paper's rows that are missing."""
     if not any(method.mode for method in table.methods.values()):
         return []
     lines = [
         "Rows named paper are the paper's system to the letter, those named ours have its parts by our own networks"
     ]
-    measured = {record.variant for record in records if record.kind != MISSING}
-    lacking = [row.title for name, row in table.methods.items() if row.mode == "paper" and name not in measured]
-    return lines + ([f"Not made at this scale: {'; '.join(lacking)}"] if lacking else [])
+    measured_variants = {record.variant for record in records if record.kind != MISSING}
+    missing_rows = [
+        row.title for name, row in table.methods.items() if row.mode == "paper" and name not in measured_variants
+    ]
+    return lines + ([f"Not made at this scale: {'; '.join(missing_rows)}"] if missing_rows else [])
 
 
 def stand_in(what: str, dataset: str) -> str:
-    """A stand-in called by its name: "procedural scenes stand in for Mip-NeRF 360"."""
+    """A sentence that names a stand-in: "Stand-in: procedural scenes stand in for Mip-NeRF 360"."""
     verb = "stands" if what.lower().startswith(("a ", "an ", "one ", "the ")) else "stand"
     return f"Stand-in: {what} {verb} in for {dataset}"
 
 
 def reading(table: TableDescription, units: Sequence[str], alone: bool = False) -> str:
-    """How the table's numbers were made.
+    """How to read the table's numbers.
 
     Args:
         table: its description.
-        units: what the tests' units stand for.
-        alone: whether every block has one scene only.
+        units: what one mean of the significance tests is taken for.
+        alone: whether every block has only one scene.
     """
     text = KINDS[table.kind]
     if units:
         text += f", on means by {' or by '.join(units)}"
     if "view" in units:
         text += f" (by view where fewer than {FEWEST} scenes and seeds could tell nothing)"
-    one = " A block has one scene: its intervals and tests speak of that scene alone." if alone else ""
-    best = "" if table.kind == "repeats" else " Bold: best of a column in its block."
+    single_scene = " A block has one scene: its intervals and tests speak of that scene alone." if alone else ""
+    bold = "" if table.kind == "repeats" else " Bold: best of a column in its block."
     paper = " The paper's numbers stand beside ours; a dash where it has none." if table.paper else ""
-    return f"{text}.{one}{best}{paper}"
+    return f"{text}.{single_scene}{bold}{paper}"
 
 
 def sources(folder: Path, table: TableDescription, records: Sequence[Record]) -> tuple[tuple[str, str], ...]:
-    """Where the numbers come from: what the records state, each value once, and the hash of their file.
+    """The sources of the numbers: the distinct values that the records state, and the hash of their file.
 
     Args:
-        folder: where description and records lie.
+        folder: folder of description and records.
         table: its description.
         records: its records.
     """
@@ -104,5 +106,5 @@ def sources(folder: Path, table: TableDescription, records: Sequence[Record]) ->
 
 
 def stated(values: Iterable[str]) -> list[str]:
-    """Each value that is not empty once, in alphabetical order."""
+    """The distinct non-empty values, sorted."""
     return sorted({value for value in values if value})

@@ -1,4 +1,4 @@
-"""What the paper claims, and whether the records say so too.
+"""The paper's claims, and whether our records support them.
 
 Source of the claims: GaussianEnhancer++, Symmetry 17(3), 442, 2025, section 5 (discussion of its tables).
 """
@@ -17,11 +17,11 @@ from gaussian_enhancer.report.quantities import quantities
 
 VERDICTS = {True: "holds here", False: "does not", None: "undecided"}
 RUNS = 3
-"""Repeated runs below which a standard deviation says too little to be compared."""
+"""Least number of repeated runs for comparing standard deviations."""
 
 
 Finding = tuple[bool | None, str]
-"""Whether one comparison goes the claimed way, None where it is not known; and its numbers in words."""
+"""Whether one comparison agrees with the claim (None if undecided), and its numbers as text."""
 
 
 @dataclass(frozen=True)
@@ -38,23 +38,23 @@ class Claim:
 
     @property
     def verdict(self) -> str:
-        """One of `VERDICTS`: one comparison that goes the other way decides, then one that is open."""
+        """One of `VERDICTS`: "does not" if any comparison is against the claim, else "undecided" if any is open."""
         outcomes = [outcome for outcome, _ in self.findings]
         return VERDICTS[False if False in outcomes else None if None in outcomes or not outcomes else True]
 
     @property
     def counted(self) -> str:
-        """How many comparisons go which way."""
+        """The numbers of comparisons as claimed, against and open, as text."""
         outcomes = [outcome for outcome, _ in self.findings]
-        against, open_ = outcomes.count(False), outcomes.count(None)
-        return f"{outcomes.count(True)} of {len(outcomes)} as claimed, {against} against, {open_} open"
+        against, undecided = outcomes.count(False), outcomes.count(None)
+        return f"{outcomes.count(True)} of {len(outcomes)} as claimed, {against} against, {undecided} open"
 
 
 def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
-    """The paper's claims, judged on its own system alone: the rows whose mode is "paper".
+    """Judge the paper's claims on its own system alone: the rows whose mode is "paper".
 
     Args:
-        tables: their records.
+        tables: records of the tables.
     """
     by_name = {results.study.name: results for results in tables}
     return (
@@ -94,43 +94,43 @@ def _over(
     asked: Callable[[str], bool] | None = None,
     as_printed: bool = False,
 ) -> Iterator[Finding]:
-    """Whether a method is ahead of others in tables.
+    """Compare a method with others in tables.
 
     Args:
-        by_name: the tables' records.
-        names: the tables.
+        by_name: records by name of the table.
+        names: names of the tables.
         method: the paper's name of the method.
-        others: the paper's names of those that it is to be ahead of; None for the baseline and all others of the paper.
-        asked: which metrics count; None for all.
-        as_printed: leave out the splats where the paper's own numbers do not have it so.
+        others: the paper's names of the methods it is compared with; None for the baseline and all others of the paper.
+        asked: selects metrics; None for all.
+        as_printed: leave out comparisons in which the paper's own numbers do not support the claim.
     """
     for name in names:
         if name not in by_name:
             yield None, f"{name} was not made"
             continue
         results = by_name[name]
-        own, over = FAITHFUL + method, _others(results.study, method, others)
-        lacking = [one for one in (own, *over) if one not in results.study.methods]
-        if lacking:
-            yield None, f"{name} has no method {lacking[0]}"
+        method_row, compared_rows = FAITHFUL + method, _others(results.study, method, others)
+        missing_rows = [row for row in (method_row, *compared_rows) if row not in results.study.methods]
+        if missing_rows:
+            yield None, f"{name} has no method {missing_rows[0]}"
             continue
         for block in results.blocks:
-            for other in over:
+            for other in compared_rows:
                 for metric in filter(asked, results.study.metrics):
-                    if not as_printed or _printed(results.study, block, own, other, metric):
-                        yield _difference(results, block, own, other, metric)
+                    if not as_printed or _printed(results.study, block, method_row, other, metric):
+                        yield _difference(results, block, method_row, other, metric)
 
 
 def _others(table: TableDescription, method: str, others: Sequence[str] | None) -> list[str]:
-    """The rows that a method of the paper is held against: of the paper, and the baseline where all are asked for."""
+    """The rows that a method of the paper is compared with: the named ones, else the baseline and all of the paper."""
     if others is not None:
         return [FAITHFUL + other for other in others]
-    own = [name for name, row in table.methods.items() if row.mode == "paper" and name != FAITHFUL + method]
-    return [table.baseline, *own]
+    paper_rows = [name for name, row in table.methods.items() if row.mode == "paper" and name != FAITHFUL + method]
+    return [table.baseline, *paper_rows]
 
 
 def _difference(results: Results, block: str, method: str, other: str, metric: str) -> Finding:
-    """One difference with its interval; known where nothing is missing and the interval leaves out zero."""
+    """One difference with its interval; decided if nothing is missing and the interval excludes zero."""
     gains = results.gains(block, method, metric, other)
     label = quantities({metric})[0].label
     context = f"{results.study.name}, {SPLATS.get(block, block)}, {method} over {other}, {label}"
@@ -139,13 +139,15 @@ def _difference(results: Results, block: str, method: str, other: str, metric: s
     low, high = interval(gains)
     ends = sorted((better(metric) * low, better(metric) * high))
     outcome = None if not gains.whole else True if ends[0] > 0 else False if ends[1] < 0 else None
-    lacking = "" if gains.whole else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
-    between = "" if math.isnan(low) else f" [{low:+.4f}, {high:+.4f}]"
-    return outcome, f"{context} {gains.mean():+.4f}{between}{lacking}"
+    missing_note = (
+        "" if gains.whole else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
+    )
+    interval_text = "" if math.isnan(low) else f" [{low:+.4f}, {high:+.4f}]"
+    return outcome, f"{context} {gains.mean():+.4f}{interval_text}{missing_note}"
 
 
 def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
-    """Our standard deviation against the paper's, dataset by dataset and metric by metric."""
+    """Compare our standard deviation with the paper's, by dataset and metric."""
     for name in ("table_7", "table_8", "table_9"):
         if name not in by_name:
             yield None, f"{name} was not made"
@@ -156,22 +158,31 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
             if line.statistic == "std" and table.methods[line.method].mode == "paper":
                 for metric, number in line.numbers.items():
                     context = f"{table.name}, {table.datasets[line.dataset].title}, {quantities({metric})[0].label}"
-                    ours, paper = number.gain, number.paper_gain
-                    if ours is None or paper is None or number.seeds < RUNS:
+                    our_deviation, paper_deviation = number.gain, number.paper_gain
+                    if our_deviation is None or paper_deviation is None or number.seeds < RUNS:
                         yield (
                             None,
-                            f"{context}: {number.seeds} runs" if paper is not None else f"{context}: none printed",
+                            f"{context}: {number.seeds} runs"
+                            if paper_deviation is not None
+                            else f"{context}: none printed",
                         )
                     else:
-                        yield ours <= paper, f"{context} {ours:.4f} against {paper:g} ({number.seeds} runs)"
+                        yield (
+                            our_deviation <= paper_deviation,
+                            f"{context} {our_deviation:.4f} against {paper_deviation:g} ({number.seeds} runs)",
+                        )
 
 
 def _printed(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:
-    """Whether the paper's numbers have a method ahead of another; True where it has none."""
+    """Whether a method is better than another in the paper's numbers; True if the paper has none."""
     cells = table.paper.get(block, {})
-    ours, theirs = cells.get(method), cells.get(other)
-    place = table.metrics.index(metric)
-    return ours is None or theirs is None or better(metric) * (ours[place] - theirs[place]) > 0
+    method_values, other_values = cells.get(method), cells.get(other)
+    column = table.metrics.index(metric)
+    return (
+        method_values is None
+        or other_values is None
+        or better(metric) * (method_values[column] - other_values[column]) > 0
+    )
 
 
 def _psnr(metric: str) -> bool:

@@ -1,8 +1,8 @@
-"""Grids of images as in the paper's figures 5 to 7: one line a scene, one column a method of the table, the photo last.
+"""Grids of images as in the paper's figures 5 to 7: one row per scene, one column per method, the photo last.
 
-The paper's figures 5 and 6 set renders of several splats beside what GE and GE++ make of them and the photo; figure 7
-shows details with artefacts before and after. Here each line shows the whole photo with a frame, and the frame's
-content in every column.
+The paper's figures 5 and 6 show renders of several splats beside the results of GE and GE++ and the photo; figure 7
+shows details with artefacts before and after. Here each row shows the whole photo with a frame, and the crop within
+the frame in every column.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ PHOTO = "photo"
 """Key of the photo among the images of a scene."""
 
 Box = tuple[float, float, float, float]
-"""Left, top, right and bottom as shares of width and height."""
+"""Left, top, right and bottom, as shares of width and height."""
 
 Picture = Image.Image
 GAP, LINE = 8, 20
@@ -33,22 +33,22 @@ def write_grid(
     share: float = 1 / 3,
     boxes: Mapping[str, Box] | None = None,
 ) -> Path:
-    """Write a grid of labelled crops as PNG, whole or not at all.
+    """Write a grid of labelled crops as PNG, atomically.
 
-    A line's crop is where the baseline is farthest from the photo (mean absolute difference), the same in every
-    column whatever its resolution: it shows the greatest artefacts, not the average. Without baseline or photo it is
-    the middle. A scene or method without an image has a grey tile that says so.
+    The crop of a row is where the baseline differs most from the photo (mean absolute difference), and the same in
+    every column, whatever its resolution. It shows the largest artefacts, not average ones. Without baseline or photo
+    it is the middle. A scene or method without an image has a grey tile that says so.
 
     Args:
         path: the PNG.
-        table: methods are columns, in its order; scenes of its datasets come first, in their order.
+        table: its methods are the columns, in its order; the scenes of its datasets come first, in their order.
         images: image files by scene and method, the photo under `PHOTO`.
         height: of a crop in the grid, pixels.
-        share: side of the crop as a share of the image's.
-        boxes: crops of some lines, by scene, in place of the largest error.
+        share: side of the crop as a share of the image's side.
+        boxes: crops by scene, for scenes that shall not show the largest error.
 
     Returns:
-        The file.
+        The path of the file.
 
     Raises:
         InputError: an image cannot be read, a key names no method, there is no image at all, or the file cannot be
@@ -59,26 +59,26 @@ def write_grid(
     if unknown or not images:
         received = f"names the method {unknown[0]!r}" if unknown else "has no image"
         raise InputError(path, received, f"give images of {', '.join(columns)}")
-    named = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
-    scenes = list(dict.fromkeys([*named, *(scene for scene, _ in images)]))
-    given = boxes or {}
-    lines = [_line(scene, table.baseline, columns, images, height, share, given.get(scene)) for scene in scenes]
+    dataset_scenes = [scene for dataset in table.datasets.values() for scene in dataset.scenes]
+    scenes = list(dict.fromkeys([*dataset_scenes, *(scene for scene, _ in images)]))
+    given_boxes = boxes or {}
+    lines = [_line(scene, table.baseline, columns, images, height, share, given_boxes.get(scene)) for scene in scenes]
     with whole_file(path) as temporary:
         _assembled(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
     return path
 
 
 def crop_box(render: Picture, photo: Picture, share: float = 1 / 3, steps: int = 9) -> Box:
-    """Where a render is farthest from its photo: the worst of ``steps`` x ``steps`` evenly spaced boxes.
+    """The box where a render differs most from its photo, of ``steps`` x ``steps`` evenly spaced boxes.
 
     Args:
-        render: what is judged.
-        photo: the truth, brought to the render's size.
-        share: side of the box as a share of the image's.
-        steps: positions by axis.
+        render: the render.
+        photo: the ground truth; resized to the render's size.
+        share: side of the box as a share of the image's side.
+        steps: positions per axis.
     """
-    same = photo if photo.size == render.size else photo.resize(render.size, Image.Resampling.BOX)
-    difference = ImageChops.difference(render, same)
+    resized_photo = photo if photo.size == render.size else photo.resize(render.size, Image.Resampling.BOX)
+    difference = ImageChops.difference(render, resized_photo)
     starts = [(1 - share) * step / (steps - 1) for step in range(steps)]
     boxes = [(left, top, left + share, top + share) for top in starts for left in starts]
     return max(boxes, key=lambda box: sum(ImageStat.Stat(difference.crop(_pixels(box, render))).mean))
@@ -93,15 +93,15 @@ def _line(
     share: float,
     given: Box | None,
 ) -> list[Picture]:
-    """A scene's tiles: the whole view with a frame, then every column's crop."""
+    """A scene's tiles: the whole view with a frame, then the crop of every column."""
     pictures = {method: _read(images[scene, method]) for method in columns if (scene, method) in images}
-    photo, before = pictures.get(PHOTO), pictures.get(baseline)
+    photo, baseline_image = pictures.get(PHOTO), pictures.get(baseline)
     middle = ((1 - share) / 2, (1 - share) / 2, (1 + share) / 2, (1 + share) / 2)
-    found = crop_box(before, photo, share) if photo is not None and before is not None else middle
-    box = found if given is None else given
-    whole = photo if photo is not None else next(iter(pictures.values()), None)
-    width = height if whole is None else max(1, round(height * whole.width / whole.height))
-    tiles = [_missing((width, height)) if whole is None else _framed(whole, box, (width, height))]
+    default_box = crop_box(baseline_image, photo, share) if photo is not None and baseline_image is not None else middle
+    box = default_box if given is None else given
+    overview = photo if photo is not None else next(iter(pictures.values()), None)
+    width = height if overview is None else max(1, round(height * overview.width / overview.height))
+    tiles = [_missing((width, height)) if overview is None else _framed(overview, box, (width, height))]
     for method in columns:
         picture = pictures.get(method)
         tiles.append(_missing((width, height)) if picture is None else _cropped(picture, box, (width, height)))
@@ -119,14 +119,14 @@ def _read(path: Path) -> Picture:
 
 
 def _pixels(box: Box, picture: Picture) -> tuple[int, int, int, int]:
-    """A box in pixels, at least one wide and high."""
+    """A box in pixels, at least one pixel wide and high."""
     left, top = int(box[0] * picture.width), int(box[1] * picture.height)
     right, bottom = round(box[2] * picture.width), round(box[3] * picture.height)
     return left, top, max(left + 1, right), max(top + 1, bottom)
 
 
 def _cropped(picture: Picture, box: Box, size: tuple[int, int]) -> Picture:
-    """A crop enlarged without smoothing, so that the pixels stay what they are."""
+    """A crop resized to a tile: upscaled without smoothing, so that pixels stay visible; downscaled by Lanczos."""
     crop = picture.crop(_pixels(box, picture))
     larger = crop.width > size[0] or crop.height > size[1]
     return crop.resize(size, Image.Resampling.LANCZOS if larger else Image.Resampling.NEAREST)
@@ -146,7 +146,7 @@ def _missing(size: tuple[int, int]) -> Picture:
 
 
 def _assembled(lines: Sequence[Sequence[Picture]], names: Sequence[str], titles: Sequence[str]) -> Picture:
-    """Tiles with a title over each column and the scene's name over each line."""
+    """The grid of tiles, with a title above each column and the scene's name above each row."""
     widths = [max(line[column].width for line in lines) for column in range(len(titles))]
     lefts = [GAP + sum(widths[:column]) + GAP * column for column in range(len(titles))]
     tops = list(_tops(lines))
@@ -162,7 +162,7 @@ def _assembled(lines: Sequence[Sequence[Picture]], names: Sequence[str], titles:
 
 
 def _tops(lines: Sequence[Sequence[Picture]]) -> Iterator[int]:
-    """Where each line's tiles begin, under its name."""
+    """The top of each row's tiles, below its name."""
     top = GAP + LINE
     for line in lines:
         top += LINE
@@ -171,7 +171,7 @@ def _tops(lines: Sequence[Sequence[Picture]]) -> Iterator[int]:
 
 
 def _fitting(title: str, width: int) -> str:
-    """A title as far as its column has room for it."""
+    """A title, shortened to the width of its column."""
     while len(title) > 1 and _font().getlength(title) > width:
         title = title[:-2] + "…"
     return title

@@ -1,4 +1,4 @@
-"""The page on performance: aims, networks beside published ones, the pipeline part by part, from records alone."""
+"""Makes the page on performance from records alone: aims, our and published networks, parts of the pipeline."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,22 +19,22 @@ YARDSTICK, NETWORK, ENHANCEMENT, PIPELINE, COLD, TRIED = (
 """Kinds of records."""
 GROUPS = ("ours", "published")
 COMMAND, IMPORTS = "enhance", "import torch"
-"""Processes whose start is measured."""
+"""Processes whose start-up time is measured."""
 FAST = ("bfloat16", "bfloat16 weights")
-"""Number types that are held against ours in bfloat16."""
+"""Number types of networks that are compared with ours in bfloat16."""
 QUALITY = ("nafnet", "edvr", "paper", "sif", "lr_2500", "lr_tiny", "lr_base")
-"""Rows of docs/results/quality.md; those that begin with lr_tiny had more training."""
+"""Rows of docs/results/quality.md; lr_tiny and those after it were trained for longer."""
 MAKE = "nox -s bench"
 NOTHING = f"Not measured yet: `{MAKE}`.\n"
 
 
 @dataclass(frozen=True)
 class Sources:
-    """What the page is made from.
+    """The records that the page is made from.
 
     Args:
-        records: of the job ``peers``.
-        quality: of the job ``quality``.
+        records: records of the job ``peers``.
+        quality: records of the job ``quality``.
     """
 
     records: tuple[Record, ...] = ()
@@ -43,12 +43,12 @@ class Sources:
     FILES: ClassVar[tuple[str, ...]] = ("records", "quality")
 
     def of(self, kind: str, name: str = "") -> tuple[Record, ...]:
-        """The job's records of a kind, and of a name where one is given."""
-        return tuple(one for one in self.records if one.kind == kind and name in ("", one.variant))
+        """The records of the job ``peers`` of a kind, and of a variant if ``name`` is given."""
+        return tuple(record for record in self.records if record.kind == kind and name in ("", record.variant))
 
     def pipeline(self, name: str, size: tuple[int, int]) -> Record | None:
-        """A pipeline's record by weights, width and height."""
-        return next((one for one in self.of(PIPELINE, name) if tuple(one.size) == size), None)
+        """The record of a pipeline by weights, width and height; None if there is none."""
+        return next((record for record in self.of(PIPELINE, name) if tuple(record.size) == size), None)
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class Target:
     """An aim of the project.
 
     Args:
-        part: what is aimed at.
-        limit: the number.
-        unit: of it.
-        value: what was measured; None where it was not.
-        bound: what holds the number up, in words.
-        most: the number is the most that is allowed; else it is the least.
+        part: the quantity.
+        limit: its limit.
+        unit: unit of the limit.
+        value: returns the measured value; None if it was not measured.
+        bound: returns a text on what bounds the value.
+        most: whether the limit is an upper one; else it is a lower one.
     """
 
     part: str
@@ -72,53 +72,55 @@ class Target:
     most: bool = True
 
     def line(self, sources: Sources) -> tuple[str, str, str, str, str]:
-        """Part, aim, what was measured, verdict, bound."""
-        found = self.value(sources)
+        """Part, aim, measured value, verdict and bound, as texts."""
+        measured = self.value(sources)
         aim = f"{'at most' if self.most else 'at least'} {self.limit:,g} {self.unit}".rstrip()
-        if found is None:
+        if measured is None:
             return self.part, aim, "not measured", "", ""
-        met = found <= self.limit if self.most else found >= self.limit
+        met = measured <= self.limit if self.most else measured >= self.limit
         return (
             self.part,
             aim,
-            f"{number(found)} {self.unit}".rstrip(),
+            f"{number(measured)} {self.unit}".rstrip(),
             "met" if met else "**missed**",
             self.bound(sources),
         )
 
 
 def number(value: float) -> str:
-    """A number in about three digits."""
+    """Format a number with about three digits."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def gains(sources: Sources) -> dict[str, float]:
-    """Mean gain in PSNR over the render, dB, by method, over the views of docs/results/quality.md."""
-    measured = {record.variant for record in sources.quality if record.kind == "quality"}
-    known = [name for name in QUALITY if f"lr/{name}" in measured and "lr/raw" in measured]
-    return {n: compare(paired(sources.quality, "lr/raw", f"lr/{n}"), "psnr").gain for n in known}
+    """Mean gain in PSNR over the render by method, in dB, on the views of docs/results/quality.md."""
+    measured_variants = {record.variant for record in sources.quality if record.kind == "quality"}
+    methods = [name for name in QUALITY if f"lr/{name}" in measured_variants and "lr/raw" in measured_variants]
+    return {n: compare(paired(sources.quality, "lr/raw", f"lr/{n}"), "psnr").gain for n in methods}
 
 
 def times_ours(sources: Sources, name: str) -> float | None:
-    """A network's time over our whole enhancement's, in the number type that suits the network best."""
-    found = [one.metrics.get("times_ours") for one in sources.of(NETWORK, name) if one.splat in FAST]
-    return min((value for value in found if value is not None), default=None)
+    """Ratio of a network's time to that of our whole enhancement, in the network's fastest number type."""
+    ratios = [record.metrics.get("times_ours") for record in sources.of(NETWORK, name) if record.splat in FAST]
+    return min((value for value in ratios if value is not None), default=None)
 
 
 def parts_of(record: Record) -> dict[str, float]:
     """Milliseconds by part of a pipeline's record."""
-    found = {name.removeprefix("part: "): value for name, value in record.metrics.items() if name.startswith("part: ")}
-    return {name: value for name, value in found.items() if value is not None}
+    milliseconds = {
+        name.removeprefix("part: "): value for name, value in record.metrics.items() if name.startswith("part: ")
+    }
+    return {name: value for name, value in milliseconds.items() if value is not None}
 
 
 def shares(record: Record | None) -> str:
-    """The parts that take most of the time from decoded images on, in words."""
+    """The four slowest parts of the pipeline, without reading, with their shares of the time as text."""
     if record is None:
         return ""
     parts = {name: value for name, value in parts_of(record).items() if name != "read"}
     total = sum(parts.values()) or 1.0
-    first = sorted(parts.items(), key=lambda one: -one[1])[:4]
-    return ", ".join(f"{name} {value / total:.0%}" for name, value in first)
+    slowest = sorted(parts.items(), key=lambda one: -one[1])[:4]
+    return ", ".join(f"{name} {value / total:.0%}" for name, value in slowest)
 
 
 def _metric(record: Record | None, name: str) -> float | None:
@@ -126,20 +128,20 @@ def _metric(record: Record | None, name: str) -> float | None:
 
 
 def _growth(sources: Sources) -> float | None:
-    """Largest over least time a megapixel, from a quarter of a megapixel on."""
-    large = [one for one in sources.of(PIPELINE, "lr_tiny") if one.size[0] * one.size[1] >= 0.25e6]
-    times = [value for one in large if (value := one.metrics[TIME]) is not None]
+    """Ratio of the largest to the smallest time per megapixel, for images of at least a quarter of a megapixel."""
+    large = [record for record in sources.of(PIPELINE, "lr_tiny") if record.size[0] * record.size[1] >= 0.25e6]
+    times = [value for record in large if (value := record.metrics[TIME]) is not None]
     return max(times) / min(times) if len(times) > 1 else None
 
 
 def _operations(sources: Sources, name: str) -> float | None:
-    found = sources.of(NETWORK, name)
-    return found[0].metrics["giga_multiply_adds_per_megapixel"] if found else None
+    records = sources.of(NETWORK, name)
+    return records[0].metrics["giga_multiply_adds_per_megapixel"] if records else None
 
 
 def _cold(sources: Sources, name: str) -> float | None:
-    found = sources.of(COLD, name)
-    return found[0].metrics["milliseconds"] if found else None
+    records = sources.of(COLD, name)
+    return records[0].metrics["milliseconds"] if records else None
 
 
 def _pipeline_target(part: str, limit: float, unit: str, name: str, size: tuple[int, int], metric: str) -> Target:
@@ -160,8 +162,8 @@ def _peer_target(name: str, limit: float) -> Target:
 
 def _better_target(name: str) -> Target:
     def value(sources: Sources) -> float | None:
-        found = gains(sources)
-        return found["lr_2500"] - found[name] if {"lr_2500", name} <= set(found) else None
+        gain_by_method = gains(sources)
+        return gain_by_method["lr_2500"] - gain_by_method[name] if {"lr_2500", name} <= set(gain_by_method) else None
 
     part = f"PSNR beyond `{name}` at equal budget"
     return Target(part, 0.0, "dB", value, lambda _: "[quality](results/quality.md)", most=False)
@@ -214,7 +216,7 @@ def performance_page(sources: Sources, files: Mapping[str, Path], drawing: Path,
 
     Args:
         sources: records.
-        files: where they are, by the name of their field.
+        files: their files, by name of the field of `Sources`.
         drawing: the diagram's file.
         page: the page's file, for links.
     """
@@ -238,22 +240,22 @@ def performance_page(sources: Sources, files: Mapping[str, Path], drawing: Path,
     parts += ["\n## What was tried\n\n", _tried(sources), "\n## Graphics cards\n\n", _cards(sources)]
     parts += ["\n## Sources\n\n"]
     for name in sources.FILES:
-        own = getattr(sources, name)
-        parts.append(source_list(own, link(files[name]), between="; or ") if own else "")
+        source_records = getattr(sources, name)
+        parts.append(source_list(source_records, link(files[name]), between="; or ") if source_records else "")
     return "".join(parts)
 
 
 def _yardsticks(sources: Sources) -> str:
-    found = sources.of(YARDSTICK)
-    if not found:
+    records = sources.of(YARDSTICK)
+    if not records:
         return NOTHING
     lines = [
         (
-            one.variant,
-            number(one.metrics["milliseconds"] or 0.0),
-            f"{number(one.metrics['a_second'] or 0.0)} {one.view}",
+            record.variant,
+            number(record.metrics["milliseconds"] or 0.0),
+            f"{number(record.metrics['a_second'] or 0.0)} {record.view}",
         )
-        for one in found
+        for record in records
     ]
     return markdown(frame(("workload", "ms", "a second"), lines))
 
@@ -269,15 +271,15 @@ that of our whole enhancement at the same scale, `lr_tiny` or `sr_tiny`, with th
 
 
 def _networks(sources: Sources) -> str:
-    found = [*sources.of(NETWORK), *sources.of(ENHANCEMENT)]
-    if not found:
+    records = [*sources.of(NETWORK), *sources.of(ENHANCEMENT)]
+    if not records:
         return NOTHING
-    rates = {one.variant: one.metrics["a_second"] or 1.0 for one in sources.of(YARDSTICK)}
-    heads = ("network", "of", "what", "number type", "scale", "parameters", "10^9 multiply-adds / MP", "ms / MP",
+    rates = {record.variant: record.metrics["a_second"] or 1.0 for record in sources.of(YARDSTICK)}
+    headings = ("network", "of", "what", "number type", "scale", "parameters", "10^9 multiply-adds / MP", "ms / MP",
              "arithmetic, ms / MP", "memory, ms / MP", "yardsticks", "times ours", "peak MB")  # fmt: skip
-    lines = [_network_line(one, rates) for one in found]
-    text = NETWORKS.format(width=found[0].size[0], height=found[0].size[1]) + markdown(frame(heads, lines))
-    missing = [f"- `{one.variant}`, {one.splat}: {one.reasons['row']}\n" for one in sources.of(MISSING)]
+    lines = [_network_line(record, rates) for record in records]
+    text = NETWORKS.format(width=records[0].size[0], height=records[0].size[1]) + markdown(frame(headings, lines))
+    missing = [f"- `{record.variant}`, {record.splat}: {record.reasons['row']}\n" for record in sources.of(MISSING)]
     return text + ("\nMissing:\n\n" + "".join(missing) if missing else "")
 
 
@@ -314,37 +316,37 @@ render and five candidate photos with their renders and depth, enhances, and wri
 
 
 def _pipelines(sources: Sources) -> str:
-    found = sources.of(PIPELINE)
-    if not found:
+    records = sources.of(PIPELINE)
+    if not records:
         return NOTHING
-    heads = ("weights", "render", "output MP", "file to file, ms", "decoded, ms", "decoded, ms / MP", "yardsticks",
+    headings = ("weights", "render", "output MP", "file to file, ms", "decoded, ms", "decoded, ms / MP", "yardsticks",
              "peak MB")  # fmt: skip
     lines = []
-    for one in found:
-        values = {name: value for name, value in one.metrics.items() if value is not None}
-        width, height = one.size
+    for record in records:
+        values = {name: value for name, value in record.metrics.items() if value is not None}
+        width, height = record.size
         lines.append((
-            f"`{one.variant}`", f"{width}x{height}", f"{width * height * values['scale'] ** 2 / 1e6:.2f}",
+            f"`{record.variant}`", f"{width}x{height}", f"{width * height * values['scale'] ** 2 / 1e6:.2f}",
             number(values["milliseconds"]), number(values["decoded_milliseconds"]), number(values[TIME]),
             number(values["yardsticks"]), number(values["peak_memory_mb"]) if "peak_memory_mb" in values else "",
         ))  # fmt: skip
-    parts = list(parts_of(found[0]))
-    columns = ("part, ms", *(f"`{one.variant}` {one.size[0]}x{one.size[1]}" for one in found))
-    each = [(part, *(number(parts_of(one)[part]) for one in found)) for part in parts]
-    return PIPELINES + markdown(frame(heads, lines)) + "\n" + markdown(frame(columns, each))
+    parts = list(parts_of(records[0]))
+    columns = ("part, ms", *(f"`{record.variant}` {record.size[0]}x{record.size[1]}" for record in records))
+    part_lines = [(part, *(number(parts_of(record)[part]) for record in records)) for part in parts]
+    return PIPELINES + markdown(frame(headings, lines)) + "\n" + markdown(frame(columns, part_lines))
 
 
 def _cold_table(sources: Sources) -> str:
-    found = sources.of(COLD)
-    if not found:
+    records = sources.of(COLD)
+    if not records:
         return NOTHING
     about = "Whole processes with filled caches, until they end; `enhance` writes one image of {}x{}.\n\n"
     lines = [
-        (f"`{one.variant}`", f"{number(one.metrics['milliseconds'] or 0.0)} "
-         f"[{number(one.metrics[LOW] or 0.0)}, {number(one.metrics[HIGH] or 0.0)}]")
-        for one in found
+        (f"`{record.variant}`", f"{number(record.metrics['milliseconds'] or 0.0)} "
+         f"[{number(record.metrics[LOW] or 0.0)}, {number(record.metrics[HIGH] or 0.0)}]")
+        for record in records
     ]  # fmt: skip
-    return about.format(*found[0].size) + markdown(frame(("process", "ms"), lines))
+    return about.format(*records[0].size) + markdown(frame(("process", "ms"), lines))
 
 
 EQUAL = """Mean gain in PSNR over the render, over the held-out frames of [quality](results/quality.md). `nafnet`,
@@ -355,11 +357,11 @@ shipped and had more. Time is that of the whole enhancement in bfloat16, so that
 
 
 def _quality(sources: Sources) -> str:
-    found = gains(sources)
-    if not found:
+    gain_by_method = gains(sources)
+    if not gain_by_method:
         return "Not measured yet: `nox -s quality`.\n"
-    times = {one.variant: one.metrics[TIME] for one in sources.of(ENHANCEMENT) if one.splat == FAST[0]}
-    counts = {name: sum(one.variant == f"lr/{name}" for one in sources.quality) for name in found}
+    times = {record.variant: record.metrics[TIME] for record in sources.of(ENHANCEMENT) if record.splat == FAST[0]}
+    counts = {name: sum(record.variant == f"lr/{name}" for record in sources.quality) for name in gain_by_method}
     lines = [
         (
             f"`{name}`",
@@ -367,19 +369,19 @@ def _quality(sources: Sources) -> str:
             str(counts[name]),
             number(value) if (value := times.get(name)) else "not measured",
         )
-        for name, gain in found.items()
+        for name, gain in gain_by_method.items()
     ]
     return EQUAL + markdown(frame(("method", "PSNR, dB", "frames", "whole, ms / MP"), lines))
 
 
 def performance_plot(sources: Sources) -> str:
-    """Work-precision diagram as SVG: squared error left over time, for the methods whose gain is known."""
-    found, marks = gains(sources), {}
-    for one in sources.of(ENHANCEMENT):
-        gain, time = found.get(one.variant), one.metrics[TIME]
-        if one.splat == FAST[0] and gain is not None and time is not None:
-            mark = Mark(f"{gain:+.2f} dB", time, 10 ** (-gain / 10), one.metrics[LOW], one.metrics[HIGH])
-            marks[one.variant] = (mark,)
+    """Plot remaining squared error over time as SVG, for the methods whose gain is known."""
+    gain_by_method, marks = gains(sources), {}
+    for record in sources.of(ENHANCEMENT):
+        gain, time = gain_by_method.get(record.variant), record.metrics[TIME]
+        if record.splat == FAST[0] and gain is not None and time is not None:
+            mark = Mark(f"{gain:+.2f} dB", time, 10 ** (-gain / 10), record.metrics[LOW], record.metrics[HIGH])
+            marks[record.variant] = (mark,)
     panel = Panel(
         "Whole enhancement in bfloat16",
         "milliseconds a megapixel",
@@ -391,23 +393,23 @@ def performance_plot(sources: Sources) -> str:
 
 
 def _tried(sources: Sources) -> str:
-    found = sources.of(TRIED)
-    if not found:
+    records = sources.of(TRIED)
+    if not records:
         return NOTHING
     about = "Both ways in turn, on one view of {}x{} with three references, on the CPU.\n\n"
-    heads = ("change", "expected", "before", "after", "times as fast", "verdict")
-    return about.format(*found[0].size) + markdown(frame(heads, _tried_lines(found)))
+    headings = ("change", "expected", "before", "after", "times as fast", "verdict")
+    return about.format(*records[0].size) + markdown(frame(headings, _tried_lines(records)))
 
 
 def _tried_lines(found: Sequence[Record]) -> Iterator[Sequence[str]]:
-    for one in found:
-        values = {name: value for name, value in one.metrics.items() if value is not None}
+    for record in found:
+        values = {name: value for name, value in record.metrics.items() if value is not None}
         before, after = (f"{number(values[name])} ms" for name in ("before", "after"))
-        yield one.variant, one.view, before, after, _with_ends(values, "times"), one.splat
+        yield record.variant, record.view, before, after, _with_ends(values, "times"), record.splat
 
 
 def _cards(sources: Sources) -> str:
-    measured = sorted({one.machine for one in sources.records if one.protocol.startswith("GPU")})
-    if measured:
-        return f"Measured on {'; '.join(measured)}.\n"
+    machines = sorted({record.machine for record in sources.records if record.protocol.startswith("GPU")})
+    if machines:
+        return f"Measured on {'; '.join(machines)}.\n"
     return f"None was at hand: nothing on this page was measured on one. `{MAKE} -- device=cuda` is ready for it.\n"

@@ -1,4 +1,4 @@
-"""The page of what plans leave out, as Markdown from its records alone."""
+"""Makes the page on plans, which leave out parts of the input, as Markdown from records alone."""
 
 import math
 import os
@@ -18,23 +18,23 @@ from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 KIND = "leaving_out"
-"""Kind of the record that a plan leaves of a scene as a whole."""
+"""Kind of the record of a plan on a whole scene."""
 RATIOS = ("times_faster", "times_faster_low", "times_faster_high")
-"""Metrics of that record: how many times faster than the baseline, and the ends of the ratio's interval."""
+"""Metrics of that record: speed-up over the baseline, and the ends of its interval."""
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 DECIMALS = {"psnr": 3, "ssim": 4, "lpips_alex": 4}
 
 
 @dataclass(frozen=True)
 class PlanAims:
-    """What the shown plan is held to.
+    """The aims of the shown plan.
 
     Args:
         baseline: the plan that leaves nothing out.
         shown: the plan that is judged.
-        faster: least ratio of times on scenes that are mostly background.
-        slower: least ratio of times on all others.
-        allowed: dB of PSNR that a scene may lose.
+        faster: required speed-up on scenes that are mostly background.
+        slower: required speed-up on all other scenes.
+        allowed: largest allowed loss of PSNR on a scene, dB.
     """
 
     baseline: str
@@ -46,13 +46,13 @@ class PlanAims:
 
 @dataclass(frozen=True)
 class PlanCost:
-    """What a plan saves and costs on one scene.
+    """Savings and losses of a plan on one scene.
 
     Args:
         scene: the scene's name.
         own: the plan's record of the scene.
-        base: the baseline's.
-        lost: mean loss over views by metric, positive where the plan is worse.
+        base: the baseline's record of the scene.
+        lost: mean loss over views by metric, positive if the plan is worse.
         worst: largest loss of a view in PSNR, dB.
     """
 
@@ -64,17 +64,17 @@ class PlanCost:
 
     @property
     def ratio(self) -> float | None:
-        """How many times faster than the baseline, as it was measured in turn with it; None where it was not."""
+        """Speed-up over the baseline, measured in turn with it; None if it was not measured."""
         return self.own.metrics.get(RATIOS[0])
 
     @property
     def between(self) -> tuple[float, float]:
-        """The interval of that ratio; anything where it was not measured."""
+        """The interval of the speed-up; [0, infinity] if it was not measured."""
         low, high = (self.own.metrics.get(name) for name in RATIOS[1:])
         return (0.0 if low is None else low), (math.inf if high is None else high)
 
     def verdicts(self, aims: PlanAims) -> tuple[bool | None, bool]:
-        """Whether the aims of time and of error are met; None where the machine's noise leaves it open."""
+        """Whether the aims of time and of error are met; None for time if the interval contains the required ratio."""
         least, (low, high) = aims.faster if self.own.metrics.get("background") else aims.slower, self.between
         fast = True if low >= least else False if high < least else None
         return fast, self.lost["psnr"] <= aims.allowed
@@ -87,8 +87,8 @@ class PlanScenes:
     Args:
         title: its heading.
         name: the option of the group ``worlds`` that measures it.
-        records: its records; none where it was not measured.
-        aims: what its shown plan is held to.
+        records: its records; empty if it was not measured.
+        aims: of its shown plan.
     """
 
     title: str
@@ -98,12 +98,12 @@ class PlanScenes:
 
     @cached_property
     def whole(self) -> dict[tuple[str, str], Record]:
-        """The record of a scene as a whole, by scene and plan."""
+        """The records of whole scenes, by scene and plan."""
         return {(record.scene, record.variant): record for record in self.records if record.kind == KIND}
 
     @cached_property
     def results(self) -> Results:
-        """The errors of views: plans are the methods."""
+        """The records of single views, with plans as methods."""
         views = [record for record in self.records if record.kind == "quality"]
         plans = {record.variant: Method(record.variant) for record in self.records}
         scenes = {"scenes": SceneGroup("", tuple(dict.fromkeys(record.scene for record in self.records)))}
@@ -112,37 +112,45 @@ class PlanScenes:
         )
 
     def plans(self) -> tuple[str, ...]:
-        """All plans but the baseline, in their order."""
+        """All plans except the baseline, in the order of the records."""
         return tuple(dict.fromkeys(plan for _, plan in self.whole if plan != self.aims.baseline))
 
     def costs(self, plan: str = "") -> tuple[PlanCost, ...]:
-        """What a plan, by default the shown one, saves and costs on every scene that it was measured on."""
+        """Savings and losses of a plan (by default the shown one) on every scene that it was measured on."""
         return tuple(self._costs(plan or self.aims.shown))
 
     def _costs(self, plan: str) -> Iterator[PlanCost]:
-        for (scene, name), own in self.whole.items():
-            base = self.whole.get((scene, self.aims.baseline))
-            if name != plan or base is None:
+        for (scene, name), plan_record in self.whole.items():
+            baseline_record = self.whole.get((scene, self.aims.baseline))
+            if name != plan or baseline_record is None:
                 continue
             pairs = tuple(pair for pair in self.results.pairs if pair[0] == scene)
             gains = {metric: self.results.sample(pairs, plan, metric, self.aims.baseline) for metric in METRICS}
-            lost = {metric: -better(metric) * sample.mean() + 0.0 for metric, sample in gains.items() if sample.values}
-            worst = next((one.loss for one in losses(self.results, plan, "psnr") if one.pair in pairs), math.nan) + 0.0
-            yield PlanCost(scene, own, base, lost, worst)
+            mean_losses = {
+                metric: -better(metric) * sample.mean() + 0.0 for metric, sample in gains.items() if sample.values
+            }
+            worst_loss = (
+                next(
+                    (frame_loss.loss for frame_loss in losses(self.results, plan, "psnr") if frame_loss.pair in pairs),
+                    math.nan,
+                )
+                + 0.0
+            )
+            yield PlanCost(scene, plan_record, baseline_record, mean_losses, worst_loss)
 
 
 def plan_study_page(
     title: str, about: str, sets: Sequence[PlanScenes], good: Sequence[Record], drawing: Path, page: Path
 ) -> str:
-    """The whole page.
+    """The page as Markdown.
 
     Args:
         title: its heading.
         about: what is left out and when, Markdown.
-        sets: the scenes that nothing was chosen by first.
-        good: what the job already_good found; none where it was not run.
+        sets: sets of scenes; first those by which nothing was chosen.
+        good: records of the job already_good; empty if it was not run.
         drawing: file of the plot.
-        page: file of the page, from which links are made.
+        page: file of the page, for relative links.
     """
     link = Path(os.path.relpath(drawing, page.parent)).as_posix()
     parts = [f"# {title}\n", f"{about.strip()}\n"]
@@ -152,41 +160,41 @@ def plan_study_page(
 
 
 def plan_plot(scenes: PlanScenes) -> str:
-    """Bars by scene, as SVG: how many times faster the shown plan is, and what it costs in dB."""
+    """Bars by scene as SVG: speed-up of the shown plan, and its loss of PSNR in dB."""
     costs, aims = scenes.costs(), scenes.aims
     ratios = {cost.scene: cost.ratio or 0.0 for cost in costs}
-    lost = {cost.scene: cost.lost["psnr"] for cost in costs}
+    psnr_losses = {cost.scene: cost.lost["psnr"] for cost in costs}
     panels = [
         (f"time of {aims.baseline} / time of {aims.shown}", ratios, (1.0, aims.faster), "%.2fx"),
-        ("PSNR lost, dB", lost, (0.0, aims.allowed), "%+.3f"),
+        ("PSNR lost, dB", psnr_losses, (0.0, aims.allowed), "%+.3f"),
     ]
     return bar_panels(f"What the plan {aims.shown} saves and costs", panels)
 
 
 def cost_table(costs: Sequence[PlanCost], aims: PlanAims) -> pd.DataFrame:
-    """One line a scene: times, memory, errors, whether the aims are met.
+    """One line per scene: times, memory, errors, whether the aims are met.
 
     Args:
         costs: of a plan on every scene.
-        aims: what it is held to.
+        aims: of the plan.
     """
-    heads = ("scene", "size", "ms a view", "times faster", "peak MB", *(f"{name} lost" for name in DECIMALS))
-    return frame((*heads, "worst view, dB", "time", "error"), [_cost_line(cost, aims) for cost in costs])
+    headings = ("scene", "size", "ms a view", "times faster", "peak MB", *(f"{name} lost" for name in DECIMALS))
+    return frame((*headings, "worst view, dB", "time", "error"), [_cost_line(cost, aims) for cost in costs])
 
 
 def _cost_line(cost: PlanCost, aims: PlanAims) -> tuple[str, ...]:
-    fast, good = cost.verdicts(aims)
-    base, own = cost.base.metrics, cost.own.metrics
+    time_aim_met, error_aim_met = cost.verdicts(aims)
+    baseline_metrics, plan_metrics = cost.base.metrics, cost.own.metrics
     return (
         cost.scene,
         f"{cost.own.size[0]}x{cost.own.size[1]}",
-        f"{base['milliseconds']:.0f} → {own['milliseconds']:.0f}",
+        f"{baseline_metrics['milliseconds']:.0f} → {plan_metrics['milliseconds']:.0f}",
         "" if cost.ratio is None else f"{cost.ratio:.2f} ({cost.between[0]:.2f} to {cost.between[1]:.2f})",
-        f"{base['peak_memory_mb']:.0f} → {own['peak_memory_mb']:.0f}",
+        f"{baseline_metrics['peak_memory_mb']:.0f} → {plan_metrics['peak_memory_mb']:.0f}",
         *(f"{cost.lost[name]:+.{d}f}" if name in cost.lost else "" for name, d in DECIMALS.items()),
         f"{cost.worst:+.3f}",
-        VERDICTS[fast],
-        VERDICTS[good],
+        VERDICTS[time_aim_met],
+        VERDICTS[error_aim_met],
     )
 
 
@@ -208,42 +216,44 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
             yield "".join(map(_left_out, costs))
     missing = [f"- {record.scene}: {record.reasons['row']}\n" for record in scenes.records if record.kind == MISSING]
     yield "Missing:\n\n" + "".join(missing) if missing else "Nothing is missing.\n"
-    found = list(scenes.whole.values())
-    if found:
-        machines = "; ".join(sorted({record.machine for record in found}))
-        how = "; ".join(sorted({record.protocol for record in found}))
-        yield f"Machine: {machines}. Times: {how}. Commit: {commits}.\n"
+    scene_records = list(scenes.whole.values())
+    if scene_records:
+        machines = "; ".join(sorted({record.machine for record in scene_records}))
+        protocols = "; ".join(sorted({record.protocol for record in scene_records}))
+        yield f"Machine: {machines}. Times: {protocols}. Commit: {commits}.\n"
 
 
 def _left_out(cost: PlanCost) -> str:
-    """Pixels, candidates and parts that were left out of a scene, each with its reason."""
-    found = cost.own.metrics
-    taken, left, unseeing = (int(found.get(f"candidates_{name}") or 0) for name in ("taken", "left_out", "unseeing"))
-    words = [f"{found.get('passed') or 0:.0%} of the pixels (background alone)"]
-    if taken + left:
-        few = f"{unseeing} see too little, the others less than those taken"
-        words.append(f"{left} of {taken + left} candidates ({few})")
-    for name, why in cost.own.reasons.items():
-        if name.startswith("part ") and found.get(name) == 0:
-            words.append(f"{name.removeprefix('part ')} ({why})")
-    return f"- {cost.scene}: {', '.join(words)}\n"
+    """The pixels, candidate references and parts that were left out of a scene, with reasons."""
+    metrics = cost.own.metrics
+    taken_count, left_out_count, unseeing_count = (
+        int(metrics.get(f"candidates_{name}") or 0) for name in ("taken", "left_out", "unseeing")
+    )
+    items = [f"{metrics.get('passed') or 0:.0%} of the pixels (background alone)"]
+    if taken_count + left_out_count:
+        explanation = f"{unseeing_count} see too little, the others less than those taken"
+        items.append(f"{left_out_count} of {taken_count + left_out_count} candidates ({explanation})")
+    for name, reason in cost.own.reasons.items():
+        if name.startswith("part ") and metrics.get(name) == 0:
+            items.append(f"{name.removeprefix('part ')} ({reason})")
+    return f"- {cost.scene}: {', '.join(items)}\n"
 
 
 def _already_good(records: Sequence[Record]) -> str:
-    """By scene: what share of its blocks a predictor passes through for what is allowed, and the box that is left."""
+    """By scene: share of blocks that can be passed through unchanged for 0.02 dB, and the box around the others."""
     command = "`gaussian-enhancer already_good runs=[RUNS] records=docs/results/already_good.jsonl`"
     if not records:
         return f"Not measured yet: {command}.\n"
     names = ("passed by predicted", "box by predicted", "passed by bound", "box by bound")
     lines = []
     for run in dict.fromkeys(record.run for record in records):
-        own = [record.metrics for record in records if record.run == run]
-        means = (statistics.fmean(metrics[name] or 0.0 for metrics in own) for name in names)
-        lines.append((run.rsplit("-", 1)[0], str(len(own)), *(f"{mean:.0%}" for mean in means)))
-    heads = ("scene", "views", "passed, predicted", "box left", "passed, best order", "box left")
+        run_metrics = [record.metrics for record in records if record.run == run]
+        means = (statistics.fmean(metrics[name] or 0.0 for metrics in run_metrics) for name in names)
+        lines.append((run.rsplit("-", 1)[0], str(len(run_metrics)), *(f"{mean:.0%}" for mean in means)))
+    headings = ("scene", "views", "passed, predicted", "box left", "passed, best order", "box left")
     about = (
         f"{command}, training worlds. Share of the blocks that can be passed through for 0.02 dB, in the order of the "
         "errors that the references show of themselves, and in the best order, which nobody knows beforehand; and the "
         "share of the image that the rectangle around the others takes.\n"
     )
-    return f"{about}\n{markdown(frame(heads, lines))}"
+    return f"{about}\n{markdown(frame(headings, lines))}"

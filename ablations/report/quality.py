@@ -1,4 +1,4 @@
-"""The page of the quality study as Markdown, from its records alone."""
+"""Makes the page of the quality study as Markdown, from its records alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class QualityTable:
 
     Args:
         results: its study and records.
-        aims: what its own methods are to show.
+        aims: aims of the study's own methods.
     """
 
     results: Results
@@ -24,25 +24,25 @@ class QualityTable:
 
 
 def quality_page(title: str, about: str, tables: Sequence[QualityTable], link: str) -> str:
-    """The whole page.
+    """The page as Markdown.
 
     Args:
         title: its heading.
         about: what was measured and by which command, Markdown.
         tables: its tables.
-        link: the records' file, as the page links it.
+        link: address of the records' file, relative to the page.
     """
     parts = [f"# {title}\n", f"{about.strip()}\n", *(part for table in tables for part in _parts(table))]
     records = [record for table in tables for record in table.results.records]
-    known = [name for name in sections.TITLES if any(name in record.metrics for record in records)]
-    ways = ", ".join(f"{name} {'higher' if HIGHER_IS_BETTER[name] else 'lower'}" for name in known)
+    measured_metrics = [name for name in sections.TITLES if any(name in record.metrics for record in records)]
+    directions = ", ".join(f"{name} {'higher' if HIGHER_IS_BETTER[name] else 'lower'}" for name in measured_metrics)
     parts += ["## Where the numbers come from\n"]
-    parts += [sections.source_list(records, link, "frames: ") + f"- better is {ways}\n"]
+    parts += [sections.source_list(records, link, "frames: ") + f"- better is {directions}\n"]
     return "\n".join(parts)
 
 
 def _parts(table: QualityTable) -> list[str]:
-    """Methods, aims, scenes, harm, scene-splat pairs, what is missing."""
+    """A table's sections: methods, aims, scenes, frames made worse, scene-splat pairs, missing values."""
     results, study = table.results, table.results.study
     parts = [f"## {study.title}\n", f"{study.about.strip()}\n", sections.methods_list(results)]
     if by_role(results, "ours"):

@@ -1,4 +1,4 @@
-"""README's figures, made from the records of the quality page."""
+"""Makes the README's numbers from the records of the quality page."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,44 +30,44 @@ def views(records: Sequence[Record]) -> pd.DataFrame:
     Raises:
         InputError: a view was enhanced but not measured raw.
     """
-    frame = frame_of(one for one in records if one.variant in (RAW, ENHANCED))
-    found = with_gains(frame, {"variant": RAW}, ("run", "view"))
-    found = found[found["variant"] == ENHANCED]
-    for _, one in found[found["gain psnr"].isna()].iterrows():
-        raise InputError(f"{one['run']}, {one['view']}", "has no raw render in the records", "measure it again")
-    return found.assign(raw=found["psnr"] - found["gain psnr"])
+    frame = frame_of(record for record in records if record.variant in (RAW, ENHANCED))
+    gains = with_gains(frame, {"variant": RAW}, ("run", "view"))
+    gains = gains[gains["variant"] == ENHANCED]
+    for _, record in gains[gains["gain psnr"].isna()].iterrows():
+        raise InputError(f"{record['run']}, {record['view']}", "has no raw render in the records", "measure it again")
+    return gains.assign(raw=gains["psnr"] - gains["gain psnr"])
 
 
 def text(records: Sequence[Record]) -> str:
-    """README's table, means over fits of the means over their views, and its sentence on single frames."""
-    found = views(records)
-    fits = found.groupby(["scene", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
+    """The README's table (means over fits of the means over their views), and its sentence on single frames."""
+    enhanced_views = views(records)
+    fits = enhanced_views.groupby(["scene", "run"])[["raw", "psnr", "gain psnr_aligned", "gain lpips_alex"]].mean()
     means = fits.groupby("scene").mean()
     lines = [f"| {title} | {LINE.format(*means.loc[scene])} |\n" for scene, title in SCENES.items()]
-    return f"{HEAD}{''.join(lines)}\n{_worst(found)}\n"
+    return f"{HEAD}{''.join(lines)}\n{_worst(enhanced_views)}\n"
 
 
 def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
-    """The page with what stands between its marks replaced.
+    """Replace the text between two marks of a page.
 
     Args:
-        page: its text.
-        made: what is to stand there.
+        page: text of the page.
+        made: the new text between the marks.
         begin: the first mark; `END` is the second.
         name: of the page, for errors.
 
     Raises:
-        InputError: it has no marks.
+        InputError: the page has no such marks.
     """
-    before, found, rest = page.partition(begin)
-    _, end, after = rest.partition(END)
-    if not found or not end:
+    before, begin_mark, after_begin = page.partition(begin)
+    _, end_mark, after = after_begin.partition(END)
+    if not begin_mark or not end_mark:
         raise InputError(name, "has no place for its figures", f"put {begin} and {END} around them")
     return f"{before}{begin}\n{made}{END}{after}"
 
 
 def _worst(found: pd.DataFrame) -> str:
-    """How many frames gain, and what the worst one gains or loses."""
+    """A sentence on the number of frames that lose, and the loss or gain of the worst one."""
     lines = []
     for metric, name in (("psnr_aligned", "colour-aligned PSNR"), ("psnr", "plain PSNR")):
         gains = found[f"gain {metric}"]

@@ -1,4 +1,4 @@
-"""The page of what was done to break things, from the records of the campaigns: tried, handled, failed, by class."""
+"""Makes the page on reliability from records of fault injection: cases tried, handled and failed, by class."""
 
 import json
 from collections import Counter
@@ -66,7 +66,7 @@ Extreme inputs in five precisions are compared with float64, forward and backwar
 def reliability_page(
     fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], cells: Sequence[Record]
 ) -> str:
-    """The whole page.
+    """The page as Markdown.
 
     Args:
         fuzz: rows of ``fuzz.jsonl``.
@@ -100,7 +100,7 @@ def reliability_page(
 
 
 def read_page(results: Path) -> str:
-    """The page as the records of a folder have it.
+    """Make the page from the records of a folder.
 
     Args:
         results: the folder of committed records.
@@ -114,7 +114,7 @@ def read_page(results: Path) -> str:
 
 
 def _rows(path: Path) -> list[Row]:
-    """The lines of a campaign's record; none where it was not run."""
+    """The rows of a campaign's file of records; none if it was not run."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
@@ -123,31 +123,31 @@ def _one(row: Row) -> tuple[int, bool]:
 
 
 def _counts(cases: Iterable[tuple[int, bool]]) -> tuple[str, str, str]:
-    """Tried, handled, failed, of pairs of a count and whether it was handled."""
-    found: Counter[bool] = Counter()
+    """Totals of tried, handled and failed cases, from pairs of a count and whether it was handled."""
+    totals: Counter[bool] = Counter()
     for count, handled in cases:
-        found[handled] += count
-    return tuple(f"{number:,}" for number in (found.total(), found[True], found[False]))  # type: ignore[return-value]
+        totals[handled] += count
+    return tuple(f"{number:,}" for number in (totals.total(), totals[True], totals[False]))  # type: ignore[return-value]
 
 
 def _guided(coverage: Sequence[Row]) -> tuple[str, str, str]:
-    """A reader's fuzzing ends at its first bad input, so that one has failed at most."""
+    """Totals of coverage-guided fuzzing; each run ends at its first bad input, so at most one of its inputs failed."""
     tried, failed = sum(row["inputs"] for row in coverage), sum(row["verdict"] == "failed" for row in coverage)
     return f"{tried:,}", f"{tried - failed:,}", f"{failed:,}"
 
 
 def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    found = list(lines)
-    return markdown(frame(heads, found)) if found else "Not run yet.\n"
+    rows = list(lines)
+    return markdown(frame(heads, rows)) if rows else "Not run yet.\n"
 
 
 def _readers(damaged: Sequence[Row]) -> str:
-    found: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     for row in damaged:
-        found[row["reader"], row["verdict"]] += row["cases"]
+        counts[row["reader"], row["verdict"]] += row["cases"]
     verdicts = ("refused", "right", "wrong", "crashed")
-    names = sorted({reader for reader, _ in found})
-    lines = [(f"`{name}`", *(str(found[name, verdict]) for verdict in verdicts)) for name in names]
+    names = sorted({reader for reader, _ in counts})
+    lines = [(f"`{name}`", *(str(counts[name, verdict]) for verdict in verdicts)) for name in names]
     return _table(("reader", "refused", "read", "wrong", "crashed"), lines)
 
 
@@ -163,9 +163,11 @@ def _by_signal(kills: Sequence[Row]) -> str:
     names = list(dict.fromkeys((row["job"], row["signal"]) for row in kills))
     lines = []
     for job, signal in sorted(names):
-        own = [row for row in kills if (row["job"], row["signal"]) == (job, signal)]
-        writes = sum("write" in row["moment"] for row in own)
-        lines.append((f"`{job}`", signal, str(writes), str(len(own) - writes), *_counts(map(_one, own))[1:]))
+        signal_rows = [row for row in kills if (row["job"], row["signal"]) == (job, signal)]
+        writes = sum("write" in row["moment"] for row in signal_rows)
+        lines.append(
+            (f"`{job}`", signal, str(writes), str(len(signal_rows) - writes), *_counts(map(_one, signal_rows))[1:])
+        )
     return _table(("job", "signal", "at a write", "at any time", "handled", "failed"), lines)
 
 
@@ -176,8 +178,8 @@ def _two(rows: Sequence[Row]) -> str:
 
 def _by_job(rows: Sequence[Row]) -> str:
     jobs = list(dict.fromkeys(row["job"] for row in rows))
-    own = {job: [row for row in rows if row["job"] == job] for job in jobs}
-    lines = [(f"`{job}`", *_counts(map(_one, own[job])), _named(own[job])) for job in jobs]
+    rows_by_job = {job: [row for row in rows if row["job"] == job] for job in jobs}
+    lines = [(f"`{job}`", *_counts(map(_one, rows_by_job[job])), _named(rows_by_job[job])) for job in jobs]
     return _table(("job", "sorts of files", "handled", "failed", "which"), lines)
 
 
@@ -186,16 +188,16 @@ def _named(rows: Sequence[Row]) -> str:
 
 
 def _families(cells: Sequence[Record]) -> str:
-    found = Counter((cell.run, cell.variant) for cell in cells)
+    counts = Counter((cell.run, cell.variant) for cell in cells)
     lines = [
-        (family, *(str(found[family, outcome]) for outcome in (WITHIN, REFUSED, FAILED)))
+        (family, *(str(counts[family, outcome]) for outcome in (WITHIN, REFUSED, FAILED)))
         for family in dict.fromkeys(cell.run for cell in cells)
     ]
     return _table(("family", WITHIN, REFUSED, "failed"), lines)
 
 
 def _failed(fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], cells: Sequence[Record]) -> str:
-    """Every case that has failed, with what happened."""
+    """A list of all failed cases, with what happened."""
     lines = [(row["case"], row["verdict"], row.get("detail", "")) for row in fuzz if "case" in row]
     lines += [
         (f"{row['reader']} {row['file']}", "failed", row["detail"]) for row in coverage if row["verdict"] == "failed"
@@ -210,7 +212,7 @@ def _failed(fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], 
         for cell in cells
         if cell.variant == FAILED
     ]
-    return "".join(f"- {plain(case)}: {verdict}; {plain(words)}\n" for case, verdict, words in lines) or "Nothing.\n"
+    return "".join(f"- {plain(case)}: {verdict}; {plain(detail)}\n" for case, verdict, detail in lines) or "Nothing.\n"
 
 
 def _sources(cells: Sequence[Record]) -> str:

@@ -1,4 +1,4 @@
-"""The page of the stability study as Markdown, from its records: matrix, counts, refusals, faults, order."""
+"""Makes the page of the stability study as Markdown from its records: matrix, counts, refusals, faults, order."""
 
 import math
 from collections import Counter
@@ -18,13 +18,13 @@ from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.records import Record
 
 RAISED = "computed in float32"
-"""Within tolerance, because the code answers in float32 whatever it is given."""
+"""Outcome of a cell that is within tolerance because the code computes in float32 whatever its inputs."""
 
 COLOURS = {WITHIN: "#4c9a6a", RAISED: "#8fb8de", REFUSED: "#e0b341", FAILED: "#b3261e"}
-"""By outcome; they differ in lightness, so that grey print tells them apart."""
+"""Colour by outcome; colours differ in lightness, so that they can be distinguished in grey."""
 
 SYMBOLS = {WITHIN: "✓", RAISED: "◐", REFUSED: "⊘", FAILED: "✗"}
-"""A cell's outcome in one character; a dot stands where a case has no such pass."""
+"""Symbol by outcome; a pass that a case does not have is shown by a dot."""
 
 _FAULTS = (
     "Found while the matrix was built, by its cells or by reading what a case reaches. Each is fixed; the case and a "
@@ -49,22 +49,26 @@ failed.
 
 
 def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Mapping[str, str], source: str) -> str:
-    """The whole page.
+    """The page as Markdown.
 
     Args:
         records: of the matrix and of the sampler's order.
-        cases: the catalogue, which says what each is.
-        figures: links to the diagrams by name: "matrix" and, where it was measured, "order".
-        source: the records' file, as the page links it.
+        cases: the catalogue, with the description of each case.
+        figures: links to the diagrams by name: "matrix" and, if it was measured, "order".
+        source: address of the records' file, relative to the page.
     """
     cells = [record for record in records if record.kind == KIND]
     order = [record for record in records if record.kind != KIND]
     parts = ["# Stability\n", ABOUT, "## In short\n", markdown(count_table(cells))]
     parts += [f"![The matrix in colour]({figures['matrix']})\n"]
-    known = {case.name: case for case in cases}
+    cases_by_name = {case.name: case for case in cases}
     for family in dict.fromkeys(record.run for record in cells):
-        own = [record for record in cells if record.run == family]
-        parts += [f"## {family.capitalize()}\n", _matrix(own, known), _reasons(own, known)]
+        family_cells = [record for record in cells if record.run == family]
+        parts += [
+            f"## {family.capitalize()}\n",
+            _matrix(family_cells, cases_by_name),
+            _reasons(family_cells, cases_by_name),
+        ]
     if order:
         parts += ["## Order of the latent sampler\n", _order(order, figures["order"])]
     parts += ["## What was refused, and what has failed\n", _said(cells)]
@@ -79,17 +83,17 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
 
 
 def faults() -> list[dict[str, str]]:
-    """Faults that were found and fixed: the case that holds each, what happened, and what happens now."""
+    """Faults that were found and fixed: the case that tests each, what happened, and what happens now."""
     return list(read_yaml(Path(catalogue.__file__).with_name("faults.yaml")))
 
 
 def outcome_of(record: Record) -> str:
-    """What became of a cell, float32 in place of half precision told apart."""
+    """The outcome of a cell; `RAISED` if it is within tolerance and was computed in float32."""
     return RAISED if record.variant == WITHIN and record.reasons.get("computed") == "float32" else record.variant
 
 
 def matrix_plot(records: Sequence[Record]) -> str:
-    """The matrix as SVG: a row a case, a column a precision and pass.
+    """Plot the matrix as SVG: one row per case, one column per precision and pass.
 
     Args:
         records: of kind "stability".
@@ -101,7 +105,7 @@ def matrix_plot(records: Sequence[Record]) -> str:
 
 
 def order_plot(records: Sequence[Record]) -> str:
-    """Error of the sampler over its steps as SVG, one curve a schedule.
+    """Plot the sampler's error over its steps as SVG, one curve per schedule.
 
     Args:
         records: of kind "sampler order".
@@ -115,34 +119,36 @@ def order_plot(records: Sequence[Record]) -> str:
 
 
 def count_table(cells: Sequence[Record]) -> pd.DataFrame:
-    """How many cells ended in which way, by precision.
+    """The number of cells of each outcome, by precision.
 
     Args:
         cells: records of the matrix.
     """
-    found = Counter((record.splat, outcome_of(record)) for record in cells)
-    rows = [(precision.name, *(str(found[precision.name, outcome]) for outcome in SYMBOLS)) for precision in PRECISIONS]
-    rows.append(("all", *(str(sum(found[p.name, outcome] for p in PRECISIONS)) for outcome in SYMBOLS)))
-    heads = tuple(f"{symbol} {outcome}" for outcome, symbol in SYMBOLS.items())
-    return frame(("precision", *heads), rows)
+    counts = Counter((record.splat, outcome_of(record)) for record in cells)
+    rows = [
+        (precision.name, *(str(counts[precision.name, outcome]) for outcome in SYMBOLS)) for precision in PRECISIONS
+    ]
+    rows.append(("all", *(str(sum(counts[p.name, outcome] for p in PRECISIONS)) for outcome in SYMBOLS)))
+    headings = tuple(f"{symbol} {outcome}" for outcome, symbol in SYMBOLS.items())
+    return frame(("precision", *headings), rows)
 
 
 def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
-    """One line a case: forward and backward of each precision, and float32's errors."""
+    """One line per case: outcomes of forward and backward in each precision, and the errors of float32."""
     by_place = {(record.scene, record.splat, record.view): record for record in cells}
     rows = []
     for name in dict.fromkeys(record.scene for record in cells):
         outcomes = []
         for precision in PRECISIONS:
-            both = (by_place.get((name, precision.name, direction)) for direction in PASSES)
-            outcomes.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in both))
+            pass_records = (by_place.get((name, precision.name, direction)) for direction in PASSES)
+            outcomes.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in pass_records))
         errors = (by_place.get((name, "float32", direction)) for direction in PASSES)
         about = known[name].about if name in known else ""
         rows.append(
             (f"`{name}`", about, *outcomes, *("" if r is None else _number(r.metrics["error"]) for r in errors))
         )
-    heads = "case", "what", *(precision.name for precision in PRECISIONS), "float32 error", "its gradient's"
-    return markdown(frame(heads, rows))
+    headings = "case", "what", *(precision.name for precision in PRECISIONS), "float32 error", "its gradient's"
+    return markdown(frame(headings, rows))
 
 
 def _number(value: float | None) -> str:
@@ -158,8 +164,10 @@ def _reasons(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
             continue
         limits = "; ".join(f"{p} {_limits(pair)}" for p, pair in case.tolerance.items())
         lines.setdefault(f"{limits}{f' ({case.why})' if case.why else ''}", []).append(name)
-    whose = (f"- {names}: {words}\n" for words, names in _named(lines, len(dict.fromkeys(r.scene for r in cells))))
-    return "Tolerances, result and gradient:\n\n" + "".join(whose)
+    items = (
+        f"- {names}: {tolerances}\n" for tolerances, names in _named(lines, len(dict.fromkeys(r.scene for r in cells)))
+    )
+    return "Tolerances, result and gradient:\n\n" + "".join(items)
 
 
 def _named(lines: Mapping[str, Sequence[str]], count: int) -> list[tuple[str, str]]:
@@ -173,30 +181,30 @@ def _limits(pair: tuple[float, float]) -> str:
 
 
 def _order(records: Sequence[Record], figure: str) -> str:
-    found = slopes(records)
+    orders = slopes(records)
     rows = []
     for name in dict.fromkeys(record.scene for record in records):
-        own = {int(r.metrics["steps"] or 0): r.metrics["error"] for r in records if r.scene == name}
-        shown = [_number(own.get(steps)) for steps in (1, 4, 64, 1000)]
-        rows.append((f"`{name}`", *shown, f"{found[name]:.2f}" if name in found else ""))
-    words = (
+        error_by_steps = {int(r.metrics["steps"] or 0): r.metrics["error"] for r in records if r.scene == name}
+        cells = [_number(error_by_steps.get(steps)) for steps in (1, 4, 64, 1000)]
+        rows.append((f"`{name}`", *cells, f"{orders[name]:.2f}" if name in orders else ""))
+    about = (
         f"{records[0].protocol}. The first two schedules are those in use, the others make the reverse process stiff. "
         "Order 1 means that twice the steps halve the error. The denoiser hears the time in waves down to 1/64 of the "
         "way, which take hundreds of steps to resolve; it was never trained on the stiff schedules.\n"
     )
-    heads = "schedule", "1 step", "4", "64", "1000", "order at the end"
-    return "\n".join([words, f"![Error over steps]({figure})\n", markdown(frame(heads, rows))])
+    headings = "schedule", "1 step", "4", "64", "1000", "order at the end"
+    return "\n".join([about, f"![Error over steps]({figure})\n", markdown(frame(headings, rows))])
 
 
 def _said(cells: Sequence[Record]) -> str:
-    """Every text of a refusal or a failure with its cells."""
-    found: dict[tuple[str, str], list[str]] = {}
+    """Every reason of a refusal or failure, with its cells."""
+    places_by_reason: dict[tuple[str, str], list[str]] = {}
     for record in cells:
         if record.variant in (REFUSED, FAILED):
             key = record.variant, record.reasons.get("outcome", "")
-            found.setdefault(key, []).append(f"`{record.scene}` {record.splat} {record.view}")
+            places_by_reason.setdefault(key, []).append(f"`{record.scene}` {record.splat} {record.view}")
     lines = []
-    for (outcome, words), places in found.items():
-        more = f" and {len(places) - 1} more cells" if len(places) > 1 else ""
-        lines.append(f"- {outcome}, {places[0]}{more}: {words}\n")
+    for (outcome, reason), places in places_by_reason.items():
+        remainder = f" and {len(places) - 1} more cells" if len(places) > 1 else ""
+        lines.append(f"- {outcome}, {places[0]}{remainder}: {reason}\n")
     return "".join(lines) or "Nothing.\n"

@@ -1,4 +1,4 @@
-"""Reports of a study from its description and records alone: Markdown, LaTeX, and one line a cell as CSV."""
+"""Writes reports of a study from its description and records alone: Markdown, LaTeX, and CSV with one line per cell."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,15 +20,15 @@ from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, MISSING, Record
 
 
 def write_reports(folder: Path, study: TableDescription, records: Sequence[Record]) -> list[Path]:
-    """Write ``<folder>/<name>.md``, ``.tex`` and ``.csv``, each whole or not at all.
+    """Write ``<folder>/<name>.md``, ``.tex`` and ``.csv``, each atomically.
 
     Args:
-        folder: where description and records lie; a grid of images as ``<name>.png`` is shown where there is one.
+        folder: folder of description and records; a grid of images ``<name>.png`` in it is shown.
         study: its description.
         records: its records, in any order.
 
     Returns:
-        The files.
+        The paths of the files.
 
     Raises:
         InputError: a view was measured twice, or a file cannot be written.
@@ -49,10 +49,10 @@ def page(folder: Path, table: StudyTable, rendered: RenderedTable, records: Sequ
     """The table as a page of Markdown.
 
     Args:
-        folder: where it will lie.
-        table: its numbers.
-        rendered: its text.
-        records: its records.
+        folder: folder of the page.
+        table: the table's numbers.
+        rendered: the table's text.
+        records: the table's records.
     """
     study = table.study
     parts = [f"# {plain(study.title)}\n", f"{plain(caption(study, records))}\n", f"{study.about.strip()}\n"]
@@ -68,12 +68,12 @@ def page(folder: Path, table: StudyTable, rendered: RenderedTable, records: Sequ
 
 
 def cell_frame(table: StudyTable) -> pd.DataFrame:
-    """One line a cell, numbers with all their digits; empty where there is none, ``missing`` says why."""
+    """One line per cell, with full precision; empty for a missing number, whose reason is in ``missing``."""
     return pd.DataFrame(list(_cells(table)))
 
 
 def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -> str:
-    """An index of a scale's results, one line a study, and which of the paper's claims hold in them, as Markdown.
+    """An index of a scale's results with one line per study, and the verdicts on the paper's claims, as Markdown.
 
     Args:
         studies: descriptions with their records.
@@ -85,8 +85,8 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
         raise InputError("summary", "has no table", "make a table first: gaussian-enhancer tables")
     scales = ", ".join(stated(study.scale for study, _ in studies))
     results = [Results(study, records) for study, records in studies]
-    lines = [_indexed(one, records) for one, (_, records) in zip(results, studies, strict=True)]
-    found = claims(results)
+    lines = [_indexed(study_results, records) for study_results, (_, records) in zip(results, studies, strict=True)]
+    judged_claims = claims(results)
     stand_ins = stated(f"{d.stand_in} for {d.title}" for s, _ in studies for d in s.datasets.values() if d.stand_in)
     parts = [
         f"# Results at scale {scales}\n" if scales else "# Results\n",
@@ -96,8 +96,8 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
         "95 % bootstrap interval leaves out zero; a claim holds "
         "where all of its differences do, does not where one goes the other way, and is undecided else or where cells "
         "are missing.\n",
-        markdown(frame(("claim", "verdict", "comparisons"), [(c.text, c.verdict, c.counted) for c in found])),
-        *map(_behind, found),
+        markdown(frame(("claim", "verdict", "comparisons"), [(c.text, c.verdict, c.counted) for c in judged_claims])),
+        *map(_behind, judged_claims),
     ]
     if stand_ins:
         parts += ["## Stand-ins\n", "".join(f"- {plain(text)}\n" for text in stand_ins)]
@@ -105,24 +105,33 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
 
 
 def _behind(claim: Claim) -> str:
-    """Every comparison of a claim."""
-    words = {True: "as claimed", False: "against", None: "open"}
-    lines = (f"- {words[outcome]}: {plain(text)}\n" for outcome, text in claim.findings)
+    """A claim with all of its comparisons, as Markdown."""
+    outcome_texts = {True: "as claimed", False: "against", None: "open"}
+    lines = (f"- {outcome_texts[outcome]}: {plain(text)}\n" for outcome, text in claim.findings)
     return f"### {claim.text}: {claim.verdict}\n\n{''.join(lines)}"
 
 
 def _indexed(results: Results, records: Sequence[Record]) -> tuple[str, ...]:
-    """A study's line in the index; a cell is one metric of one method in one scene and block with one seed."""
+    """A study's line in the index. A cell is one metric of one method in one scene and block, with one seed."""
     study = results.study
     places = [
         (block, method, metric) for block in results.blocks for method in study.methods for metric in study.metrics
     ]
     samples = [results.values(*place) for place in places]
-    there, lacking = (sum(map(len, found)) for found in zip(*((s.values, s.missing) for s in samples), strict=True))
-    gaps = sum(record.kind == MISSING for record in records)
+    present, missing = (
+        sum(map(len, mappings)) for mappings in zip(*((s.values, s.missing) for s in samples), strict=True)
+    )
+    missing_records = sum(record.kind == MISSING for record in records)
     commits = ", ".join(stated(record.commit for record in records))
     link = f"[{study.name}]({study.name}.md)"
-    return (link, plain(study.title), f"{there} of {there + lacking}", str(gaps), str(len(records)), commits)
+    return (
+        link,
+        plain(study.title),
+        f"{present} of {present + missing}",
+        str(missing_records),
+        str(len(records)),
+        commits,
+    )
 
 
 def _cells(table: StudyTable) -> Iterator[dict[str, Any]]:
@@ -175,14 +184,14 @@ def _reading(table: StudyTable) -> str:
 
 
 def _outside(table: StudyTable) -> list[str]:
-    """Records that the description does not ask for, which no number holds."""
-    others = table.results.outside
-    if not others:
+    """A sentence on records that the description does not cover, which are in no number; none if there are none."""
+    uncovered = table.results.outside
+    if not uncovered:
         return []
-    seeds = ["without a seed" if record.seed is None else f"seed {record.seed}" for record in others]
-    named = zip(others, seeds, strict=True)
-    places = stated(" ".join(filter(None, (r.kind, r.scene, r.splat, r.variant, seed))) for r, seed in named)
-    count = len(others)
+    seeds = ["without a seed" if record.seed is None else f"seed {record.seed}" for record in uncovered]
+    record_seeds = zip(uncovered, seeds, strict=True)
+    places = stated(" ".join(filter(None, (r.kind, r.scene, r.splat, r.variant, seed))) for r, seed in record_seeds)
+    count = len(uncovered)
     return [f"{count} records are of what the table does not ask for, and are in no number: {', '.join(places)}.\n"]
 
 
@@ -192,12 +201,12 @@ def _picture(folder: Path, study: TableDescription) -> str:
 
 
 def _methods(study: TableDescription) -> str:
-    """What each method is and what makes it."""
+    """A list of the methods: what each one is, its weights and its overrides."""
     lines = []
     for name, method in study.methods.items():
-        words = [plain(method.about), f"weights `{method.weights}`" if method.weights else ""]
-        words += [f"`{' '.join(overrides)}`" for overrides in (method.train, method.enhance) if overrides]
-        lines.append(f"- {plain(method.title)} (`{name}`): {'; '.join(filter(None, words)) or 'as it came'}\n")
+        parts = [plain(method.about), f"weights `{method.weights}`" if method.weights else ""]
+        parts += [f"`{' '.join(overrides)}`" for overrides in (method.train, method.enhance) if overrides]
+        lines.append(f"- {plain(method.title)} (`{name}`): {'; '.join(filter(None, parts)) or 'as it came'}\n")
     return "".join(lines)
 
 
@@ -207,5 +216,5 @@ def _cell(cell: Cell) -> str:
 
 
 def _full(value: float | None) -> str:
-    """Every digit, so that reading it gives the number again; empty where there is none."""
+    """A number with all digits, so that it can be read back exactly; empty if unknown."""
     return "" if value is None or math.isnan(value) else repr(float(value))

@@ -1,4 +1,4 @@
-"""The page of error over run time, as Markdown with diagrams, from records alone."""
+"""Makes the page of error over run time as Markdown with diagrams, from records alone."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,34 +15,34 @@ from gaussian_enhancer.metrics.records import Record
 def write_pages(
     page: Path, folder: Path, records: Mapping[str, Sequence[Record]], titles: Mapping[str, str], asked: TradeoffLimits
 ) -> Iterator[Path]:
-    """Write the page and its diagrams; each path as it is written.
+    """Write the page and its diagrams; yields each path after writing it.
 
     Args:
         page: Markdown file.
         folder: of diagrams and records.
-        records: by kind: "quality", "training", "numerics"; those that are not there are said to be missing.
+        records: by kind: "quality", "training", "numerics"; the page states which of these are missing.
         titles: of the studies of the kind quality.
-        asked: what is chosen for.
+        asked: limits by which the page chooses settings.
 
     Raises:
         InputError: a file cannot be written.
     """
     link = Path(os.path.relpath(folder, page.parent)).as_posix()
-    parts, drawings = [HEAD], {}
-    for kind, made in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
+    parts, diagrams = [HEAD], {}
+    for kind, make_parts in (("quality", None), ("training", training_parts), ("numerics", kernel_parts)):
         if kind not in records:
             parts.append(f"## {KINDS[kind]}\n\nNot measured yet: `gaussian-enhancer tradeoff kind={kind}`.\n")
             continue
-        own = quality_parts(records[kind], titles, asked) if made is None else made(records[kind])
+        section_parts = quality_parts(records[kind], titles, asked) if make_parts is None else make_parts(records[kind])
         parts.append(f"## {KINDS[kind]}\n")
-        for text, name, drawing in own:
+        for text, name, diagram in section_parts:
             parts.append(text)
-            if drawing:
-                drawings[f"{name}.svg"] = drawing
+            if diagram:
+                diagrams[f"{name}.svg"] = diagram
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
         parts.append(sources(records[kind], f"{link}/{kind}.jsonl", between="; or "))
-    for name, drawing in drawings.items():
-        yield _written(folder / name, drawing)
+    for name, diagram in diagrams.items():
+        yield _written(folder / name, diagram)
     yield _written(page, "\n".join(parts))
 
 

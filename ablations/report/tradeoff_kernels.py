@@ -1,4 +1,4 @@
-"""Kernels' part of the page of error over run time: error against float64 over time."""
+"""Makes the part on kernels of the page of error over run time: error against float64 over time."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,16 +15,16 @@ steps; its error at 256 steps in float64 says how far these are from the end.
 
 
 def kernel_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
-    """Text, a diagram's name and the diagram.
+    """Yield parts of the page: text, name of a diagram, and the diagram; both are empty for a part without diagram.
 
     Args:
         records: of the kind numerics.
     """
     yield ABOUT, "", ""
-    found = [record for record in records if record.kind != MISSING]
-    cases = dict.fromkeys(record.scene for record in found)
-    panels = [_panel(case, [record for record in found if record.scene == case]) for case in cases]
-    yield _table(found), "numerics", work_precision("Error of kernels against float64", panels, 3)
+    measured = [record for record in records if record.kind != MISSING]
+    cases = dict.fromkeys(record.scene for record in measured)
+    panels = [_panel(case, [record for record in measured if record.scene == case]) for case in cases]
+    yield _table(measured), "numerics", work_precision("Error of kernels against float64", panels, 3)
     lines = "".join(f"- {r.scene}, `{r.variant}`: {r.reasons['row']}\n" for r in records if r.kind == MISSING)
     yield f"Missing:\n\n{lines}" if lines else "Missing: nothing.\n", "", ""
 

@@ -1,4 +1,4 @@
-"""Enhancement's part of the page of error over run time: diagrams by error and difficulty, choices, what is missing."""
+"""Makes the part on enhancement of the page of error over run time: diagrams by error and difficulty, best settings."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from gaussian_enhancer.metrics.tradeoff import Point, best_within, beyond_best, 
 
 ALL = "all"
 BASELINES = ("raw", "bicubic")
-"""Curves that take next to no time: drawn as a line across."""
+"""Curves of negligible time, drawn as a horizontal line."""
 
 ERRORS = {
     "mse": "mean squared error",
@@ -27,11 +27,11 @@ TIME_AXIS = "time, ms per megapixel of output"
 
 @dataclass(frozen=True)
 class TradeoffLimits:
-    """What the page chooses for.
+    """Limits by which the page chooses settings.
 
     Args:
-        decibels: below the best PSNR that is put up with.
-        milliseconds: an image may take.
+        decibels: largest loss below the best PSNR.
+        milliseconds: largest time per image.
     """
 
     decibels: float
@@ -48,106 +48,108 @@ are shown.
 def quality_parts(
     records: Sequence[Record], titles: Mapping[str, str], asked: TradeoffLimits
 ) -> Iterator[tuple[str, str, str]]:
-    """Text, a diagram's name and the diagram, by study and side.
+    """Yield parts of the page, by study and side: text, name of a diagram, and the diagram; both may be empty.
 
     Args:
         records: of the kind quality.
         titles: of the studies.
-        asked: what is chosen for.
+        asked: limits by which settings are chosen.
     """
     yield READING, "", ""
-    for (study, side), own in by_side(records).items():
-        groups = {group: summarised(found) for group, found in grouped(own).items()}
+    for (study, side), study_records in by_side(records).items():
+        groups = {group: summarised(settings) for group, settings in grouped(study_records).items()}
         title = titles.get(study, study)
-        yield f"### {title}: {side} scenes\n\n{_scenes(own)}\n", "", ""
-        drawing = work_precision(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
-        yield _choices(groups, asked), f"{study}_{side}", drawing
-        found, reasons = groups[ALL]
+        yield f"### {title}: {side} scenes\n\n{_scenes(study_records)}\n", "", ""
+        diagram = work_precision(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
+        yield _choices(groups, asked), f"{study}_{side}", diagram
+        settings, reasons = groups[ALL]
         heading = "Settings, all scenes, fastest first (**on the front** of mean squared error):"
-        yield f"{heading}\n\n{markdown(setting_table(found))}", "", ""
+        yield f"{heading}\n\n{markdown(setting_table(settings))}", "", ""
         yield _missing(reasons), "", ""
 
 
 def by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
-    """Records by study and by the side of their scenes, "validation" or "test"; variants without the study's name."""
-    found: dict[tuple[str, str], list[Record]] = {}
+    """Records by study and by side of their scene, "validation" or "test"; the study is removed from variants."""
+    records_by_side: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         study, _, variant = record.variant.partition("/")
-        found.setdefault((study, record.scene.split("/")[0]), []).append(replace(record, variant=variant))
-    return found
+        records_by_side.setdefault((study, record.scene.split("/")[0]), []).append(replace(record, variant=variant))
+    return records_by_side
 
 
 def grouped(records: Sequence[Record]) -> dict[str, list[Record]]:
-    """Records by difficulty, "side/difficulty/scene" being their scenes, and all of them where there are several."""
-    found: dict[str, list[Record]] = {}
+    """Records by difficulty (of the scene "side/difficulty/scene"), and all of them; only all if there is one."""
+    by_difficulty: dict[str, list[Record]] = {}
     for record in records:
-        found.setdefault(record.scene.split("/")[1], []).append(record)
-    return {**found, ALL: list(records)} if len(found) > 1 else {ALL: list(records)}
+        by_difficulty.setdefault(record.scene.split("/")[1], []).append(record)
+    return {**by_difficulty, ALL: list(records)} if len(by_difficulty) > 1 else {ALL: list(records)}
 
 
 def _panels(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]]) -> Iterator[Panel]:
-    """One row of panels an error that was measured, one column a group."""
+    """Panels: one row per measured error, one column per group."""
     for metric, title in ERRORS.items():
-        if not any(one.error(metric) is not None for one in groups[ALL][0]):
+        if not any(setting.error(metric) is not None for setting in groups[ALL][0]):
             continue
-        for group, (found, _) in groups.items():
+        for group, (settings, _) in groups.items():
             curves: dict[str, list[Mark]] = {}
             baseline = None
-            for one in found:
-                error = one.error(metric)
+            for setting in settings:
+                error = setting.error(metric)
                 if error is None:
                     continue
-                if one.curve in BASELINES:
-                    baseline = (f"{one.curve} {one.setting}, {one.milliseconds:.0f} ms/MP", error)
+                if setting.curve in BASELINES:
+                    baseline = (f"{setting.curve} {setting.setting}, {setting.milliseconds:.0f} ms/MP", error)
                 else:
-                    curves.setdefault(one.curve, []).append(
-                        Mark(one.setting, one.milliseconds, error, one.low, one.high)
+                    curves.setdefault(setting.curve, []).append(
+                        Mark(setting.setting, setting.milliseconds, error, setting.low, setting.high)
                     )
-            named = "all scenes" if group == ALL else f"{group} scenes"
-            drawn = {name: tuple(marks) for name, marks in curves.items()}
-            yield Panel(f"{title}, {named}", TIME_AXIS, title, drawn, baseline)
+            group_title = "all scenes" if group == ALL else f"{group} scenes"
+            mark_tuples = {name: tuple(marks) for name, marks in curves.items()}
+            yield Panel(f"{title}, {group_title}", TIME_AXIS, title, mark_tuples, baseline)
 
 
 def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], asked: TradeoffLimits) -> str:
-    """What is cheapest within an error, and best within a time, by group."""
+    """The cheapest setting within an error, and the best within a time, by group."""
     rows = []
-    for group, (found, _) in groups.items():
-        if not found:
+    for group, (settings, _) in groups.items():
+        if not settings:
             continue
-        by_name = {one.name: one for one in found}
-        points = points_of(found)
+        by_name = {setting.name: setting for setting in settings}
+        points = points_of(settings)
         cheapest = cheapest_within(points, beyond_best(points, asked.decibels))
-        budget = asked.milliseconds / found[0].megapixels
-        best = best_within(points, budget)
-        size = f"{found[0].megapixels:.3f} MP"
+        budget = asked.milliseconds / settings[0].megapixels
+        best_point = best_within(points, budget)
+        size = f"{settings[0].megapixels:.3f} MP"
         for question, chosen in (
             (f"cheapest within {asked.decibels:g} dB of the best", cheapest),
-            (f"best within {asked.milliseconds:g} ms an image of {size}", best),
+            (f"best within {asked.milliseconds:g} ms an image of {size}", best_point),
         ):
             if chosen is None:
                 rows.append((group, question, "none", "", ""))
             else:
-                one = by_name[chosen.name]
-                rows.append((group, question, one.name, f"{one.milliseconds:.0f}", written("psnr", one.psnr)))
+                setting = by_name[chosen.name]
+                rows.append(
+                    (group, question, setting.name, f"{setting.milliseconds:.0f}", written("psnr", setting.psnr))
+                )
     return markdown(frame(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), rows))
 
 
 def points_of(found: Sequence[SettingSummary]) -> tuple[Point, ...]:
-    """Mean squared error over time."""
-    return tuple(Point(one.name, one.milliseconds, one.error("mse") or 0.0) for one in found)
+    """The settings as points of mean squared error over time."""
+    return tuple(Point(setting.name, setting.milliseconds, setting.error("mse") or 0.0) for setting in found)
 
 
 def setting_table(found: Sequence[SettingSummary]) -> pd.DataFrame:
-    """One line a setting, fastest first, those on the front of mean squared error in bold.
+    """One line per setting, fastest first; settings on the Pareto front of mean squared error are bold.
 
     Args:
         found: settings, each over the same views.
     """
-    best = {point.name for point in front(points_of(found))}
+    front_names = {point.name for point in front(points_of(found))}
     distances = list(dict.fromkeys(name for one in found for name in one.perceptual))
     rows = []
     for one in sorted(found, key=lambda one: one.milliseconds):
-        name = f"**{one.name}**" if one.name in best else one.name
+        name = f"**{one.name}**" if one.name in front_names else one.name
         compiling = "" if one.compiling is None else f"{one.compiling:.0f}"
         memory = "" if one.memory is None else f"{one.memory:.0f}"
         errors = [written("psnr", one.psnr), written("ssim", one.dssim)]
@@ -165,7 +167,7 @@ def _missing(reasons: Mapping[str, str]) -> str:
 
 
 def _scenes(records: Sequence[Record]) -> str:
-    """The scenes with the number of views, and the size of what comes out."""
+    """The scenes with their numbers of views, and the sizes of the output images."""
     scenes: dict[str, set[str]] = {}
     for record in records:
         scenes.setdefault(record.scene.partition("/")[2], set()).update({record.view} - {""})

@@ -1,4 +1,4 @@
-"""Trainings' part of the page of error over run time: validation error over wall-clock and over samples."""
+"""Makes the part on trainings of the page of error over run time: validation error over wall-clock and samples."""
 
 from collections.abc import Iterator, Sequence
 
@@ -19,20 +19,20 @@ single mark; `data.steps_per_epoch=100` validates every 100 steps.
 
 
 def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
-    """Text, a diagram's name and the diagram.
+    """Yield parts of the page: text, name of a diagram, and the diagram; both are empty for a part without diagram.
 
     Args:
         records: of the kind training.
     """
     yield ABOUT, "", ""
-    found = frame_of(record for record in records if record.kind != MISSING)
-    if len(found):
-        found["step"] = found["view"].astype(int)
-        means = found.groupby(["variant", "step"], sort=False)[["gain_psnr", *AXES]].mean()
+    rows = frame_of(record for record in records if record.kind != MISSING)
+    if len(rows):
+        rows["step"] = rows["view"].astype(int)
+        means = rows.groupby(["variant", "step"], sort=False)[["gain_psnr", *AXES]].mean()
         panels = [
             Panel(f"over {title.split(',')[0]}", title, ERROR, _curves(means, key)) for key, title in AXES.items()
         ]
-        yield _table(found), "training", work_precision("Validation error of trainings", panels, len(panels))
+        yield _table(rows), "training", work_precision("Validation error of trainings", panels, len(panels))
     lines = "".join(
         f"- `{r.variant}`, seed {r.seed} ({r.run}): {r.reasons['row']}\n" for r in records if r.kind == MISSING
     )
@@ -40,24 +40,30 @@ def training_parts(records: Sequence[Record]) -> Iterator[tuple[str, str, str]]:
 
 
 def _curves(means: pd.DataFrame, key: str) -> dict[str, tuple[Mark, ...]]:
-    """Marks by variant: the geometric mean of the ratios over the mean time, at each step that was validated."""
+    """Marks by variant: geometric mean of the error ratios over mean time or samples, at each validated step."""
     return {
         str(variant): tuple(
-            Mark(f"{step} steps", one[key], 10 ** (-one["gain_psnr"] / 10))
-            for (_, step), one in own.sort_index().iterrows()
+            Mark(f"{step} steps", row[key], 10 ** (-row["gain_psnr"] / 10))
+            for (_, step), row in variant_rows.sort_index().iterrows()
         )
-        for variant, own in means.groupby("variant", sort=False)
+        for variant, variant_rows in means.groupby("variant", sort=False)
     }
 
 
 def _table(found: pd.DataFrame) -> str:
     rows = []
-    for variant, own in found.groupby("variant", sort=False):
-        last = own["step"].max()
-        end = own[own["step"] == last]
-        gains, (seconds, samples) = end["gain_psnr"], (end[key].mean() for key in AXES)
+    for variant, variant_rows in found.groupby("variant", sort=False):
+        last_step = variant_rows["step"].max()
+        last_rows = variant_rows[variant_rows["step"] == last_step]
+        gains, (seconds, samples) = last_rows["gain_psnr"], (last_rows[key].mean() for key in AXES)
         spread = f" ± {gains.std():.3f}" if len(gains) > 1 else ""
-        numbers = (f"{len(end)}", f"{last}", f"{samples:.0f}", f"{seconds:.0f}", f"{gains.mean():+.3f}{spread}")
-        rows.append((str(variant), *numbers, f"{own['step'].nunique()}"))
-    heads = ("training", "seeds", "steps", "samples", "wall-clock, s", "validation gain, dB", "validations")
-    return markdown(frame(heads, rows))
+        numbers = (
+            f"{len(last_rows)}",
+            f"{last_step}",
+            f"{samples:.0f}",
+            f"{seconds:.0f}",
+            f"{gains.mean():+.3f}{spread}",
+        )
+        rows.append((str(variant), *numbers, f"{variant_rows['step'].nunique()}"))
+    headings = ("training", "seeds", "steps", "samples", "wall-clock, s", "validation gain, dB", "validations")
+    return markdown(frame(headings, rows))

@@ -1,1 +1,1 @@
-"""Stiff and extreme cases: each computed in every precision, forward and backward, and compared with float64."""
+"""The stability matrix: extreme cases in every precision, forward and backward, compared with float64."""

@@ -1,7 +1,7 @@
-"""What a case of the stability matrix is: a computation, its inputs, and how far each precision may be off.
+"""Defines the cases of the stability matrix: a computation, its inputs, and the tolerance of each precision.
 
-A case is judged against float64 on the very numbers that it was given: inputs and weights are rounded to the precision
-first, so that what is measured is the computation and not what the precision cannot hold.
+A case is compared with float64 on the same numbers: inputs and weights are rounded to the precision first, so that the
+error is that of the computation and not that of rounding the inputs.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,9 +16,9 @@ class Precision:
     """A column of the matrix.
 
     Args:
-        name: as pages show it.
+        name: name on pages.
         dtype: of inputs and weights.
-        autocast: what convolutions and products compute in under autocast; None without.
+        autocast: dtype of convolutions and matrix products under autocast; None without autocast.
     """
 
     name: str
@@ -46,11 +46,11 @@ NETWORK: Tolerance = {
     "autocast bfloat16": (0.05, 0.5),
     "autocast float16": (0.01, 0.1),
 }
-"""Some tens of roundings of 2^-8 (bfloat16) or 2^-11 (float16), which a network's layers add up."""
+"""Some tens of rounding errors of 2^-8 (bfloat16) or 2^-11 (float16), accumulated over a network's layers."""
 NETWORK_WHY = "the layers' roundings add up; gradients also where an activation near zero falls to the other side"
 
 EXACT: Tolerance = {p.name: (1e-4, 1e-3 if p.dtype == torch.float32 else 0.01) for p in PRECISIONS}
-"""What is computed in single precision whatever it is given; a gradient by half precision is rounded to it."""
+"""For code that computes in single precision whatever its inputs; gradients of half-precision inputs are rounded."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,14 @@ class Problem:
     """A computation with its inputs.
 
     Args:
-        call: maps module and inputs to the result, whose sum under fixed random weights the backward pass derives;
-            raises `UnstableError` where the result breaks a promise that a number's size does not show.
+        call: maps module and inputs to the result. The backward pass differentiates the result's sum under fixed random
+            weights. Raises `UnstableError` if the result violates a property that the error does not measure.
         inputs: by name, in double precision.
-        module: learnt weights, in double precision; None where there are none.
-        fixed: inputs whose gradient is not asked for.
-        unit: the size of a result that counts as 1; None means the largest of the reference.
-        share: of the result's numbers that have to be within tolerance, the best ones; below 1 where a threshold
-            decides over single pixels.
+        module: module with learnt weights, in double precision; None if there is none.
+        fixed: inputs without gradient.
+        unit: scale that forward errors are divided by; None for the largest absolute value of the reference.
+        share: share of the result's values, the most accurate ones, that must be within tolerance; below 1 if single
+            pixels depend on a threshold.
     """
 
     call: Callable[[nn.Module | None, dict[str, Tensor]], Tensor]
@@ -82,13 +82,13 @@ class Case:
 
     Args:
         family: the part of the catalogue that it belongs to.
-        name: unique.
+        name: unique name.
         about: what is extreme about it.
         build: makes the computation; called once for each precision and pass.
         tolerance: largest errors by precision.
         why: the reason for these tolerances.
-        passes: of these two, the ones that there are.
-        seconds: after so long a cell has failed.
+        passes: passes that are computed, of `PASSES`.
+        seconds: timeout of a cell, after which it has failed.
     """
 
     family: str
@@ -102,4 +102,4 @@ class Case:
 
 
 class UnstableError(Exception):
-    """A promise about a computation does not hold."""
+    """A required property of a computation does not hold."""

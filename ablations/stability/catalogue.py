@@ -1,4 +1,4 @@
-"""All cases."""
+"""The catalogue of all cases, by family."""
 
 from collections.abc import Sequence
 
@@ -18,16 +18,18 @@ FAMILIES = {
 
 
 def catalogue(families: Sequence[str] | None = None, names: Sequence[str] | None = None) -> list[Case]:
-    """The cases, all or some.
+    """All cases, or a selection.
 
     Args:
-        families: only these.
-        names: only these cases.
+        families: only these families; None for all.
+        names: only these cases; None for all.
 
     Raises:
         InputError: there is no such family or case.
     """
     refuse_unknown("families", families, FAMILIES)
-    found = [case for family, cases in FAMILIES.items() if families is None or family in families for case in cases()]
-    refuse_unknown("cases", names, sorted(case.name for case in found))
-    return [case for case in found if names is None or case.name in names]
+    selected = [
+        case for family, cases in FAMILIES.items() if families is None or family in families for case in cases()
+    ]
+    refuse_unknown("cases", names, sorted(case.name for case in selected))
+    return [case for case in selected if names is None or case.name in names]

@@ -1,4 +1,4 @@
-"""Depth that no surface has: zero, infinite, NaN, tiny, huge, all equal; through the warp and through the network."""
+"""Cases of extreme depth: zero, infinite, NaN, tiny, huge, constant; in the warp and in the network."""
 
 import math
 from collections.abc import Callable
@@ -25,37 +25,37 @@ WHY = "geometry is computed in single precision; one pixel in a hundred may fall
 
 
 def cases() -> list[Case]:
-    """The family."""
-    found = []
+    """The cases of this family."""
+    all_cases = []
     for name, (about, _) in DEPTHS.items():
-        found.append(Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warped, name), WARPED, WHY))
-        found.append(Case("depth", f"{name}_network", f"{about}, to modulate with", partial(modulated, name)))
-    return found
+        all_cases.append(Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warped, name), WARPED, WHY))
+        all_cases.append(Case("depth", f"{name}_network", f"{about}, to modulate with", partial(modulated, name)))
+    return all_cases
 
 
 def warped(name: str) -> Problem:
-    """Two references through a depth map."""
-    target, others = as_target(plane()), [plane(0.2, name="a.png"), plane(-0.3, name="b.png")]
+    """Two references warped through a depth map."""
+    target, references = as_target(plane()), [plane(0.2, name="a.png"), plane(-0.3, name="b.png")]
     depth = DEPTHS[name][1](textured_depth())
-    inputs = {"render": target.image, "depth": depth, "first": others[0].image, "second": others[1].image}
-    cameras = [view.camera for view in (target, *others) if view.camera is not None]
+    inputs = {"render": target.image, "depth": depth, "first": references[0].image, "second": references[1].image}
+    cameras = [view.camera for view in (target, *references) if view.camera is not None]
     return Problem(partial(_warped, cameras), inputs, fixed=("depth", "render"), share=0.99)
 
 
 def _warped(cameras: list[Camera], module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     opaque = torch.ones_like(inputs["depth"])
     target = replace(as_target(plane()), image=inputs["render"], depth=inputs["depth"], alpha=opaque)
-    others = [
+    references = [
         replace(plane(), name=name, image=inputs[name], camera=camera, render=None, depth=None)
         for name, camera in zip(("first", "second"), cameras[1:], strict=True)
     ]
-    aligned = Reprojected(match_colour=False, photo_consistency=None)(replace(target, camera=cameras[0]), others, 2)
+    aligned = Reprojected(match_colour=False, photo_consistency=None)(replace(target, camera=cameras[0]), references, 2)
     order = [aligned.names.index(name) for name in ("first", "second")]
     return torch.cat([aligned.references, aligned.visibility], 1)[order]
 
 
 def modulated(name: str) -> Problem:
-    """The network with a depth map."""
+    """The network with a depth map among its inputs."""
     views = views_of("noise", 1)
     views["depth"] = DEPTHS[name][1](views["depth"])
     network = shipped("lr_tiny")
@@ -68,9 +68,9 @@ def _everywhere(value: float) -> Callable[[Tensor], Tensor]:
 
 def _here_and_there(value: float) -> Callable[[Tensor], Tensor]:
     def change(depth: Tensor) -> Tensor:
-        some = depth.clone()
-        some[..., ::3, ::2] = value
-        return some
+        changed = depth.clone()
+        changed[..., ::3, ::2] = value
+        return changed
 
     return change
 
@@ -99,4 +99,4 @@ DEPTHS: dict[str, tuple[str, Callable[[Tensor], Tensor]]] = {
     "unit_1e-4": ("a scene in units of 10^4", _scaled(1e-4)),
     "unit_1e6": ("a scene in units of 10^-6", _scaled(1e6)),
 }
-"""Depth maps by name: what they are, and how they are made from an ordinary one."""
+"""Depth maps by name: description, and function that makes them from an ordinary one."""

@@ -1,4 +1,4 @@
-"""A textured plane seen by several cameras: what the cases of depth and of references change.
+"""A textured plane seen by several cameras: the scene that the cases of depth and references modify.
 
 Axes: h height, w width.
 """
@@ -17,19 +17,19 @@ HEIGHT, WIDTH, DISTANCE = 32, 48, 3.0
 
 
 def plane(shift: float = 0.0, unit: float = 1.0, name: str = "target.png") -> Pixels:
-    """A view of the plane in double precision, with its render (here the photo itself, smoothed) and depth.
+    """A view of the plane in double precision, with depth and a render, which is the smoothed photo.
 
     Args:
-        shift: of the camera to the right, in distances of one.
-        unit: scene units of one.
+        shift: displacement of the camera to the right, in multiples of ``unit``.
+        unit: unit of length, in scene units.
         name: of the view.
     """
     camera = shifted(shift * unit)
-    across = torch.linspace(-1, 1, WIDTH, dtype=torch.float64) + shift * 2 / DISTANCE
-    down = torch.linspace(-1, 1, HEIGHT, dtype=torch.float64)
-    draw = torch.Generator().manual_seed(7)
-    texture = torch.rand(1, 3, 24, 96, generator=draw, dtype=torch.float64)
-    grid = torch.stack(torch.meshgrid(down, across / 3, indexing="ij")[::-1], -1)[None]
+    grid_x = torch.linspace(-1, 1, WIDTH, dtype=torch.float64) + shift * 2 / DISTANCE
+    grid_y = torch.linspace(-1, 1, HEIGHT, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(7)
+    texture = torch.rand(1, 3, 24, 96, generator=generator, dtype=torch.float64)
+    grid = torch.stack(torch.meshgrid(grid_y, grid_x / 3, indexing="ij")[::-1], -1)[None]
     photo = functional.grid_sample(texture, grid, padding_mode="border", align_corners=False)[0]
     depth = torch.full((1, HEIGHT, WIDTH), DISTANCE * unit, dtype=torch.float64)
     render = functional.avg_pool2d(photo[None], 3, 1, 1, count_include_pad=False)[0]
@@ -37,7 +37,7 @@ def plane(shift: float = 0.0, unit: float = 1.0, name: str = "target.png") -> Pi
 
 
 def shifted(right: float, behind: bool = False) -> Camera:
-    """A camera moved to the right, and turned round where it looks from behind."""
+    """A camera moved to the right by ``right`` scene units; with ``behind``, it looks at the plane from behind."""
     camera = identity_camera(HEIGHT, WIDTH, float(WIDTH), torch.float64)
     pose = torch.eye(4, dtype=torch.float64)
     pose[0, 3] = -right
@@ -47,12 +47,12 @@ def shifted(right: float, behind: bool = False) -> Camera:
 
 
 def as_target(view: Pixels) -> Pixels:
-    """A view as it is enhanced: its render in place of its photo."""
+    """The view as a target of enhancement: its render in place of its photo."""
     if view.render is None:
         raise ValueError(f"{view.name} has no render")
     return replace(view, image=view.render, render=None)
 
 
 def textured_depth() -> Float[Tensor, "1 h w"]:
-    """Depth that rises from left to right, in double precision."""
+    """Depth that increases from left to right, in double precision."""
     return torch.linspace(2, 4, WIDTH, dtype=torch.float64).expand(1, HEIGHT, WIDTH).clone()

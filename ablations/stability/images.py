@@ -1,4 +1,4 @@
-"""Images that strain networks, objective and simulator: flat, black, saturated, 16-bit, checkerboards, single rows.
+"""Cases of extreme images for networks, loss and simulator: flat, black, saturated, 16-bit, checkerboard, one row.
 
 Axes: b batch, r references, h height, w width.
 """
@@ -34,23 +34,25 @@ SIMULATED: Tolerance = {precision.name: (1.5 / 255, 1.0) for precision in PRECIS
 
 
 def cases() -> list[Case]:
-    """The family."""
-    found = []
+    """The cases of this family."""
+    all_cases = []
     for name, (about, _) in IMAGES.items():
         for weights in ("lr_tiny", "sr_tiny"):
-            found.append(Case("images", f"{name}_{weights}", f"{about}, enhanced", partial(enhanced, name, weights)))
-        found.append(
+            all_cases.append(
+                Case("images", f"{name}_{weights}", f"{about}, enhanced", partial(enhanced, name, weights))
+            )
+        all_cases.append(
             Case("images", f"{name}_objective", f"{about}, judged", partial(judged, name), EXACT, OBJECTIVE_WHY)
         )
-        found.append(Case("images", f"{name}_colours", f"{about}, colours matched", partial(matched, name), EXACT))
+        all_cases.append(Case("images", f"{name}_colours", f"{about}, colours matched", partial(matched, name), EXACT))
     for name in ("constant", "black", "saturated", "checkerboard", "one_wide", "one_pixel"):
         about, forward = f"{IMAGES[name][0]}, degraded in every way", ("forward",)
-        found.append(
+        all_cases.append(
             Case("images", f"{name}_simulated", about, partial(simulated, name), SIMULATED, SIMULATED_WHY, forward)
         )
     about = "alone, the same as beside another"
-    found.append(Case("images", "one_of_a_batch", about, alone, EXACT, "the two are one computation", ("forward",)))
-    return found
+    all_cases.append(Case("images", "one_of_a_batch", about, alone, EXACT, "the two are one computation", ("forward",)))
+    return all_cases
 
 
 OBJECTIVE_WHY = "the objective is computed in single precision"
@@ -63,51 +65,56 @@ def picture(name: str, batch: int = 1) -> Tensor:
 
 
 def views_of(name: str, scale: int) -> dict[str, Tensor]:
-    """A render with two references and depth: the picture, something near it, and something else."""
+    """Network inputs with depth: the render is the picture, the two references are a noisy copy of it and noise.
+
+    Args:
+        name: of the picture.
+        scale: resolution of the fine references over that of the render; they are left out for 1.
+    """
     render = picture(name)
     height, width = render.shape[-2:]
-    draw = torch.Generator().manual_seed(1)
-    near = (render + 0.05 * torch.randn(render.shape, generator=draw, dtype=torch.float64)).clamp(0, 1)
-    other = torch.rand(render.shape, generator=draw, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(1)
+    noisy_copy = (render + 0.05 * torch.randn(render.shape, generator=generator, dtype=torch.float64)).clamp(0, 1)
+    noise = torch.rand(render.shape, generator=generator, dtype=torch.float64)
     inputs = {
         "render": render,
-        "references": torch.stack([near, other], 1),
-        "visibility": torch.rand(1, 2, 1, height, width, generator=draw, dtype=torch.float64),
-        "depth": 1 + torch.rand(1, 1, height, width, generator=draw, dtype=torch.float64),
-        "alpha": torch.rand(1, 1, height, width, generator=draw, dtype=torch.float64),
-        "reference_renders": torch.stack([render, other], 1),
+        "references": torch.stack([noisy_copy, noise], 1),
+        "visibility": torch.rand(1, 2, 1, height, width, generator=generator, dtype=torch.float64),
+        "depth": 1 + torch.rand(1, 1, height, width, generator=generator, dtype=torch.float64),
+        "alpha": torch.rand(1, 1, height, width, generator=generator, dtype=torch.float64),
+        "reference_renders": torch.stack([render, noise], 1),
     }
     if scale > 1:
-        fine = inputs["references"].repeat_interleave(scale, -2).repeat_interleave(scale, -1)
-        inputs["fine_references"] = fine
+        fine_references = inputs["references"].repeat_interleave(scale, -2).repeat_interleave(scale, -1)
+        inputs["fine_references"] = fine_references
     return inputs
 
 
 def enhanced(name: str, weights: str) -> Problem:
-    """A picture through shipped weights."""
+    """A picture enhanced with shipped weights."""
     network = shipped(weights)
     return Problem(run_network, views_of(name, network.scale), network)
 
 
 @cache
 def shipped(weights: str) -> Network:
-    """Weights of the package in double precision; shared, callers copy them."""
+    """A network with shipped weights in double precision; it is shared, so callers copy it."""
     return load_weights(weights).network.double()
 
 
 def run_network(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    """The network on views."""
+    """Apply the network to its inputs."""
     result: Tensor = module(NetworkInput(**inputs))  # type: ignore[misc, arg-type]
     return result
 
 
 def judged(name: str) -> Problem:
-    """A picture that is its own photo under every term of the objective, and one that is not."""
+    """All terms of the loss, for a batch of a picture equal to its photo and noise in place of it."""
     image = picture(name, 2)
-    draw = torch.Generator().manual_seed(2)
-    result = image.clone()
-    result[1] = torch.rand(result[1].shape, generator=draw, dtype=torch.float64)
-    return Problem(_objective, {"enhanced": result, "photo": image, "render": image.clone()}, unit=None)
+    generator = torch.Generator().manual_seed(2)
+    enhanced_images = image.clone()
+    enhanced_images[1] = torch.rand(enhanced_images[1].shape, generator=generator, dtype=torch.float64)
+    return Problem(_objective, {"enhanced": enhanced_images, "photo": image, "render": image.clone()}, unit=None)
 
 
 def _objective(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
@@ -126,20 +133,23 @@ def _objective(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
 
 
 def matched(name: str) -> Problem:
-    """The colours of a picture brought to those of noise, seen everywhere and nowhere."""
+    """Fitting the colours of a picture to those of noise, with every pixel visible and with none."""
     source = picture(name)[0]
-    other = torch.rand(source.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
-    return Problem(_matched, {"source": source, "target": other}, unit=None)
+    noise = torch.rand(source.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    return Problem(_matched, {"source": source, "target": noise}, unit=None)
 
 
 def _matched(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    seen = torch.ones_like(inputs["source"][:1])
-    fits = [fit_colour(inputs["source"], inputs["target"], weight) for weight in (seen, torch.zeros_like(seen))]
+    all_visible = torch.ones_like(inputs["source"][:1])
+    fits = [
+        fit_colour(inputs["source"], inputs["target"], weight)
+        for weight in (all_visible, torch.zeros_like(all_visible))
+    ]
     return torch.stack(fits)
 
 
 def simulated(name: str) -> Problem:
-    """A picture under every artefact of the simulator."""
+    """A picture degraded by every artefact of the simulator."""
     return Problem(_simulated, {"image": picture(name)})
 
 
@@ -148,14 +158,14 @@ def _simulated(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
 
 
 def alone() -> Problem:
-    """An image by itself less the same image in a batch of two."""
+    """The difference of an image's result alone and in a batch of two."""
     views = {name: torch.cat([value, value.flip(-1)]) for name, value in views_of("noise", 1).items()}
     return Problem(_alone, views, shipped("lr_tiny"))
 
 
 def _alone(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    both = run_network(module, inputs)
-    return both[:1] - run_network(module, {name: value[:1] for name, value in inputs.items()})
+    batch_result = run_network(module, inputs)
+    return batch_result[:1] - run_network(module, {name: value[:1] for name, value in inputs.items()})
 
 
 def _flat(value: float) -> Callable[[], Tensor]:
@@ -167,7 +177,7 @@ def _noise(height: int = HEIGHT, width: int = WIDTH) -> Tensor:
 
 
 def _deep() -> Tensor:
-    """A ramp by steps of 1/65535, which 8 bits do not tell apart."""
+    """A ramp in steps of 1/65535, which 8 bits cannot resolve."""
     return (torch.arange(3 * HEIGHT * WIDTH, dtype=torch.float64) / 65535 + 0.3).view(1, 3, HEIGHT, WIDTH)
 
 
@@ -187,4 +197,4 @@ IMAGES: dict[str, tuple[str, Callable[[], Tensor]]] = {
     "one_high": ("one pixel high", partial(_noise, 1, WIDTH)),
     "one_pixel": ("a single pixel", partial(_noise, 1, 1)),
 }
-"""Pictures by name: what they are, and how they are made."""
+"""Pictures by name: description, and function that makes them."""

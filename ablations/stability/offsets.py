@@ -1,4 +1,4 @@
-"""Deformable sampling far outside the image."""
+"""Cases of deformable sampling with offsets far outside the image."""
 
 from functools import partial
 
@@ -9,27 +9,27 @@ from ablations.stability.case import Case, Problem
 from gaussian_enhancer.network.deform import deformable_sample
 
 OFFSETS = {"none": 0.0, "plus_1e4": 1e4, "minus_1e4": -1e4}
-"""Pixels by name; what is not finite cannot arise, since networks bound offsets (`enhance.deform.Deformation`)."""
+"""Offsets in pixels by name. Networks bound them (`network.deform.Deformation`), so non-finite ones cannot occur."""
 
 
 def cases() -> list[Case]:
-    """The family."""
+    """The cases of this family."""
     about = "offsets of {:g} pixels"
     return [Case("offsets", name, about.format(value), partial(moved, value)) for name, value in OFFSETS.items()]
 
 
 def moved(value: float) -> Problem:
-    """Features read where half of the offsets are a value and half within a pixel."""
-    draw = torch.Generator().manual_seed(8)
-    offset = torch.rand(1, 2 * 9, 10, 12, generator=draw, dtype=torch.float64)
+    """Deformable sampling where half of the offsets have a given value and half lie within a pixel."""
+    generator = torch.Generator().manual_seed(8)
+    offset = torch.rand(1, 2 * 9, 10, 12, generator=generator, dtype=torch.float64)
     offset[:, ::2] = offset[:, ::2] if value == 0 else value
     inputs = {
-        "features": torch.randn(1, 4, 10, 12, generator=draw, dtype=torch.float64),
+        "features": torch.randn(1, 4, 10, 12, generator=generator, dtype=torch.float64),
         "offset": offset,
-        "mask": torch.rand(1, 9, 10, 12, generator=draw, dtype=torch.float64),
-        "kernel": torch.randn(5, 4, 3, 3, generator=draw, dtype=torch.float64),
+        "mask": torch.rand(1, 9, 10, 12, generator=generator, dtype=torch.float64),
+        "kernel": torch.randn(5, 4, 3, 3, generator=generator, dtype=torch.float64),
     }
-    # The derivative by an offset jumps wherever a position crosses a pixel's centre.
+    # The derivative by an offset is discontinuous where a position crosses a pixel's centre.
     return Problem(_moved, inputs, fixed=("offset",), unit=None)
 
 

@@ -1,4 +1,4 @@
-"""How fast the latent sampler's error falls with its steps, by schedule."""
+"""Order of convergence of the latent sampler: its error by number of steps and schedule."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -11,30 +11,30 @@ KIND = "sampler order"
 
 
 def measured_order(name: str, steps: Sequence[int], finest: int) -> Iterator[Record]:
-    """A record for each number of steps: error against the finest solution.
+    """A record for each number of steps: error against the reference solution.
 
     Args:
         name: of the schedule.
-        steps: evaluations of the denoiser; none gives no record.
-        finest: steps of the solution that is compared with.
+        steps: numbers of evaluations of the denoiser; may be empty.
+        finest: number of steps of the reference solution.
     """
     protocol = f"DDIM in float64, root mean square difference of codes to {finest} steps of the same schedule"
     for count, error in (order(name, tuple(steps), finest) if steps else {}).items():
-        known = error if math.isfinite(error) else None
-        metrics: dict[str, float | None] = {"steps": float(count), "error": known}
-        reasons = {} if known is not None else {"error": "the walk diverges"}
+        finite_error = error if math.isfinite(error) else None
+        metrics: dict[str, float | None] = {"steps": float(count), "error": finite_error}
+        reasons = {} if finite_error is not None else {"error": "the walk diverges"}
         yield Record(KIND, "sampler", name, "float64", "forward", str(count), metrics, reasons, protocol=protocol)
 
 
 def slopes(records: Sequence[Record]) -> dict[str, float]:
-    """By schedule, the order of the error between its largest number of steps and the third largest.
+    """By schedule, the order of convergence between the third largest and the largest number of steps.
 
-    An order of 1 means that twice the steps halve the error.
+    An order of 1 means that doubling the steps halves the error.
 
     Args:
-        records: of `measured_order`.
+        records: from `measured_order`.
     """
-    found: dict[str, float] = {}
+    orders: dict[str, float] = {}
     for name in dict.fromkeys(record.scene for record in records):
         points = sorted(
             (steps, error)
@@ -44,6 +44,6 @@ def slopes(records: Sequence[Record]) -> dict[str, float]:
             and (error := record.metrics["error"]) is not None
         )
         if len(points) > 2 and points[-1][1] > 0:
-            (first, before), (last, after) = points[-3], points[-1]
-            found[name] = math.log(before / after) / math.log(last / first)
-    return found
+            (steps_before, error_before), (last_steps, last_error) = points[-3], points[-1]
+            orders[name] = math.log(error_before / last_error) / math.log(last_steps / steps_before)
+    return orders

@@ -1,4 +1,4 @@
-"""References that cannot help, or seem to help too well."""
+"""Cases of extreme references: without information, at the target's own place, of odd sizes, or not finite."""
 
 import math
 from collections.abc import Sequence
@@ -32,29 +32,29 @@ NAMES = ("a.png", "b.png", "c.png")
 
 
 def cases() -> list[Case]:
-    """The family: references as each alignment brings them, and through the network."""
-    found = []
+    """The cases of this family: references after each alignment, and as inputs of the network."""
+    all_cases = []
     for name, about in ABOUT.items():
         for way in WARPS:
-            found.append(
+            all_cases.append(
                 Case("references", f"{name}_{way}", about, partial(aligned, name, way), WARPED, WHY, ("forward",))
             )
-    unseen = "references of visibility 0 that hold huge numbers"
-    found.append(Case("references", "unseen_network", unseen, unseen_problem))
+    about_invisible = "references of visibility 0 that hold huge numbers"
+    all_cases.append(Case("references", "unseen_network", about_invisible, unseen_problem))
     for part in ("render", "references", "alpha"):
         about = f"NaN in one pixel of the {part}"
-        found.append(Case("references", f"nan_in_{part}", about, partial(spoilt, part), passes=("forward",)))
+        all_cases.append(Case("references", f"nan_in_{part}", about, partial(spoilt, part), passes=("forward",)))
     for part in ("render", "references"):
         about = f"1e30 in a patch of the {part}"
-        found.append(Case("references", f"1e30_in_{part}", about, partial(huge, part), passes=("forward",)))
-    return found
+        all_cases.append(Case("references", f"1e30_in_{part}", about, partial(huge, part), passes=("forward",)))
+    return all_cases
 
 
 WARPS: dict[str, Warp] = {"reprojected": Reprojected(), "unwarped": Unwarped()}
 
 
 def aligned(name: str, way: str) -> Problem:
-    """References on the target's grid."""
+    """References aligned to the target's pixels."""
     return Problem(partial(_aligned, name, way), {"render": as_target(plane()).image}, share=0.99)
 
 
@@ -62,43 +62,43 @@ def _aligned(name: str, way: str, module: nn.Module | None, inputs: dict[str, Te
     kind = inputs["render"].dtype
     target = replace(_in(as_target(plane()), kind), image=inputs["render"])
     views = [_in(view, kind) for view in references(name, target)]
-    found = WARPS[way](target, views, 3)
-    shown = torch.cat([found.references, found.visibility], 1)
-    # Equal references may come in either order.
-    return shown.sum(0) if len(shown) else torch.cat([inputs["render"], inputs["render"][:1]]) * 0
+    aligned_set = WARPS[way](target, views, 3)
+    channels = torch.cat([aligned_set.references, aligned_set.visibility], 1)
+    # Equal references may be returned in any order.
+    return channels.sum(0) if len(channels) else torch.cat([inputs["render"], inputs["render"][:1]]) * 0
 
 
 def references(name: str, target: Pixels) -> Sequence[Pixels]:
     """The references of a case."""
-    usual = [plane(shift, name=own) for shift, own in zip((0.2, -0.2, 0.4), NAMES, strict=True)]
+    ordinary = [plane(shift, name=view_name) for shift, view_name in zip((0.2, -0.2, 0.4), NAMES, strict=True)]
     if name == "identical":
         return [replace(target, name=NAMES[0], render=target.image)]
     if name == "black":
-        return [replace(view, image=torch.zeros_like(view.image)) for view in usual]
+        return [replace(view, image=torch.zeros_like(view.image)) for view in ordinary]
     if name == "missing":
         return []
     if name == "half_size":
-        return [replace(view, image=view.image[:, ::2, ::2], alpha=None) for view in usual]
+        return [replace(view, image=view.image[:, ::2, ::2], alpha=None) for view in ordinary]
     if name == "odd_size":
-        fine = usual[1].image.repeat_interleave(4, -1).repeat_interleave(4, -2)
+        fine = ordinary[1].image.repeat_interleave(4, -1).repeat_interleave(4, -2)
         return [
-            replace(usual[0], image=usual[0].image[:, :, :1], render=None, alpha=None),
-            replace(usual[1], image=fine, alpha=None),
+            replace(ordinary[0], image=ordinary[0].image[:, :, :1], render=None, alpha=None),
+            replace(ordinary[1], image=fine, alpha=None),
         ]
     if name == "behind":
-        return [replace(view, camera=shifted(0.1, behind=True)) for view in usual]
-    return [replace(usual[0], name=own) for own in NAMES]
+        return [replace(view, camera=shifted(0.1, behind=True)) for view in ordinary]
+    return [replace(ordinary[0], name=view_name) for view_name in NAMES]
 
 
 def _in(view: Pixels, kind: torch.dtype) -> Pixels:
-    """A view with its images in a precision; cameras stay as they are."""
+    """A view with its images converted to a dtype; its camera is unchanged."""
     images = {name: getattr(view, name) for name in ("image", "depth", "alpha", "render")}
-    changed = {name: None if image is None else image.to(kind) for name, image in images.items()}
-    return replace(view, **changed)  # type: ignore[arg-type]
+    converted = {name: None if image is None else image.to(kind) for name, image in images.items()}
+    return replace(view, **converted)  # type: ignore[arg-type]
 
 
 def unseen_problem() -> Problem:
-    """The network on references that are nowhere visible."""
+    """The network with large values in references of zero visibility."""
     views = views_of("noise", 1)
     views["visibility"] = torch.zeros_like(views["visibility"])
     views["references"] = views["references"] * 0 + 1e3
@@ -106,14 +106,14 @@ def unseen_problem() -> Problem:
 
 
 def spoilt(part: str) -> Problem:
-    """A view with one pixel that is not finite, enhanced as the job does it."""
+    """A view with NaN in one pixel, enhanced as in the job enhance."""
     views = views_of("noise", 1)
     views[part].view(-1)[17] = math.nan
     return Problem(_enhanced, views, shipped("lr_tiny"))
 
 
 def huge(part: str) -> Problem:
-    """A view with a patch of numbers that are finite but whose squares are not, enhanced as the job does it."""
+    """A view with a patch of 1e30, whose square is not finite in float32, enhanced as in the job enhance."""
     views = views_of("noise", 1)
     views[part][..., 4:12, 4:12] = 1e30
     return Problem(_enhanced, views, shipped("lr_tiny"))

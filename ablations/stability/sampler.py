@@ -1,4 +1,4 @@
-"""The latent sampler: few and many steps, and schedules that make the reverse process stiff."""
+"""Cases of the latent sampler: few and many steps, and schedules that make the reverse process stiff."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from gaussian_enhancer.degrade.generative.weights import load_model
 
 SIDE, STEPS = 16, (1, 4, 64, 1000)
 FINEST = 4096
-"""Steps of the solution that others are compared with."""
+"""Number of steps of the reference solution."""
 
 TOLERANCE: Tolerance = {
     "float32": (1e-3, 1e-2),
@@ -32,13 +32,13 @@ STIFF_WHY = "a stiff process magnifies each step's rounding"
 
 @dataclass(frozen=True)
 class SteepSchedule:
-    """All of the noise falls away within a small share of the time: a stiff reverse process.
+    """A schedule that removes all noise within a small part of the time, which makes the reverse process stiff.
 
-    a = 1 / sqrt(1 + exp(2 slope (t - 1/2))): the log of signal over noise falls linearly. In double precision a is 1
-    near one end, and next to nothing near the other.
+    a = 1 / sqrt(1 + exp(2 slope (t - 1/2))): the logarithm of signal over noise decreases linearly. In double
+    precision, a is 1 near one end and almost 0 near the other.
 
     Args:
-        slope: of that logarithm; 5 is about the cosine schedule's.
+        slope: of that logarithm; the cosine schedule has about 5.
     """
 
     slope: float = 200.0
@@ -56,38 +56,38 @@ SCHEDULES: dict[str, Schedule] = {
     "steep": SteepSchedule(),
     "steepest": SteepSchedule(slope=2000.0),
 }
-"""Those in use and, after them, those whose reverse process is stiff."""
+"""Schedules: first those in use, then those whose reverse process is stiff."""
 IN_USE = ("cosine", "linear")
 THOUSANDS = ("cosine", "linear", "steep")
-"""Those that are walked in a thousand steps as well."""
+"""Schedules that are also computed with a thousand steps."""
 
 
 def cases() -> list[Case]:
-    """The family; DDIM everywhere, and ancestral sampling and the posterior's mean on the schedules in use."""
-    found = []
+    """The cases of this family: DDIM on all schedules; ancestral sampling and the posterior mean on three of them."""
+    all_cases = []
     for name in SCHEDULES:
-        # A thousand evaluations in every precision take minutes: one stiff schedule stands for the others.
+        # A thousand evaluations in every precision take minutes: only one stiff schedule is computed with them.
         for steps in STEPS if name in THOUSANDS else STEPS[:-1]:
-            # Deriving through many evaluations says nothing that four do not.
+            # A backward pass through many evaluations shows nothing that four do not.
             passes = ("forward", "backward") if steps <= 4 else ("forward",)
             about = f"DDIM, {steps} steps, schedule {name}"
             build = partial(sampled, name, Sampler(steps))
-            found.append(Case("sampler", f"{name}_{steps}", about, build, *limits(name), passes, seconds=600.0))
+            all_cases.append(Case("sampler", f"{name}_{steps}", about, build, *limits(name), passes, seconds=600.0))
     for kind, options in (("ancestral", {"noise": 1.0}), ("mean", {"mean": True})):
         for name in ("cosine", "linear", "steep"):
             build = partial(sampled, name, Sampler(64, **options))  # type: ignore[arg-type]
             about = f"{kind}, 64 steps, schedule {name}"
-            found.append(Case("sampler", f"{name}_{kind}", about, build, *limits(name), ("forward",)))
-    return found
+            all_cases.append(Case("sampler", f"{name}_{kind}", about, build, *limits(name), ("forward",)))
+    return all_cases
 
 
 def limits(name: str) -> tuple[Tolerance, str]:
-    """Tolerances of a schedule with their reason."""
+    """Tolerances of a schedule, and their reason."""
     return (TOLERANCE, WHY) if name in IN_USE else (STIFF, STIFF_WHY)
 
 
 def sampled(name: str, sampler: Sampler) -> Problem:
-    """Codes from noise by the shipped denoiser."""
+    """Codes sampled from noise by the shipped denoiser."""
     model = denoising()
     manual = torch.rand(1, 3, SIDE, SIDE, generator=torch.Generator().manual_seed(9), dtype=torch.float64)
     return Problem(partial(_sampled, name, sampler), {"manual": manual}, model)
@@ -100,35 +100,35 @@ def _sampled(name: str, sampler: Sampler, module: nn.Module | None, inputs: dict
     features = module.denoiser.features(manual)
     rows, columns = cells(*manual.shape[-2:])
     design = module.design
-    empty = manual.new_zeros(1, design.vector), manual.new_zeros(1, design.grid, rows, columns)
+    zeros = manual.new_zeros(1, design.vector), manual.new_zeros(1, design.grid, rows, columns)
     generators = spawn(1, torch.Generator().manual_seed(10))
 
     def predict(noisy: Factors, time: Tensor) -> Factors:
         return module.denoiser(noisy, time, features)
 
-    codes = sampler(predict, white(Factors(*empty), generators), SCHEDULES[name], generators)
+    codes = sampler(predict, white(Factors(*zeros), generators), SCHEDULES[name], generators)
     return torch.cat([codes.vector.flatten(), codes.grid.flatten()])
 
 
 @cache
 def denoising() -> FactorModel:
-    """The shipped simulator's networks in double precision; shared, callers copy them."""
+    """The shipped simulator's networks in double precision; they are shared, so callers copy them."""
     return load_model("simulator").model.double()
 
 
 def order(name: str, counts: tuple[int, ...], finest: int = FINEST) -> dict[int, float]:
-    """Error of DDIM by steps: root mean square difference to the finest solution, in double precision.
+    """Error of DDIM by number of steps: root mean square difference to the reference solution, in double precision.
 
     Args:
         name: of the schedule.
-        counts: of steps.
-        finest: steps of the solution that is compared with.
+        counts: numbers of steps.
+        finest: number of steps of the reference solution.
     """
 
     def solved(steps: int) -> Tensor:
-        found = sampled(name, Sampler(steps))
+        sampling_problem = sampled(name, Sampler(steps))
         with torch.no_grad():
-            return found.call(found.module, dict(found.inputs))
+            return sampling_problem.call(sampling_problem.module, dict(sampling_problem.inputs))
 
-    truth = solved(finest)
-    return {steps: math.sqrt(float((solved(steps) - truth).square().mean())) for steps in counts}
+    reference = solved(finest)
+    return {steps: math.sqrt(float((solved(steps) - reference).square().mean())) for steps in counts}

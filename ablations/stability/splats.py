@@ -1,6 +1,8 @@
-"""Splats that strain a rasteriser: needles, singular covariances, edges, the near plane, opacity, focal lengths.
+"""Cases of extreme splats: needles, singular covariances, disks seen edge-on, near plane, opacity, focal lengths.
 
-Axes: n Gaussians. Every one is drawn by `splat.render.render` on 24x32 pixels.
+All are rendered by `splat.render.render` at 24x32 pixels (height by width).
+
+Axes: n Gaussians.
 """
 
 import math
@@ -24,10 +26,10 @@ METHODS: dict[str, Method] = {"3dgs": ThreeDGS(), "2dgs": TwoDGS(), "mip_splatti
 
 
 def cases() -> list[Case]:
-    """The family, every method where it has a meaning."""
-    found = []
-    for method, how in METHODS.items():
-        disks = isinstance(how, TwoDGS)
+    """The cases of this family, for every splatting method that they apply to."""
+    all_cases = []
+    for method, splat_method in METHODS.items():
+        disks = isinstance(splat_method, TwoDGS)
         kinds = {
             "ordinary": "nothing; what the others are to be compared with",
             "needles": "one axis 10^6 times as long as the others",
@@ -42,11 +44,11 @@ def cases() -> list[Case]:
             "log_scale_-1e30": "a log scale of -10^30: as if it were not there; depth is held as well",
             **({"edge_on": "disks seen exactly from the side, and nearly"} if disks else {}),
         }
-        found += [_case(f"{kind}_{method}", about, kind, method, float(WIDTH)) for kind, about in kinds.items()]
+        all_cases += [_case(f"{kind}_{method}", about, kind, method, float(WIDTH)) for kind, about in kinds.items()]
         for name, focal in (("focal_1", 1.0), ("focal_1e5", 1e5)):
             about = f"a focal length of {focal:g} px"
-            found.append(_case(f"{name}_{method}", about, "ordinary", method, focal))
-    return found
+            all_cases.append(_case(f"{name}_{method}", about, "ordinary", method, focal))
+    return all_cases
 
 
 def _case(name: str, about: str, kind: str, method: str, focal: float) -> Case:
@@ -54,21 +56,26 @@ def _case(name: str, about: str, kind: str, method: str, focal: float) -> Case:
 
 
 def problem(kind: str, method: str, focal: float) -> Problem:
-    """A splat to draw.
+    """Rendering of an extreme splat.
 
     Args:
-        kind: what is extreme about it.
-        method: by which method.
-        focal: of the camera, pixels.
+        kind: what is extreme about it; a key of `_CHANGES`.
+        method: splatting method; a key of `METHODS`.
+        focal: focal length in pixels.
     """
-    how = METHODS[method]
-    splat = _gaussians(2 if isinstance(how, TwoDGS) else 3, 60 if kind == "opaque" else COUNT, focal)
+    splat_method = METHODS[method]
+    splat = _gaussians(2 if isinstance(splat_method, TwoDGS) else 3, 60 if kind == "opaque" else COUNT, focal)
     splat = _CHANGES[kind](splat)
-    if isinstance(how, MipSplatting):
+    if isinstance(splat_method, MipSplatting):
         splat["smoothing"] = torch.full((len(splat["means"]),), 0.01, dtype=torch.float64)
     camera = identity_camera(HEIGHT, WIDTH, focal, torch.float64)
-    deep = kind in WITH_DEPTH
-    return Problem(partial(_drawn, how, camera, deep), splat, fixed=("smoothing",), share=0.99 if deep else 1.0)
+    with_depth = kind in WITH_DEPTH
+    return Problem(
+        partial(_drawn, splat_method, camera, with_depth),
+        splat,
+        fixed=("smoothing",),
+        share=0.99 if with_depth else 1.0,
+    )
 
 
 def _drawn(method: Method, camera: Camera, deep: bool, module: nn.Module | None, splat: dict[str, Tensor]) -> Tensor:
@@ -77,41 +84,43 @@ def _drawn(method: Method, camera: Camera, deep: bool, module: nn.Module | None,
 
 
 def _gaussians(axes: int, count: int, focal: float) -> dict[str, Tensor]:
-    """Gaussians in front of the camera that cover a few pixels each, at whatever focal length."""
-    draw = torch.Generator().manual_seed(5)
-    uniform = torch.rand(count, 3, generator=draw, dtype=torch.float64)
+    """Gaussians in front of the camera that cover a few pixels each, at any focal length."""
+    generator = torch.Generator().manual_seed(5)
+    uniform = torch.rand(count, 3, generator=generator, dtype=torch.float64)
     z = 2 + uniform[:, 2:]
-    across = (uniform[:, :2] - 0.5) * torch.tensor([WIDTH, HEIGHT]) / focal * z
-    size = 3 * z / focal * (0.5 + torch.rand(count, axes, generator=draw, dtype=torch.float64))
+    image_axes = (uniform[:, :2] - 0.5) * torch.tensor([WIDTH, HEIGHT]) / focal * z
+    size = 3 * z / focal * (0.5 + torch.rand(count, axes, generator=generator, dtype=torch.float64))
     return {
-        "means": torch.cat([across, z], 1),
+        "means": torch.cat([image_axes, z], 1),
         "log_scales": size.log(),
-        "quaternions": torch.nn.functional.normalize(torch.randn(count, 4, generator=draw, dtype=torch.float64), dim=1),
-        "opacity_logits": torch.randn(count, generator=draw, dtype=torch.float64),
-        "sh": 0.5 * torch.randn(count, 4, 3, generator=draw, dtype=torch.float64),
+        "quaternions": torch.nn.functional.normalize(
+            torch.randn(count, 4, generator=generator, dtype=torch.float64), dim=1
+        ),
+        "opacity_logits": torch.randn(count, generator=generator, dtype=torch.float64),
+        "sh": 0.5 * torch.randn(count, 4, 3, generator=generator, dtype=torch.float64),
     }
 
 
 def _needles(splat: dict[str, Tensor]) -> dict[str, Tensor]:
-    logs = splat["log_scales"].clone()
-    logs[:, 1:] = logs[:, :1] - math.log(1e6)
-    return {**splat, "log_scales": logs}
+    log_scales = splat["log_scales"].clone()
+    log_scales[:, 1:] = log_scales[:, :1] - math.log(1e6)
+    return {**splat, "log_scales": log_scales}
 
 
 def _near_singular(splat: dict[str, Tensor]) -> dict[str, Tensor]:
-    logs = splat["log_scales"].clone()
-    logs[:, 0] = math.log(1e5)  # over 10^6 px long and less than one wide
-    logs[:, 1:] = math.log(1e-4)
-    return {**splat, "log_scales": logs}
+    log_scales = splat["log_scales"].clone()
+    log_scales[:, 0] = math.log(1e5)  # over 10^6 px long and less than one wide
+    log_scales[:, 1:] = math.log(1e-4)
+    return {**splat, "log_scales": log_scales}
 
 
 def _near_plane(splat: dict[str, Tensor]) -> dict[str, Tensor]:
     means = splat["means"].clone()
     means[:6, 2] = torch.tensor([0.01, 0.0101, 0.0099, 0.0, -0.01, -2.0], dtype=torch.float64)
     means[:6, :2] *= 1e-3
-    logs = splat["log_scales"].clone()
-    logs[:6] -= 5
-    return {**splat, "means": means, "log_scales": logs}
+    log_scales = splat["log_scales"].clone()
+    log_scales[:6] -= 5
+    return {**splat, "means": means, "log_scales": log_scales}
 
 
 def _behind(splat: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -127,9 +136,9 @@ def _one_place(splat: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _not_finite(splat: dict[str, Tensor]) -> dict[str, Tensor]:
-    means, logs = splat["means"].clone(), splat["log_scales"].clone()
-    means[0, 1], logs[1, 0] = math.nan, math.inf
-    return {**splat, "means": means, "log_scales": logs}
+    means, log_scales = splat["means"].clone(), splat["log_scales"].clone()
+    means[0, 1], log_scales[1, 0] = math.nan, math.inf
+    return {**splat, "means": means, "log_scales": log_scales}
 
 
 def _harmonics(splat: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -139,21 +148,21 @@ def _harmonics(splat: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _log_scale(value: float, splat: dict[str, Tensor]) -> dict[str, Tensor]:
-    logs = splat["log_scales"].clone()
-    logs[0, 0], logs[1] = value, value
-    return {**splat, "log_scales": logs}
+    log_scales = splat["log_scales"].clone()
+    log_scales[0, 0], log_scales[1] = value, value
+    return {**splat, "log_scales": log_scales}
 
 
 def _edge_on(splat: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Disks whose normal is at right angles to the ray through their centre, every other one turned by 10^-4."""
+    """Disks with the normal perpendicular to the ray through their centre; every other one is tilted by about 10^-4."""
     half = math.sqrt(0.5)
-    turn = torch.tensor([half, half, 0.0, 0.0], dtype=torch.float64).repeat(
+    quaternions = torch.tensor([half, half, 0.0, 0.0], dtype=torch.float64).repeat(
         COUNT, 1
     )  # about x: the normal points along y
-    turn[::2, 1] += 1e-4
+    quaternions[::2, 1] += 1e-4
     means = splat["means"].clone()
     means[:, 1] = 0
-    return {**splat, "quaternions": turn, "means": means}
+    return {**splat, "quaternions": quaternions, "means": means}
 
 
 _CHANGES: dict[str, Callable[[dict[str, Tensor]], dict[str, Tensor]]] = {

@@ -1,4 +1,4 @@
-"""Steps of training that go wrong: a hundred times the learning rate, black batches, a sample that is not finite."""
+"""Cases of extreme training steps: 100 times the learning rate, black batches, a sample that is not finite."""
 
 import math
 from functools import partial
@@ -21,7 +21,7 @@ FORWARD = ("forward",)
 
 
 def cases() -> list[Case]:
-    """The family; steps under autocast and in float32, as training takes them, halves included."""
+    """The cases of this family, in all precisions: float32 and autocast, as in training, and half precision."""
     diverges = "trainings part after the first rounding: what counts is that this one recovers"
     return [
         Case(
@@ -41,11 +41,11 @@ def cases() -> list[Case]:
 
 
 def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
-    """A training of a network as the job train sets it up.
+    """A training module of a network, as the job train sets it up.
 
     Args:
         network: to train.
-        share: of samples that may be dropped.
+        share: largest share of samples that may be dropped.
     """
     loss = WeightedLoss({"photo": Weighted(Relative(Charbonnier(), 0.02)), "shape": Weighted(DSSIM(), 0.1)})
     optimizer = partial(torch.optim.AdamW, lr=8e-4, betas=(0.9, 0.99), weight_decay=1e-4)
@@ -53,7 +53,7 @@ def module_of(network: Network, share: float = 1.0) -> EnhancerModule:
 
 
 def small_network() -> SIF:
-    """A small network that does something: its last layer is not zero."""
+    """A small network whose last layer is not initialised to zero, so that it changes its input."""
     torch.manual_seed(11)
     network = SIF((8, 12), (1, 1))
     nn.init.normal_(network.decode.head.weight, std=0.05)
@@ -61,18 +61,18 @@ def small_network() -> SIF:
 
 
 def inputs_of(name: str, batch: int) -> dict[str, Tensor]:
-    """Views and photos of a batch."""
+    """Network inputs and photos of a batch."""
     views = {key: value.repeat_interleave(batch, 0) for key, value in views_of(name, 1).items()}
     return {**views, "photo": (picture("noise", batch) + views["render"]) / 2 if name == "noise" else views["render"]}
 
 
 def one_step(name: str, batch: int = 4) -> Problem:
-    """The loss of a batch, to be derived by the weights."""
+    """The loss of a batch, with gradients of the weights."""
     return Problem(_loss, inputs_of(name, batch), small_network().double(), tuple(inputs_of(name, 1)))
 
 
 def spoilt() -> Problem:
-    """The same with one sample that is not finite."""
+    """The loss of a batch with NaN in one sample."""
     inputs = inputs_of("noise", 4)
     inputs["photo"][2, 1, 3, 4] = math.nan
     return Problem(_loss, inputs, small_network().double(), tuple(inputs))
@@ -83,30 +83,30 @@ def _loss(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
 
 
 def hurried() -> Problem:
-    """Twenty steps, the first at 100 times the learning rate."""
+    """31 training steps, the first at 100 times the learning rate."""
     return Problem(_hurried, inputs_of("noise", 2), small_network().double())
 
 
 def _hurried(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
-    training = _training(module)
-    optimiser = training.configure_optimizers()["optimizer"]
-    rates = [8e-4 * 100] + [8e-4] * 30
+    training_module = _training(module)
+    optimiser = training_module.configure_optimizers()["optimizer"]
+    learning_rates = [8e-4 * 100] + [8e-4] * 30
     losses = []
     with torch.enable_grad():
-        for rate in rates:
+        for learning_rate in learning_rates:
             for group in optimiser.param_groups:
-                group["lr"] = rate
+                group["lr"] = learning_rate
             optimiser.zero_grad()
-            loss, _ = training.batch_loss(_batch(inputs))
+            loss, _ = training_module.batch_loss(_batch(inputs))
             loss.backward()
-            torch.nn.utils.clip_grad_norm_(training.network.parameters(), 1.0)
+            torch.nn.utils.clip_grad_norm_(training_module.network.parameters(), 1.0)
             optimiser.step()
             losses.append(float(loss.detach()))
-    if not all(bool(torch.isfinite(value).all()) for value in training.network.parameters()):
+    if not all(bool(torch.isfinite(value).all()) for value in training_module.network.parameters()):
         raise UnstableError("weights are not finite")
     if not losses[-1] < max(1.5 * losses[0], 0.3 * losses[1]):
         raise UnstableError(
-            f"loss {losses[0]:.3g}, then {losses[1]:.3g}, still {losses[-1]:.3g} after {len(rates)} steps"
+            f"loss {losses[0]:.3g}, then {losses[1]:.3g}, still {losses[-1]:.3g} after {len(learning_rates)} steps"
         )
     return torch.tensor(losses[-1])
 

@@ -1,4 +1,4 @@
-"""The matrix in a process of its own, so that a hang or a crash is a cell and not the end of the job."""
+"""Computes the matrix in a separate process, so that a hang or a crash fails one cell and does not end the job."""
 
 import multiprocessing
 from collections.abc import Iterator, Sequence
@@ -18,23 +18,23 @@ def measured(
     precisions: Sequence[Precision] = PRECISIONS,
     threads: int = 1,
 ) -> Iterator[Record]:
-    """A record for each case, precision and pass.
+    """Compute a record for each case, precision and pass.
 
     Args:
-        cases: importable by name, since another process computes them.
-        precisions: columns.
-        threads: that the other process computes with.
+        cases: must be picklable, since another process computes them.
+        precisions: columns of the matrix.
+        threads: number of threads of the other process.
     """
-    left: list[Task] = [(c, p, d) for c in cases for p in precisions for d in c.passes]
-    while left:
-        worker = _Worker(left, threads)
+    remaining: list[Task] = [(c, p, d) for c in cases for p in precisions for d in c.passes]
+    while remaining:
+        worker = _Worker(remaining, threads)
         try:
-            while left:
-                case, precision, direction = left[0]
+            while remaining:
+                case, precision, direction = remaining[0]
                 cell = worker.answer(case.seconds)
-                left.pop(0)
+                remaining.pop(0)
                 yield record_of(case, precision, direction, cell)
-                if not worker.alive:  # the rest is another process's
+                if not worker.alive:  # a new process computes the rest
                     break
         finally:
             worker.end()
@@ -43,20 +43,20 @@ def measured(
 class _Worker:
     """A process that computes cells one after the other.
 
-    Started anew, never forked: compiled kernels that have run once do not survive a fork.
+    It is spawned, not forked: compiled kernels that have already run do not work after a fork.
     """
 
     def __init__(self, tasks: Sequence[Task], threads: int) -> None:
         context = multiprocessing.get_context("spawn")
-        self.answers, theirs = context.Pipe(duplex=False)
-        self.process = context.Process(target=compute, args=(tuple(tasks), theirs, threads), daemon=True)
+        self.answers, worker_end = context.Pipe(duplex=False)
+        self.process = context.Process(target=compute, args=(tuple(tasks), worker_end, threads), daemon=True)
         self.process.start()
-        theirs.close()
+        worker_end.close()
         self.alive = True
-        self._expect(600.0)  # imports take a while where the machine is busy
+        self._expect(600.0)  # imports are slow on a busy machine
 
     def answer(self, seconds: float) -> CaseOutcome:
-        """The next cell; one that has failed where none comes in time or the process dies."""
+        """The outcome of the next cell; a failure if none arrives in time or the process dies."""
         return self._expect(seconds)
 
     def end(self) -> None:
@@ -79,7 +79,7 @@ class _Worker:
 
 
 def compute(tasks: Sequence[Task], answers: Connection, threads: int) -> None:
-    """The other process: says that it is there, then sends a cell for each task."""
+    """Main function of the worker process: sends an empty outcome when ready, then an outcome for each task."""
     torch.set_num_threads(threads)
     answers.send(CaseOutcome(""))
     for case, precision, direction in tasks:

@@ -1,1 +1,1 @@
-"""Studies of our own: descriptions as YAML, measures as Python."""
+"""Studies of our own: descriptions as YAML, metrics as Python."""

@@ -1,4 +1,4 @@
-"""How steady a sequence of images is: neighbouring frames compared after one is warped onto the other.
+"""Temporal consistency of a sequence of images: neighbouring frames are compared after warping one onto the other.
 
 Axes: h height, w width.
 """
@@ -19,17 +19,17 @@ PROTOCOL = (
     "8-bit images; the next frame read bilinearly through this frame's rendered depth; pixels weighed by visibility, "
     "relative depth difference of one standard deviation 0.02"
 )
-"""What every record of consistency says of how it was measured."""
+"""Protocol of all records of consistency."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a frame was seen from, and what geometry it saw: the same for every way of making its image.
+    """Camera and geometry of a frame, independent of the method that made its image.
 
     Args:
-        camera: of the frame's size.
-        depth: rendered z, scene units, 0 where nothing was hit.
-        alpha: rendered opacity; None counts holes of the depth as invisible.
+        camera: camera of the frame's size.
+        depth: rendered z in scene units, 0 where nothing was hit.
+        alpha: rendered opacity; with None, holes of the depth count as invisible.
     """
 
     camera: Camera
@@ -42,8 +42,8 @@ class WarpedError:
     """Difference between a frame and another one warped onto it.
 
     Args:
-        mean: mean absolute colour difference over visible pixels, [0, 1]; NaN where nothing is visible.
-        rms: root of the mean squared colour difference over the same pixels.
+        mean: mean absolute colour difference over visible pixels, [0, 1]; NaN if no pixel is visible.
+        rms: root mean square colour difference over the same pixels.
         visible: share of the frame's pixels that both frames show.
     """
 
@@ -53,7 +53,7 @@ class WarpedError:
 
     @property
     def decibel(self) -> float:
-        """-20 log10 of ``rms``: the short-range error as a PSNR; infinite for frames that agree."""
+        """-20 log10 of ``rms``: the short-range error as a PSNR; infinite for equal frames."""
         return math.inf if self.rms == 0 else -20 * math.log10(self.rms)
 
 
@@ -64,29 +64,29 @@ def warped_error(
     other_place: Place,
     tolerance: float = 0.02,
 ) -> WarpedError:
-    """Warp another frame onto this one through this one's depth and compare them where both show the same surface.
+    """Warp another frame onto this one through this frame's depth, and compare them where both show the same surface.
 
-    With v the visibility that `reproject` finds (inside, in front, opaque, depths agree) and J the other frame warped:
+    With v the visibility from `reproject` (inside, in front, opaque, depths agree) and J the warped other frame:
     mean = sum v |I - J| / (3 sum v), rms = sqrt(sum v (I - J)^2 / (3 sum v)).
 
-    Bilinear reading blurs J, so that sharp frames differ a little however steady they are: compare with what photos
-    along the same path give. Source: the short-range consistency of Huang et al., Learning to Stylize Novel Views,
-    ICCV 2021, with rendered depth in place of optical flow.
+    Bilinear sampling blurs J, so that sharp frames differ slightly even if they are consistent: compare the result with
+    that of photos along the same path. Source: the short-range consistency of Huang et al., Learning to Stylize Novel
+    Views, ICCV 2021, with rendered depth in place of optical flow.
 
     Args:
-        image: this frame, [0, 1]; brought to 8 bits as `measure_pair` does.
-        place: where it was seen from.
-        other: the other frame, likewise.
-        other_place: where that one was seen from.
-        tolerance: relative depth difference of one standard deviation that still counts as the same surface.
+        image: this frame, [0, 1]; quantised to 8 bits as in `measure_pair`.
+        place: its camera and geometry.
+        other: the other frame, [0, 1]; quantised likewise.
+        other_place: its camera and geometry.
+        tolerance: standard deviation of the relative depth difference of one surface.
 
     Raises:
         InputError: an image, its depth and its camera differ in size.
     """
-    for frame, where in ((image, place), (other, other_place)):
-        _same_size(frame, where)
-    how = other_place.depth, place.alpha, tolerance
-    warped = reproject(place.camera, place.depth, other_place.camera, quantised(other), *how)
+    for frame, frame_place in ((image, place), (other, other_place)):
+        _same_size(frame, frame_place)
+    depth_test = other_place.depth, place.alpha, tolerance
+    warped = reproject(place.camera, place.depth, other_place.camera, quantised(other), *depth_test)
     weight = warped.visibility.double()
     total = float(weight.sum())
     if total == 0:
@@ -100,11 +100,11 @@ def warped_error(
 def sequence_errors(
     images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[Place], tolerance: float = 0.02
 ) -> tuple[WarpedError, ...]:
-    """`warped_error` of every frame with the next one warped onto it.
+    """The `warped_error` of every frame with the next one warped onto it.
 
     Args:
         images: frames along a path.
-        places: where each was seen from.
+        places: camera and geometry of each frame.
         tolerance: as in `warped_error`.
 
     Raises:
@@ -121,5 +121,5 @@ def sequence_errors(
 def _same_size(image: Tensor, place: Place) -> None:
     sizes = [tuple(image.shape[-2:]), tuple(place.depth.shape[-2:]), (place.camera.height, place.camera.width)]
     if len(set(sizes)) > 1:
-        found = " and ".join(f"{width}x{height}" for height, width in dict.fromkeys(sizes))
-        raise InputError("frame", f"has image, depth and camera of {found}", "bring them to one size")
+        size_texts = " and ".join(f"{width}x{height}" for height, width in dict.fromkeys(sizes))
+        raise InputError("frame", f"has image, depth and camera of {size_texts}", "bring them to one size")

@@ -1,1 +1,1 @@
-"""From records to the statistics of a table."""
+"""Measures studies, and computes the statistics of their tables from records."""

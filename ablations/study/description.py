@@ -1,10 +1,10 @@
-"""What a table of the suite is: methods, columns, scenes, seeds, metrics and the paper's own values, as its file says.
+"""The description of a table of the suite: methods, columns, scenes, seeds, metrics and the paper's values.
 
-A table's records lie beside its description, so that every report is made from these two alone:
-``<folder>/<name>.json`` (`write_description`) and ``<folder>/<name>.jsonl`` (`measure.records`). In the records
-``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the method, ``seed`` that of the
-method's training; a method that could not be made in a scene leaves one record of kind ``measure.study.MISSING`` with
-``reasons["row"]``.
+A table's records lie beside its description, and every report is made from these two alone:
+``<folder>/<name>.json`` (`write_description`) and ``<folder>/<name>.jsonl`` (`metrics.records`). In the records
+``scene`` is one of the dataset's scenes, ``splat`` the splatting method, ``variant`` the method, ``seed`` the seed of
+the method's training. A method that could not be made in a scene has one record of kind ``metrics.records.MISSING``
+with ``reasons["row"]``.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ Kind = Literal["quality", "repeats", "cost", "images"]
 """Means of a metric; statistics of repeated runs; time and memory; a grid of images."""
 Mode = Literal["", "paper", "ours"]
 FAITHFUL = "paper_"
-"""Beginning of the names of the paper's own rows."""
+"""Prefix of the names of rows that reproduce the paper's own system."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,15 @@ class Method:
     """One method of a table.
 
     Args:
-        title: as the table prints it.
+        title: name in the printed table.
         about: what it is and why the comparison is fair.
-        train: overrides of the job train that make its weights.
-        weights: shipped name or file instead.
+        train: overrides of the job train that makes its weights.
+        weights: shipped name or file of its weights, in place of a training.
         enhance: overrides of the job enhance.
-        upscale: enlarged bicubically at the end.
-        render: the splat is rendered at 4 times the resolution first.
+        upscale: whether its images are upsampled bicubically at the end.
+        render: whether the splat is rendered at 4 times the resolution first.
         role: "other" or "ours", for aims; empty for the baseline.
-        mode: "paper" where it is the paper's system to the letter, "ours" where the same parts are ours; else empty.
+        mode: "paper" for an exact reproduction of the paper's system, "ours" for the same parts by our networks, or "".
     """
 
     title: str
@@ -54,12 +54,12 @@ class Method:
 
 @dataclass(frozen=True)
 class SceneGroup:
-    """What the scale measures in place of one of the paper's datasets, or the dataset itself.
+    """The scenes that a scale measures for one of the paper's datasets: its own scenes or a stand-in.
 
     Args:
         title: the dataset's name in the paper.
         scenes: their names in the records.
-        stand_in: what stands in for it, in words; empty where it is the dataset itself.
+        stand_in: description of the stand-in; empty if the scenes are the dataset's own.
     """
 
     title: str
@@ -72,21 +72,23 @@ class TableDescription:
     """One table, figure or study.
 
     Args:
-        name: its file's name: "table_2", "figure_5", "gates".
+        name: name of its file: "table_2", "figure_5", "gates".
         title: its caption.
         kind: what its cells hold.
         about: what it shows and how it is made fair.
-        methods: by the name that records carry as ``variant``.
-        baseline: the method that gains are taken over.
+        methods: by the name that records state as ``variant``.
+        baseline: the method that gains are computed against.
         metrics: of `HIGHER_IS_BETTER`, in the paper's order of columns.
         splats: splatting methods, one block of the table each.
         datasets: by key ("mip_nerf_360", ...), as the scale has them.
-        seeds: trainings of every method that learns.
-        paper: the paper's values by splat (by dataset where the kind is "repeats", by size where it is "cost"), then
-            by method (or statistic), in the order of ``metrics``; empty for studies of our own; None where it has none.
-        finer: measured against photos 4 times as fine.
+        seeds: seeds of the trainings of every trained method.
+        paper: the paper's values by splat (by dataset if the kind is "repeats", by size if it is "cost"), then by
+            method (or statistic), in the order of ``metrics``; None for a method without values in the paper. Empty
+            for studies of our own.
+        finer: whether methods are measured against photos of 4 times the resolution.
         scale: "smoke", "desk" or "paper".
-        artefacts: of a grid of images, the types of artefacts that it shows, one a line; the largest error where empty.
+        artefacts: for a grid of images, the types of artefacts that it shows, one per row of the grid; if empty, the
+            region of the largest error is shown.
     """
 
     name: str
@@ -115,7 +117,7 @@ class TableDescription:
 
 
 def write_description(path: str | Path, table: TableDescription) -> None:
-    """Write a table's description as JSON, whole or not at all.
+    """Write a table's description as JSON, atomically.
 
     Raises:
         InputError: the file cannot be written.
@@ -125,10 +127,10 @@ def write_description(path: str | Path, table: TableDescription) -> None:
 
 
 def read_description(path: str | Path) -> TableDescription:
-    """Read what `write_description` wrote.
+    """Read a description that `write_description` wrote.
 
     Raises:
-        InputError: the file is missing, or describes no table.
+        InputError: the file is missing, or is not a description of a table.
     """
     try:
         return table_of(json.loads(Path(path).read_text(encoding="utf-8")))
@@ -139,7 +141,7 @@ def read_description(path: str | Path) -> TableDescription:
 
 
 def table_of(values: Mapping[str, Any]) -> TableDescription:
-    """A table from plain values.
+    """Build a table's description from plain values.
 
     Raises:
         TypeError: a field is missing or unknown.
@@ -157,5 +159,5 @@ def table_of(values: Mapping[str, Any]) -> TableDescription:
 
 
 def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Lists as tuples."""
+    """The values with lists converted to tuples."""
     return {str(name): tuple(value) if isinstance(value, list) else value for name, value in values.items()}

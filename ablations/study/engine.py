@@ -1,11 +1,11 @@
-"""The study engine: parts are measured one after the other, rows are kept, and reports are made of them.
+"""The study engine: measures a study part by part, stores the rows, and makes reports from them.
 
-A study is a configuration ``conf/JOB.yaml`` and a module that says what is measured: ``run = job(study)``, where
-``study(cfg, device)`` gives a `Study`. A layout of the group ``row_table`` says what its table and its page show. A
-study whose page is more than tables writes it by ``report``.
+A study is a configuration ``conf/JOB.yaml`` and a module that defines what is measured: ``run = job(study)``, where
+``study(cfg, device)`` returns a `Study`. A layout of the group ``row_table`` defines its table and page. A study whose
+page is more than tables writes it by ``report``.
 
-A study that was killed goes on where it stopped: the same command finds the parts that were measured in a folder beside
-the records. At the end they are added to the records, in place of what was measured there before.
+A killed study resumes: the same command finds the parts that were already measured in a folder beside the records. At
+the end their rows are added to the records and replace rows with the same keys.
 """
 
 import json
@@ -33,27 +33,27 @@ Part = TypeVar("Part")
 
 
 NO_EFFECT = ("row_table", "page", "runtime", "output", "records_only")
-"""Options that change nothing of what is measured."""
+"""Options that do not affect measurements, and are left out of the command's digest."""
 
 
 @dataclass(frozen=True)
 class Study(Generic[Part]):
-    """What a study measures.
+    """Definition of a study's measurements and reports.
 
     Args:
-        parts: runs, scenes, names of methods or what else is measured at a time, each usable and told from others by
-            its text; none: reports are made of the records alone.
-        measure: gives the measurements of a part.
-        keys: columns that say what was measured; measuring it again replaces its rows.
-        columns: further ones that records must have.
-        option: of the job, by which it measures.
-        records: their file; None: the option ``records`` names it.
-        whole: the records are those of this command alone, in place of all that the file held. Parts are not kept
-            beside it: they are runs of their own, which are found again, or must be measured in one process.
+        parts: units that are measured one at a time, for instance runs, scenes or names of methods; their texts must
+            differ. If empty, reports are made from the existing records alone.
+        measure: returns the measurements of a part.
+        keys: columns that identify a measurement; a new one replaces rows with the same keys.
+        columns: further columns that records must have.
+        option: the job's option that selects what is measured, for error messages.
+        records: file of the records; None to use the option ``records``.
+        whole: whether the records of this command replace the whole file. Parts are then not cached beside it: they
+            are content-addressed runs, which are found again, or must be measured in one process.
         derived: adds columns to the frame of all rows.
-        above: parts of the page above its tables, from that frame and the page's path.
-        below: parts below them, from the page's path.
-        report: writes what is made of the records in place of the table and its page; its result is the job's.
+        above: returns the page's text above its tables, from that frame and the page's path.
+        below: returns the page's text below its tables, from the page's path.
+        report: writes reports from the records in place of the table and its page; its result is the job's result.
     """
 
     parts: Sequence[Part]
@@ -69,10 +69,10 @@ class Study(Generic[Part]):
     report: Callable[[], float | None] | None = None
 
     def file(self, option: str | Path | None) -> RowFile | None:
-        """The file of its records.
+        """The file of the study's records; None if there is none.
 
         Args:
-            option: what the option ``records`` names.
+            option: value of the option ``records``.
         """
         path = self.records or option
         return RowFile(Path(path), self.keys, self.columns, self.option) if path else None
@@ -81,22 +81,22 @@ class Study(Generic[Part]):
 def job(
     make: Callable[[DictConfig, torch.device], Study[Any] | Sequence[Study[Any]]],
 ) -> Callable[[DictConfig], float | None]:
-    """The ``run`` of a study's job.
+    """Make the function ``run`` of a study's job.
 
     Args:
-        make: gives the study that a configuration asks for, or several; the last one reports on the records of all.
+        make: returns the study of a configuration, or several; the last one reports on the records of all.
     """
 
     def run(cfg: DictConfig) -> float | None:
-        """Measure, keep the rows, and report: by default the table, and a page of it where one is asked for."""
+        """Measure, store the rows, and report: by default print the table, and write a page if one is asked for."""
         require(cfg)
-        made = make(cfg, start(cfg.runtime))
-        *others, study = made if isinstance(made, Sequence) else (made,)
+        studies = make(cfg, start(cfg.runtime))
+        *other_studies, study = studies if isinstance(studies, Sequence) else (studies,)
         digest = digest_of({name: value for name, value in plain(cfg).items() if name not in NO_EFFECT})
-        reported = (study,) if study.report is not None else ()
-        for one in (*others, *reported):
-            if file := one.file(cfg.get("records")):
-                add(one, file, digest)
+        with_report = (study,) if study.report is not None else ()
+        for measured_study in (*other_studies, *with_report):
+            if file := measured_study.file(cfg.get("records")):
+                add(measured_study, file, digest)
         if study.report is not None:
             return study.report()
         frame, layout = study.derived(measured(study, cfg.records, digest)), TableLayout(**plain(cfg.row_table))
@@ -110,19 +110,20 @@ def job(
 
 
 def measured(study: Study[Any], records: str | Path | None, digest: str = "") -> pd.DataFrame:
-    """Measure every part; the frame of all rows.
+    """Measure every part; returns the frame of all rows.
 
     Args:
         study: what is measured.
-        records: file to which the rows are added; the frame has what it held before as well. None keeps none.
-        digest: of the command; the same one goes on with the parts that it lacks.
+        records: file to which the rows are added; the frame then also has the rows of earlier commands. None to store
+            nothing.
+        digest: of the command; a command with the same digest resumes with the parts that were not measured.
 
     Raises:
-        InputError: there is nothing to report, or the file holds something else or cannot be written.
+        InputError: there is no row, or the file is not a file of these records or cannot be written.
     """
     file = study.file(records)
     if file is None:
-        frame = frame_of(stated(one) for part in study.parts for one in study.measure(part))
+        frame = frame_of(stated(measurement) for part in study.parts for measurement in study.measure(part))
     else:
         add(study, file, digest)
         frame = file.read()
@@ -137,26 +138,28 @@ def add(study: Study[Any], file: RowFile, digest: str) -> None:
     Args:
         study: what is measured.
         file: of its records.
-        digest: of the command; the same one goes on with the parts that it lacks.
+        digest: of the command; a command with the same digest resumes with the parts that were not measured.
 
     Raises:
-        InputError: nothing could be measured, or the file holds something else or cannot be written.
+        InputError: nothing could be measured, or the file is not a file of these records or cannot be written.
     """
     if study.whole:
         if study.parts:
-            lines = [line_of(stated(one)) for part in study.parts for one in study.measure(part)]
+            lines = [line_of(stated(row)) for part in study.parts for row in study.measure(part)]
             write_text(file.path, "".join(f"{line}\n" for line in lines))
         return
-    file.held()  # a file of something else is refused before anything is measured
+    file.held()  # refuses a wrong file before anything is measured
     folder = file.path.with_name(f"{file.path.name}.{digest}.parts")
     lines = []
     for part in study.parts:
-        kept = folder / f"{digest_of({'part': str(part)})}.jsonl"
-        if not kept.is_file():
-            write_text(kept, "\n".join(line_of(stated(one)) for one in study.measure(part)))
-        lines += filter(None, kept.read_text(encoding="utf-8").split("\n"))  # splitlines would cut names
+        part_file = folder / f"{digest_of({'part': str(part)})}.jsonl"
+        if not part_file.is_file():
+            write_text(part_file, "\n".join(line_of(stated(row)) for row in study.measure(part)))
+        lines += filter(
+            None, part_file.read_text(encoding="utf-8").split("\n")
+        )  # splitlines would also split at other line separators within names
     shutil.rmtree(folder, ignore_errors=True)
-    missing = [one["reasons"].get("row", "") for one in map(json.loads, lines) if one.get("kind") == MISSING]
+    missing = [row["reasons"].get("row", "") for row in map(json.loads, lines) if row.get("kind") == MISSING]
     if lines and len(missing) == len(lines):
         raise InputError(study.option, f"name nothing that could be measured ({missing[0]})", "make what is missing")
     file.add_lines(lines)

@@ -21,21 +21,21 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 @runtime_checkable
 class ViewMethod(Protocol):
-    """A method of others that finds its own references."""
+    """A method other than a `SetEnhancer`, which selects its references itself."""
 
     def __call__(self, view: RenderedView, target: Pixels, pool: Pool) -> Float[Tensor, "3 h w"]:
-        """Enhance one target of a set, given its pixels and the set's training views."""
+        """Enhance one target view, from its pixels and the training views of its set."""
         ...
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What a method makes of a view.
+    """The result of a method on a view.
 
     Args:
         image: the enhanced view, of the render's size.
-        aligned: the references that it was given; none for a `ViewMethod`.
-        measured: the image against the photo.
+        aligned: the aligned references that the method received; none for a `ViewMethod`.
+        measured: the metrics of the image against the photo.
     """
 
     image: Float[Tensor, "3 h w"]
@@ -45,13 +45,13 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class EnhancedView:
-    """A held-out view, enhanced.
+    """A held-out view with the results of several methods.
 
     Args:
-        view: as the run has it.
+        view: the view of the run.
         render: the raw render.
-        photo: the truth.
-        raw: the render against the photo.
+        photo: the ground truth.
+        raw: the metrics of the render against the photo.
         results: by method.
     """
 
@@ -62,10 +62,10 @@ class EnhancedView:
     results: Mapping[str, MethodResult]
 
     def gains(self, method: str) -> dict[str, float]:
-        """How much each metric that is known exceeds the raw render's."""
-        after = self.results[method].measured.metrics
-        known = {name: (before, after.get(name)) for name, before in self.raw.metrics.items()}
-        return {name: b - a for name, (a, b) in known.items() if a is not None and b is not None}
+        """The difference of each known metric to the raw render's."""
+        enhanced_metrics = self.results[method].measured.metrics
+        metric_pairs = {name: (before, enhanced_metrics.get(name)) for name, before in self.raw.metrics.items()}
+        return {name: b - a for name, (a, b) in metric_pairs.items() if a is not None and b is not None}
 
 
 def enhanced_views(
@@ -74,12 +74,12 @@ def enhanced_views(
     distances: Sequence[PerceptualDistance] = (),
     every: int = 1,
 ) -> Iterator[EnhancedView]:
-    """Enhance and measure the targets of a set; methods that prepare references alike share them.
+    """Enhance and measure the targets of a set. Methods with equal reference configurations share aligned references.
 
     Args:
         rendered: held-out renders and training views.
-        enhancers: what enhances, by method, at the render's own resolution.
-        distances: LPIPS distances to measure as well.
+        enhancers: by method, at the render's own resolution.
+        distances: LPIPS distances that are measured as well.
         every: take every n-th target.
 
     Raises:
@@ -90,7 +90,7 @@ def enhanced_views(
         if view.read_photo is None:
             raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
         target, photo = read_target(view), view.read_photo()
-        prepared: list[tuple[ReferenceConfig, Aligned]] = []
+        aligned_by_config: list[tuple[ReferenceConfig, Aligned]] = []
         results: dict[str, MethodResult] = {}
         for name, enhancer in enhancers.items():
             if not isinstance(enhancer, SetEnhancer):
@@ -98,10 +98,10 @@ def enhanced_views(
                 results[name] = MethodResult(image, Unwarped()(target, [], 0), measure_pair(image, photo, distances))
                 continue
             config = enhancer.reference_config
-            aligned = next((known for other, known in prepared if other == config), None)
+            aligned = next((cached for other_config, cached in aligned_by_config if other_config == config), None)
             if aligned is None:
                 aligned = config.align(target, view, pool)
-                prepared.append((config, aligned))
+                aligned_by_config.append((config, aligned))
             image = enhancer.enhance(join(target, aligned))[0]
             results[name] = MethodResult(image, aligned, measure_pair(image, photo, distances))
         yield EnhancedView(view, target.image, photo, measure_pair(target.image, photo, distances), results)

@@ -1,4 +1,4 @@
-"""The finished fits that a study measures, and what they are of."""
+"""Finds the finished fits that a study measures, and the scenes that they were fitted to."""
 
 import glob
 from collections.abc import Sequence
@@ -10,10 +10,10 @@ from gaussian_enhancer.scene.renders import run_steps
 
 
 def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
-    """Folders that match patterns: those of finished runs, and those of runs that are not finished.
+    """Folders that match patterns: those of finished runs, and those of unfinished runs.
 
     Args:
-        patterns: paths of runs, with ``*`` where many are meant.
+        patterns: paths of runs; may contain ``*``.
 
     Raises:
         InputError: there is no pattern, or one names no finished run.
@@ -21,15 +21,15 @@ def finished_runs(patterns: Sequence[str]) -> tuple[list[Path], list[Path]]:
     if not patterns:
         raise InputError("runs", "name no fit", "give folders of finished fits, or patterns")
     done: set[Path] = set()
-    others: set[Path] = set()
+    unfinished: set[Path] = set()
     for pattern in patterns:
         folders = [Path(path) for path in glob.glob(pattern) if Path(path).is_dir()]
-        here = {folder for folder in folders if (folder / "done").is_file()}
-        if not here:
+        done_here = {folder for folder in folders if (folder / "done").is_file()}
+        if not done_here:
             raise InputError(pattern, "names no finished run", "fit first, or correct the pattern")
-        done |= here
-        others |= set(folders) - here
-    return sorted(done), sorted(others)
+        done |= done_here
+        unfinished |= set(folders) - done_here
+    return sorted(done), sorted(unfinished)
 
 
 def finished_fits(patterns: Sequence[str]) -> list[Path]:
@@ -39,29 +39,29 @@ def finished_fits(patterns: Sequence[str]) -> list[Path]:
         patterns: as `finished_runs` takes them.
 
     Raises:
-        InputError: a pattern names no finished run, or a run holds no held-out views.
+        InputError: a pattern names no finished run, or a run has no renders of held-out views.
     """
-    found = finished_runs(patterns)[0]
-    for run in found:
+    fits = finished_runs(patterns)[0]
+    for run in fits:
         refuse_without_views(run)
-    return found
+    return fits
 
 
 def refuse_without_views(run: Path) -> None:
     """Refuse a run without renders of held-out views.
 
     Raises:
-        InputError: it holds none.
+        InputError: it has none.
     """
     if not run_steps(run):
         raise InputError(run, "holds no renders of held-out views", "name folders of finished fits")
 
 
 def scene_of(run: Path) -> str:
-    """The scene of a fitted run: as its records name it, else by its folder's name, SCENE-METHOD-DIGEST.
+    """The scene of a fit: from its records, else from its folder's name, SCENE-METHOD-DIGEST.
 
     Raises:
-        InputError: the folder has no records and another name, or its records are damaged.
+        InputError: the folder has neither records nor a name of this form, or its records are damaged.
     """
     source = run / "records.jsonl"
     if source.is_file() and (records := read_records(source)):
@@ -73,15 +73,15 @@ def scene_of(run: Path) -> str:
 
 
 def fits_by_scene(fits: Sequence[Path]) -> dict[str, Path]:
-    """Fits by their scene.
+    """Index fits by their scene.
 
     Raises:
         InputError: two are of one scene.
     """
-    found: dict[str, Path] = {}
+    by_scene: dict[str, Path] = {}
     for fit in fits:
         scene = scene_of(fit)
-        if scene in found:
-            raise InputError(fit, f"is of the scene {scene}, as {found[scene]} is", "name one fit of each scene")
-        found[scene] = fit
-    return found
+        if scene in by_scene:
+            raise InputError(fit, f"is of the scene {scene}, as {by_scene[scene]} is", "name one fit of each scene")
+        by_scene[scene] = fit
+    return by_scene

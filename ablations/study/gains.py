@@ -1,4 +1,4 @@
-"""Studies of gains: what several enhancers add to the same held-out views of fits."""
+"""Studies of gains: several enhancers compared with the raw renders on the same held-out views of fits."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,10 +17,10 @@ METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
 
 def gain_study(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> Study[Path]:
-    """The gain of every metric over the raw render, by view of each run's last step and enhancer.
+    """The gain of every metric over the raw render, by enhancer and view of each run's last step.
 
     Args:
-        made: enhancers by what a row of the table is called.
+        made: enhancers by their names in the column ``row``.
         cfg: ``runs``, ``every``, ``lpips`` and ``backbones`` as in conf/candidates.yaml.
         device: where LPIPS is measured.
 
@@ -30,12 +30,12 @@ def gain_study(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.d
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
 
     def measure(run: Path) -> list[dict[str, object]]:
-        found: list[dict[str, object]] = []
-        for one in enhanced_views(read_run(run), made, distances, cfg.every):
+        rows: list[dict[str, object]] = []
+        for enhanced in enhanced_views(read_run(run), made, distances, cfg.every):
             for row in made:
-                gains = {name: value for name, value in one.gains(row).items() if name in METRICS}
-                where = {"row": row, "scene": scene_of(run), "run": run.name, "view": one.view.name}
-                found.append({**where, **gains, "raw_psnr": one.raw.metrics["psnr"]})
-        return found
+                gains = {name: value for name, value in enhanced.gains(row).items() if name in METRICS}
+                row_keys = {"row": row, "scene": scene_of(run), "run": run.name, "view": enhanced.view.name}
+                rows.append({**row_keys, **gains, "raw_psnr": enhanced.raw.metrics["psnr"]})
+        return rows
 
     return Study(finished_fits(cfg.runs), measure, ("row", "run", "view"))

@@ -1,4 +1,4 @@
-r"""A rendered table as LaTeX by pandas: booktabs, every character that LaTeX would take as a command made harmless.
+r"""Writes a rendered table as LaTeX by pandas, with booktabs and all special characters escaped.
 
 A document needs ``\usepackage{booktabs,graphicx}``; text is UTF-8.
 """
@@ -44,27 +44,27 @@ SPECIAL = {
     "≥": r"$\geq$",
     "\N{NO-BREAK SPACE}": "~",
 }
-"""Characters and what prints them."""
+"""The LaTeX code that prints each special character."""
 
 
 def escaped(text: str) -> str:
-    """Text that prints as itself; white space is one blank, and what no common font has is named by its code."""
-    apart = re.sub("-(?=-)", "-\N{WORD JOINER}", text)  # -- would become a dash
-    return " ".join("".join(map(_character, apart)).split())
+    """Escape text for LaTeX. White space becomes one blank; characters missing in common fonts become their codes."""
+    separated = re.sub("-(?=-)", "-\N{WORD JOINER}", text)  # -- would become a dash
+    return " ".join("".join(map(_character, separated)).split())
 
 
 def document(table: RenderedTable, name: str, caption: str, remarks: Sequence[str], figure: str = "") -> str:
-    """The table as a float.
+    """The table as a LaTeX float.
 
     Args:
-        table: its text.
-        name: its label.
+        table: the rendered table.
+        name: the table's name, from which its label is made.
         caption: plain text.
         remarks: sentences under the table.
-        figure: file name of a picture over the table; empty for none.
+        figure: file name of a picture above the table; empty for none.
     """
     notes = [rf"\textsuperscript{{{number}}} {escaped(note)}" for number, note in enumerate(table.notes, 1)]
-    under = "\\par\n".join([*(escaped(remark) for remark in remarks), *notes])
+    footer = "\\par\n".join([*(escaped(remark) for remark in remarks), *notes])
     picture = rf"\includegraphics[width=\textwidth]{{{figure}}}\par\medskip" + "\n" if figure else ""
     return rf"""% needs \usepackage{{booktabs,graphicx}}
 \begin{{table*}}[t]
@@ -74,23 +74,23 @@ def document(table: RenderedTable, name: str, caption: str, remarks: Sequence[st
 {picture}\resizebox{{\textwidth}}{{!}}{{%
 {tabular(table)}}}
 \par\smallskip\raggedright\footnotesize
-{under}
+{footer}
 \end{{table*}}
 """
 
 
 def tabular(table: RenderedTable) -> str:
-    """The tabular alone; a block's heading stands in the first column of its first line."""
+    """The tabular environment alone; a block's heading is in the first column of its first row."""
     frames = []
     for title, block in table.blocks:
         texts = block.map(_cell)
         if any(title for title, _ in table.blocks):
             texts.insert(0, "block", [escaped(title), *[""] * (len(texts) - 1)])
         frames.append(texts)
-    whole = pd.concat(frames, ignore_index=True).rename(columns=escaped)
-    numbers = whole.shape[1] - whole.columns.get_loc("method") - 1
-    columns = "l" * (whole.shape[1] - numbers) + "r" * numbers
-    return str(whole.style.hide(axis="index").to_latex(hrules=True, column_format=columns)).rstrip()
+    combined = pd.concat(frames, ignore_index=True).rename(columns=escaped)
+    number_columns = combined.shape[1] - combined.columns.get_loc("method") - 1
+    columns = "l" * (combined.shape[1] - number_columns) + "r" * number_columns
+    return str(combined.style.hide(axis="index").to_latex(hrules=True, column_format=columns)).rstrip()
 
 
 def _cell(cell: Cell) -> str:

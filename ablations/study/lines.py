@@ -1,4 +1,4 @@
-"""A table's lines from its records: means, gains over the baseline with intervals, the paper's own beside them."""
+"""Computes a table's lines from its records: means, gains over the baseline with intervals, and the paper's values."""
 
 import dataclasses
 import math
@@ -12,10 +12,10 @@ from ablations.study.statistics import Spread, interval, over_seeds
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 STATISTICS = {"max": "maximum", "min": "minimum", "mean": "mean", "std": "deviation"}
-"""What tables of repeated runs state of a method's gains over trainings, as the paper and as `Spread` name it."""
+"""Statistics of a method's gains over trainings in tables of repeated runs: the paper's name and that of `Spread`."""
 
 ALL = "all"
-"""Key of the lines over all datasets."""
+"""Value of `Line.dataset` for lines over all datasets."""
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,15 @@ class Number:
     """One metric of a line.
 
     Args:
-        value: mean in the metric's unit; None where nothing was measured.
-        gain: mean gain over the baseline (or the statistic of it); None for the baseline and where it is unknown.
-        low: lower end of the gain's 95% interval; None where there are too few units.
-        high: upper end.
-        deviation: standard deviation of the gain over trainings (ddof=1); None below two.
-        views: views that count.
-        scenes: scenes that count.
-        seeds: trainings that count; 0 where nothing was trained.
-        paper: the paper's value; None where it has none.
+        value: mean in the metric's unit; None if nothing was measured.
+        gain: mean gain over the baseline, or a statistic of it; None for the baseline and if it is unknown.
+        low: lower end of the gain's 95% interval; None for too few units.
+        high: upper end of that interval.
+        deviation: standard deviation of the gain over trainings (ddof=1); None for fewer than two.
+        views: number of views in the mean.
+        scenes: number of scenes in the mean.
+        seeds: number of trainings in the mean; 0 for a method without training.
+        paper: the paper's value; None if it has none.
         paper_gain: the paper's gain.
         reasons: what is missing, and why.
     """
@@ -54,12 +54,12 @@ class Line:
     """One line of a table.
 
     Args:
-        block: splatting method; size where the table is one of cost.
-        dataset: key of the dataset; `ALL` for all of several.
+        block: splatting method; output size in tables of cost.
+        dataset: key of the dataset; `ALL` for a mean over several.
         method: the method's name.
         statistic: one of `STATISTICS` in tables of repeated runs, else empty.
         numbers: by metric.
-        records: places of the records behind it, those of what is missing among them.
+        records: indices of the records behind the line, including those of missing methods.
     """
 
     block: str
@@ -71,34 +71,34 @@ class Line:
 
 
 def table_lines(results: Results, records: Sequence[Record]) -> tuple[Line, ...]:
-    """All lines of a table; what is missing is named.
+    """All lines of a table, with the reasons of missing numbers.
 
     Args:
         results: the table with its records.
-        records: the same records, in the order that places are counted in.
+        records: the same records, in the order to which `Line.records` refers.
     """
     return tuple(_lines(results, _members(results.study, records)))
 
 
 def baselines(table: TableDescription, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
-    """For each record the places of the baseline's records that its gain is over; empty where there is none.
+    """For each record, the indices of the baseline's records that its gain is computed against; empty if none.
 
-    Mostly one, of the same scene, splat, view and seed. A baseline without a seed stands beside every seed; a method
-    without one is held against the mean over the baseline's seeds.
+    Usually this is one record, of the same scene, splat, view and seed. A baseline without a seed is compared with
+    every seed. A method without a seed is compared with the mean over the baseline's seeds.
     """
-    at: dict[tuple[str, str, str], dict[int | None, int]] = {}
+    baseline_indices: dict[tuple[str, str, str], dict[int | None, int]] = {}
     for index, record in enumerate(records):
         if record.kind == "quality" and record.variant == table.baseline:
-            at.setdefault((record.scene, record.splat, record.view), {})[record.seed] = index
+            baseline_indices.setdefault((record.scene, record.splat, record.view), {})[record.seed] = index
 
     def before(record: Record) -> tuple[int, ...]:
         if record.kind != "quality" or record.variant == table.baseline:
             return ()
-        found = at.get((record.scene, record.splat, record.view), {})
-        same = found.get(record.seed, found.get(None))
-        if same is not None:
-            return (same,)
-        return tuple(found.values()) if record.seed is None else ()
+        by_seed = baseline_indices.get((record.scene, record.splat, record.view), {})
+        matching = by_seed.get(record.seed, by_seed.get(None))
+        if matching is not None:
+            return (matching,)
+        return tuple(by_seed.values()) if record.seed is None else ()
 
     return tuple(before(record) for record in records)
 
@@ -110,27 +110,32 @@ def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[in
             for method in table.methods:
                 if table.kind == "repeats" and method == table.baseline:
                     continue
-                both = [*members.get((block, method), ()), *members.get(("", method), ())]
-                line = Line(block, key, method, records=tuple(place for place, scene in both if scene in scenes))
+                located = [*members.get((block, method), ()), *members.get(("", method), ())]
+                empty_line = Line(
+                    block, key, method, records=tuple(place for place, scene in located if scene in scenes)
+                )
                 if table.kind == "repeats":
-                    yield from _repeated(results, line, scenes)
+                    yield from _repeated(results, empty_line, scenes)
                 else:
-                    numbers = {metric: _number(results, line, scenes, metric) for metric in table.metrics}
-                    yield dataclasses.replace(line, numbers=numbers)
+                    numbers = {metric: _number(results, empty_line, scenes, metric) for metric in table.metrics}
+                    yield dataclasses.replace(empty_line, numbers=numbers)
 
 
 def _members(table: TableDescription, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
-    """Places and scenes of the records by block and method."""
+    """Indices and scenes of the records, by block and method."""
     kinds = ("cost" if table.kind == "cost" else "quality", MISSING)
-    found: dict[tuple[str, str], list[tuple[int, str]]] = {}
-    for place, record in enumerate(records):
+    members: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for index, record in enumerate(records):
         if record.kind in kinds:
-            found.setdefault((block_of(table, record), record.variant), []).append((place, record.scene))
-    return found
+            members.setdefault((block_of(table, record), record.variant), []).append((index, record.scene))
+    return members
 
 
 def _datasets(results: Results, block: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every dataset's key and scenes, and all together where there are several, or none, or the block is a size."""
+    """Key and scenes of every dataset, then of all together unless there is exactly one dataset.
+
+    Tables of cost have no datasets; tables of repeated runs have no lines over all of them.
+    """
     datasets = {} if results.costs else results.study.datasets
     for key, dataset in datasets.items():
         yield key, dataset.scenes
@@ -139,7 +144,7 @@ def _datasets(results: Results, block: str) -> Iterator[tuple[str, tuple[str, ..
 
 
 def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) -> Number:
-    """One metric of a line that states means."""
+    """One metric of a line of means."""
     table = results.study
     values = results.values(line.block, line.method, metric, scenes)
     paper, paper_gain = _paper(table, line, metric)
@@ -154,33 +159,37 @@ def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) ->
 
 
 def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[Line]:
-    """The statistics of a method's gains over trainings."""
+    """One line for each statistic of a method's gains over trainings."""
     table = results.study
     gains = {metric: results.gains(line.block, line.method, metric, None, scenes) for metric in table.metrics}
     spreads = {metric: over_seeds(sample) for metric, sample in gains.items()}
     for statistic in STATISTICS:
-        told = dataclasses.replace(line, statistic=statistic)
-        numbers = {metric: _repeat(gains[metric], spreads[metric], table, told, metric) for metric in table.metrics}
-        yield dataclasses.replace(told, numbers=numbers)
+        statistic_line = dataclasses.replace(line, statistic=statistic)
+        numbers = {
+            metric: _repeat(gains[metric], spreads[metric], table, statistic_line, metric) for metric in table.metrics
+        }
+        yield dataclasses.replace(statistic_line, numbers=numbers)
 
 
 def _repeat(gains: ScoreSample, spread: Spread, table: TableDescription, line: Line, metric: str) -> Number:
-    found = _known(getattr(spread, STATISTICS[line.statistic]))
+    value = _known(getattr(spread, STATISTICS[line.statistic]))
     _, paper_gain = _paper(table, line, metric)
-    number = _counted(gains, Number(gain=found, paper_gain=paper_gain))
+    number = _counted(gains, Number(gain=value, paper_gain=paper_gain))
     left_out = tuple(f"left out, {name}: {reason}" for name, reason in spread.left_out.items())
-    few = (f"{spread.count} of the 2 trainings that a deviation needs",) if found is None and spread.count else ()
-    return dataclasses.replace(number, reasons=(*few, *left_out, *number.reasons))
+    too_few = (f"{spread.count} of the 2 trainings that a deviation needs",) if value is None and spread.count else ()
+    return dataclasses.replace(number, reasons=(*too_few, *left_out, *number.reasons))
 
 
 def _counted(sample: ScoreSample, number: Number) -> Number:
-    """The number with its n, and what is missing in words."""
+    """The number with its sample sizes and the reasons of missing values."""
     scenes, _, views = sample.counts()
     seeds = len({seed for _, seed in sample.values if seed is not None})
     reasons = [f"{_unit(*unit)}: {reason}" for unit, reason in sample.missing.items()]
-    for unit, views_ in sample.unknown.items():
-        told = list(views_.values())
-        reasons += [f"{_unit(*unit)}: {text} ({told.count(text)} views)" for text in dict.fromkeys(told)]
+    for unit, unknown_views in sample.unknown.items():
+        reason_texts = list(unknown_views.values())
+        reasons += [
+            f"{_unit(*unit)}: {text} ({reason_texts.count(text)} views)" for text in dict.fromkeys(reason_texts)
+        ]
     return dataclasses.replace(number, views=views, scenes=scenes, seeds=seeds, reasons=tuple(reasons))
 
 
@@ -189,19 +198,22 @@ def _unit(pair: SceneSplat, seed: int | None) -> str:
 
 
 def _paper(table: TableDescription, line: Line, metric: str) -> tuple[float | None, float | None]:
-    """The paper's value and gain. Its blocks are those of one dataset, and stand beside all where a scale has more."""
-    place = table.metrics.index(metric)
+    """The paper's value and gain.
+
+    A block of the paper is one dataset. If a scale has several, its values go with the line over all of them.
+    """
+    column = table.metrics.index(metric)
     if table.kind == "repeats":
         if table.methods[line.method].mode == "ours":
             return None, None
-        return None, _at(table.paper.get(line.dataset, {}).get(line.statistic), place)
+        return None, _at(table.paper.get(line.dataset, {}).get(line.statistic), column)
     if len(table.datasets) > 1 and line.dataset != ALL:
         return None, None
     block = table.paper.get(line.block, {})
-    value, first = _at(block.get(line.method), place), _at(block.get(table.baseline), place)
-    if table.kind == "cost" or line.method == table.baseline or value is None or first is None:
+    value, baseline_value = _at(block.get(line.method), column), _at(block.get(table.baseline), column)
+    if table.kind == "cost" or line.method == table.baseline or value is None or baseline_value is None:
         return value, None
-    return value, value - first
+    return value, value - baseline_value
 
 
 def _at(values: Sequence[float] | None, place: int) -> float | None:

@@ -1,4 +1,4 @@
-"""Frames as Markdown and plain words, without padding: a line of a table changes only where its numbers do."""
+"""Formats frames and texts as Markdown. Cells are not padded, so a line of a table changes only with its numbers."""
 
 from collections.abc import Iterable, Sequence
 
@@ -18,11 +18,11 @@ FORMAT = TableFormat(
     padding=0,
     with_header_hide=None,
 )
-"""GitHub's tables with cells as wide as their text."""
+"""GitHub's table format with cells as wide as their text."""
 
 
 def frame(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> pd.DataFrame:
-    """A frame of texts."""
+    """Build a frame of texts from its columns and rows."""
     return pd.DataFrame(list(lines), columns=list(columns), dtype=object)
 
 
@@ -31,16 +31,16 @@ def markdown(table: pd.DataFrame) -> str:
     if table.empty:
         return f"| {' | '.join(table.columns)} |\n| {' | '.join('---' for _ in table.columns)} |\n"
     escaped = table.map(lambda text: " ".join(text.replace("|", r"\|").split()))
-    how = {"disable_numparse": True, "stralign": None, "numalign": None}
-    return str(escaped.to_markdown(index=False, tablefmt=FORMAT, **how)) + "\n"
+    options = {"disable_numparse": True, "stralign": None, "numalign": None}
+    return str(escaped.to_markdown(index=False, tablefmt=FORMAT, **options)) + "\n"
 
 
 def plain(text: str) -> str:
-    """Text in one line, with no HTML or emphasis of its own."""
+    """Text in one line, with HTML tags and emphasis escaped."""
     return " ".join(text.replace("<", "&lt;").replace("*", r"\*").split())
 
 
 def gain_written(metric: str, gain: float, low: float, high: float) -> str:
-    """A gain with its interval, where it has one."""
+    """Format a gain with its interval, if it has one."""
     ends = [written(metric, end, signed=True) for end in (low, high)]
     return written(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")

@@ -1,4 +1,4 @@
-"""Methods that studies apply to the held-out views of fits: one for all fits, or one that each fit has of its own.
+"""Methods that studies apply to the held-out views of fits: the same for all fits, or one that depends on the fit.
 
 Axes: b batch, r references, h height, w width.
 """
@@ -28,8 +28,8 @@ class Applied:
     """A method as it is applied to a fit at a step.
 
     Args:
-        weights: what tells it from others: the digest of its weights, or what it is made of.
-        enhance: what enhances.
+        weights: identifies the method: the digest of its weights, the name of its second fit, or "none".
+        enhance: enhances a view.
     """
 
     weights: str
@@ -51,7 +51,7 @@ class SameEverywhere:
 
     Args:
         weights: digest of its weights.
-        enhancer: what enhances.
+        enhancer: enhances the views.
     """
 
     weights: str
@@ -76,7 +76,7 @@ class Average(Network):
 
 
 def average() -> SameEverywhere:
-    """The average of render and warped references, which are prepared as for the shipped weights."""
+    """The average of render and warped references, with references aligned as for the shipped weights."""
     plain = SetEnhancer(Average(), ReferenceConfig(), precision="float32", colour_clamping=0, colour_completion=False)
     return SameEverywhere("none", plain)
 
@@ -97,17 +97,17 @@ class RenderAverage:
         Args:
             view: the target.
             target: its pixels.
-            pool: without effect.
+            pool: unused.
 
         Raises:
             InputError: the other fit lacks the view, or rendered it at another size.
         """
-        other = self.views.get(view.name)
-        if other is None or other.read is None:
+        other_view = self.views.get(view.name)
+        if other_view is None or other_view.read is None:
             raise InputError(view.name, "was not held out by the second fit", "give a fit with the same split")
-        image = other.read()
+        image = other_view.read()
         if image.shape != target.image.shape:
-            sizes = [f"{one.shape[-1]}x{one.shape[-2]}" for one in (image, target.image)]
+            sizes = [f"{tensor.shape[-1]}x{tensor.shape[-2]}" for tensor in (image, target.image)]
             raise InputError(view.name, f"is {sizes[0]} in the second fit, {sizes[1]} in the first", "fit both alike")
         return (target.image + image) / 2
 
@@ -124,10 +124,10 @@ class TwoFits:
 
     @classmethod
     def found(cls, patterns: Sequence[str]) -> "TwoFits":
-        """Those of finished fits.
+        """Use the finished fits that match patterns as second fits.
 
         Args:
-            patterns: folders of fits, with ``*`` where many are meant.
+            patterns: folders of fits; may contain ``*``.
 
         Raises:
             InputError: there is none, or two are of one scene.
@@ -143,13 +143,13 @@ class TwoFits:
             InputError: there is no second fit of its scene with renders of the step, or it is the same one.
         """
         scene = scene_of(fit)
-        other = self.others.get(scene)
-        if other is None or other.resolve() == fit.resolve():
+        second_fit = self.others.get(scene)
+        if second_fit is None or second_fit.resolve() == fit.resolve():
             raise InputError("second", f"names no other fit of {scene} than {fit}", "give one, or leave two_fits out")
-        if step not in run_steps(other):
-            raise InputError(other, f"has no renders of step {step}", "fit both with the same snapshots")
-        views = {view.name: view for view in read_run(other, step).targets}
-        lacking = sorted({view.name for view in read_run(fit, step).targets} - set(views))
-        if lacking:
-            raise InputError(other, f"did not hold out {lacking[0]}", "give a fit with the same split")
-        return Applied(other.resolve().name, RenderAverage(views))
+        if step not in run_steps(second_fit):
+            raise InputError(second_fit, f"has no renders of step {step}", "fit both with the same snapshots")
+        views = {view.name: view for view in read_run(second_fit, step).targets}
+        missing_views = sorted({view.name for view in read_run(fit, step).targets} - set(views))
+        if missing_views:
+            raise InputError(second_fit, f"did not hold out {missing_views[0]}", "give a fit with the same split")
+        return Applied(second_fit.resolve().name, RenderAverage(views))

@@ -1,4 +1,4 @@
-"""Plots of studies by matplotlib, as SVG text that is equal for equal numbers."""
+"""Plots of studies by matplotlib, as deterministic SVG text."""
 
 import io
 import math
@@ -31,7 +31,7 @@ class Mark:
         label: the setting's name.
         x: time, above 0.
         y: error, above 0.
-        low: lower end of the time's spread.
+        low: lower end of the time's error bar.
         high: its upper end.
     """
 
@@ -43,7 +43,7 @@ class Mark:
 
     @property
     def drawable(self) -> bool:
-        """Whether the mark has a place on logarithmic axes."""
+        """Whether the mark can be drawn on logarithmic axes."""
         return all(math.isfinite(value) and value > 0 for value in (self.x, self.y))
 
 
@@ -52,11 +52,11 @@ class Panel:
     """One diagram of error over time.
 
     Args:
-        title: above it.
-        x_title: of the time's axis, with its unit.
-        y_title: of the error's axis, with its unit.
-        curves: marks by method, each in the order in which they are joined.
-        baseline: name and error of a method that takes no time worth a place on the axis.
+        title: title of the diagram.
+        x_title: label of the time axis, with its unit.
+        y_title: label of the error axis, with its unit.
+        curves: marks by method, in the order in which they are joined.
+        baseline: name and error of a method of negligible time, drawn as a horizontal line.
     """
 
     title: str
@@ -67,12 +67,12 @@ class Panel:
 
 
 def work_precision(title: str, panels: Sequence[Panel], columns: int) -> str:
-    """Error over run time on logarithmic axes, panels in a grid over one legend, the Pareto front as a staircase.
+    """Plot error over run time on logarithmic axes: a grid of panels with one legend, Pareto fronts as staircases.
 
     Args:
-        title: over all.
+        title: title of the figure.
         panels: row by row.
-        columns: panels in a row.
+        columns: panels per row.
     """
     plt = _pyplot()
     names = list(dict.fromkeys(name for panel in panels for name in panel.curves))
@@ -94,36 +94,38 @@ def work_precision(title: str, panels: Sequence[Panel], columns: int) -> str:
 
 
 def _panel(axis: Any, panel: Panel, names: Sequence[str], lines: dict[str, Any]) -> None:
-    """Draw one panel; ``lines`` collects a line of each method for the legend."""
+    """Draw one panel; one line of each method is added to ``lines`` for the legend."""
     axis.set(title=panel.title, xlabel=panel.x_title, ylabel=panel.y_title)
-    curves = {name: tuple(mark for mark in own if mark.drawable) for name, own in panel.curves.items()}
+    curves = {name: tuple(mark for mark in marks if mark.drawable) for name, marks in panel.curves.items()}
     if not any(curves.values()):
         axis.text(0.5, 0.5, "nothing was measured", ha="center", transform=axis.transAxes)
         return
     axis.set(xscale="log", yscale="log")
-    for name, own in curves.items():
+    for name, marks in curves.items():
         number = names.index(name)
-        x, y = [mark.x for mark in own], [mark.y for mark in own]
-        spread = [[mark.x - (mark.low or mark.x) for mark in own], [(mark.high or mark.x) - mark.x for mark in own]]
+        x, y = [mark.x for mark in marks], [mark.y for mark in marks]
+        spread = [[mark.x - (mark.low or mark.x) for mark in marks], [(mark.high or mark.x) - mark.x for mark in marks]]
         marker = MARKERS[number % len(MARKERS)]
         style = {"color": f"C{number % 10}", "marker": marker, "markersize": 5, "linewidth": 1.4, "label": name}
         lines.setdefault(name, axis.errorbar(x, y, xerr=spread, **style))
-    base = panel.baseline[1] if panel.baseline and panel.baseline[1] > 0 else None
-    if panel.baseline and base:
-        axis.axhline(base, color="grey", linestyle="--", linewidth=1.2)
-        axis.annotate(panel.baseline[0], (0.01, base), xycoords=axis.get_yaxis_transform(), va="bottom", fontsize=8)
-    best = pareto_front(curves, base)
-    if best:
-        x, y = [point.cost for point in best], [point.error for point in best]
+    baseline_error = panel.baseline[1] if panel.baseline and panel.baseline[1] > 0 else None
+    if panel.baseline and baseline_error:
+        axis.axhline(baseline_error, color="grey", linestyle="--", linewidth=1.2)
+        axis.annotate(
+            panel.baseline[0], (0.01, baseline_error), xycoords=axis.get_yaxis_transform(), va="bottom", fontsize=8
+        )
+    front_points = pareto_front(curves, baseline_error)
+    if front_points:
+        x, y = [point.cost for point in front_points], [point.error for point in front_points]
         axis.step([*x, axis.get_xlim()[1]], [*y, y[-1]], where="post", color="black", alpha=0.18, linewidth=5, zorder=0)
         axis.plot(x, y, linestyle="", marker="o", markersize=11, markerfacecolor="none", color="black")
-        _name_points(axis, best)
-    for one, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-        _round_ticks(one, *values)
+        _name_points(axis, front_points)
+    for axis_side, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+        _round_ticks(axis_side, *values)
 
 
 def _name_points(axis: Any, points: Sequence[Point]) -> None:
-    """Write names beside points, but for those that lie close to a point that has its name already."""
+    """Write names beside points, except points close to one that is already named."""
     named: list[tuple[float, float]] = []
     for point in points:
         x, y = axis.transAxes.inverted().transform(axis.transData.transform((point.cost, point.error)))
@@ -135,7 +137,10 @@ def _name_points(axis: Any, points: Sequence[Point]) -> None:
 
 
 def _round_ticks(axis: Any, low: float, high: float) -> None:
-    """Ticks at 1, 2 and 5 times powers of ten, and at round steps where the axis spans less than a decade."""
+    """Set ticks at 1, 2 and 5 times powers of ten, or at round steps if the axis spans less than a decade.
+
+    Over more than about 2.5 decades (a ratio of 300), ticks are at powers of ten alone.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     subs = (1, 2, 5) if high < 300 * low else (1,)
@@ -145,17 +150,17 @@ def _round_ticks(axis: Any, low: float, high: float) -> None:
 
 
 def pareto_front(curves: Mapping[str, Sequence[Mark]], base: float | None) -> tuple[Point, ...]:
-    """The Pareto front of all curves; what is no better than the baseline, which takes no time, is not on it."""
-    points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, own in curves.items() for mark in own]
+    """The Pareto front of all curves, without points no better than the baseline, which takes no time."""
+    points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, marks in curves.items() for mark in marks]
     return tuple(point for point in front(points) if base is None or point.error < base)
 
 
 def bar_panels(title: str, panels: Sequence[tuple[str, Mapping[str, float], Sequence[float], str]]) -> str:
-    """Horizontal bars beside each other.
+    """Plot panels of horizontal bars, side by side.
 
     Args:
-        title: over all.
-        panels: title, values by name, where dashed lines stand, format of the values.
+        title: title of the figure.
+        panels: title, values by name, positions of dashed lines, and format of the values.
     """
     plt = _pyplot()
     with plt.rc_context(STYLE):
@@ -182,11 +187,11 @@ def category_matrix(
     columns: Sequence[str],
     colours: Mapping[str, str],
 ) -> str:
-    """A matrix of categories in colour.
+    """Plot a matrix of categories in colour.
 
     Args:
-        title: over it.
-        cells: category by row and column; a cell without one stays white.
+        title: title of the figure.
+        cells: category by row and column; a cell without one is white.
         rows: from top to bottom.
         columns: from left to right.
         colours: by category, in the legend's order.
@@ -212,7 +217,7 @@ def category_matrix(
 
 
 def convergence(title: str, curves: Mapping[str, Sequence[tuple[float, float]]], x_title: str, y_title: str) -> str:
-    """Error over steps on logarithmic axes, one curve a method, and a dashed line of order 1."""
+    """Plot error over steps on logarithmic axes: one curve per method, and a dashed line of order 1."""
     plt = _pyplot()
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
@@ -224,14 +229,14 @@ def convergence(title: str, curves: Mapping[str, Sequence[tuple[float, float]]],
         if steps:
             top = max(y for points in curves.values() for _, y in points)
             axis.plot(steps, [top * steps[0] / x for x in steps], "--", color="grey", label="order 1")
-        for one, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-            _round_ticks(one, *values)
+        for axis_side, values in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+            _round_ticks(axis_side, *values)
         figure.legend(loc="outside right upper")
         return _svg(figure, title)
 
 
 def _pyplot() -> Any:
-    """Pyplot without a window."""
+    """Pyplot with a backend that needs no display."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -241,7 +246,7 @@ def _pyplot() -> Any:
 
 
 def _svg(figure: Any, title: str) -> str:
-    """The figure as SVG; lines of equal numbers are equal."""
+    """The figure as SVG text without date; closes the figure."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Title": title})
     _pyplot().close(figure)

@@ -1,6 +1,6 @@
-"""From a study's records to the text of its table: columns, blocks, marks of the best, what is missing.
+"""Turns a study's records into the text of its table: columns, blocks, best values, notes on missing values.
 
-Every number is that of `study.lines`, so that all reports of a study agree.
+All numbers come from `study.lines`, so that all reports of a study agree.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from gaussian_enhancer.report.quantities import quantities
 
 SPLATS = {"2dgs": "2DGS", "3dgs": "3DGS", "mip_splatting": "Mip-Splatting"}
 BY_SCENE = "by scene"
-"""Ending of a statistic over scenes and seeds, where the paper's is over runs."""
+"""Suffix of a statistic over scenes and seeds, unlike the paper's, which are over runs."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Cell:
     """One cell of a rendered table.
 
     Args:
-        text: plain.
+        text: plain text.
         best: whether it is the best of its column in its block.
         notes: numbers of the notes that it refers to.
     """
@@ -40,11 +40,11 @@ class Cell:
 
 @dataclass(frozen=True)
 class RenderedTable:
-    """A table's text before Markdown or LaTeX.
+    """A table's text, independent of Markdown or LaTeX.
 
     Args:
-        blocks: frames of `Cell`, by heading; directions of metrics are arrows in the columns' names.
-        notes: why something is missing; the first has the number 1.
+        blocks: heading and frame of `Cell`; arrows in the columns' names show in which direction a metric is better.
+        notes: reasons of missing values; the first has the number 1.
     """
 
     blocks: tuple[tuple[str, pd.DataFrame], ...]
@@ -52,21 +52,21 @@ class RenderedTable:
 
 
 class Notes:
-    """Numbered reasons why something is missing, each with the places where it applies."""
+    """Numbered reasons of missing values, each with the methods, scenes and seeds that it applies to."""
 
     def __init__(self) -> None:
         self._places: dict[str, dict[str, dict[str, None]]] = {}
 
     def number(self, where: str, told: str) -> int:
-        """A reason's number, counted from 1; where it applies is remembered.
+        """Register a reason and return its number, counted from 1.
 
         Args:
             where: block and method.
-            told: as lines tell it: scene and seed, a colon, the reason.
+            told: a text of `Number.reasons`: scene and seed, a colon, the reason.
         """
-        place, found, reason = told.partition(": ")
-        reason, place = (reason, place) if found else (told, "")
-        self._places.setdefault(reason, {}).setdefault(where, {})[place] = None
+        scene_and_seed, separator, reason = told.partition(": ")
+        reason, scene_and_seed = (reason, scene_and_seed) if separator else (told, "")
+        self._places.setdefault(reason, {}).setdefault(where, {})[scene_and_seed] = None
         return list(self._places).index(reason) + 1
 
     def texts(self) -> tuple[str, ...]:
@@ -75,13 +75,13 @@ class Notes:
 
 
 def _listed(methods: Mapping[str, Mapping[str, None]]) -> str:
-    """Methods, each with its scenes and seeds in brackets."""
-    places = {method: "; ".join(filter(None, found)) for method, found in methods.items()}
-    return ", ".join(f"{method} ({found})" if found else method for method, found in places.items())
+    """List methods, each with its scenes and seeds in brackets."""
+    places = {method: "; ".join(filter(None, applies_to)) for method, applies_to in methods.items()}
+    return ", ".join(f"{method} ({applies_to})" if applies_to else method for method, applies_to in places.items())
 
 
 class StudyTable:
-    """All that a table's reports state, computed once from its records.
+    """All numbers that the reports of a table state, computed once from its records.
 
     Args:
         study: its description.
@@ -94,9 +94,9 @@ class StudyTable:
     def __init__(self, study: TableDescription, records: Sequence[Record]) -> None:
         self.study = study
         self.results = Results(study, records)
-        found = table_lines(self.results, records)
-        self.lines: tuple[Line, ...] = (*found, *self._by_scene(found))
-        self.tests: Mapping[Place, Significance] = significance(self.results, found)
+        lines_over_seeds = table_lines(self.results, records)
+        self.lines: tuple[Line, ...] = (*lines_over_seeds, *self._by_scene(lines_over_seeds))
+        self.tests: Mapping[Place, Significance] = significance(self.results, lines_over_seeds)
         self.blocks: dict[tuple[str, str], list[Line]] = {}
         for line in self.lines:
             self.blocks.setdefault((line.block, line.dataset), []).append(line)
@@ -115,31 +115,31 @@ class StudyTable:
         return RenderedTable(blocks, notes.texts())
 
     def best(self, line: Line, metric: str, paper: bool = False) -> bool:
-        """Whether a line's value is the best among its block's methods, of at least two; None never is."""
+        """Whether a line's value is the best among the methods of its block, if at least two have a value."""
         higher = HIGHER_IS_BETTER[metric]
-        among = [self._value(other, metric, paper) for other in self.blocks[line.block, line.dataset]]
-        known = [value for value in among if value is not None]
-        own = self._value(line, metric, paper)
-        if self.study.kind == "repeats" or higher is None or own is None or len(known) < 2:
+        values = [self._value(other, metric, paper) for other in self.blocks[line.block, line.dataset]]
+        known_values = [value for value in values if value is not None]
+        value_of_line = self._value(line, metric, paper)
+        if self.study.kind == "repeats" or higher is None or value_of_line is None or len(known_values) < 2:
             return False
-        return own == (max(known) if higher else min(known))
+        return value_of_line == (max(known_values) if higher else min(known_values))
 
     def title(self, line: Line) -> str:
-        """A line's method, with the statistic where there is one."""
+        """A line's method, with the statistic if there is one."""
         method = self.study.methods[line.method].title
         if not line.statistic:
             return method
         return f"{method}, {line.statistic}" if len(self.study.methods) > 2 else line.statistic
 
     def _known(self, metric: str) -> bool:
-        """Whether any cell has a number of its own or of the paper: a column of nothing else is said in the notes."""
+        """Whether any cell of a metric has a number, ours or the paper's; a metric without one appears in the notes."""
         numbers = [line.numbers[metric] for line in self.lines]
-        own = [value for n in numbers for value in (n.value, n.gain)]
-        papers = [value for n in numbers for value in (n.paper, n.paper_gain)] if self.study.paper else []
-        return any(value is not None for value in own + papers)
+        measured_values = [value for n in numbers for value in (n.value, n.gain)]
+        paper_values = [value for n in numbers for value in (n.paper, n.paper_gain)] if self.study.paper else []
+        return any(value is not None for value in measured_values + paper_values)
 
     def _by_scene(self, lines: Sequence[Line]) -> Iterator[Line]:
-        """Lines over scenes and seeds for every line over seeds; of one scene they are the same, and left out."""
+        """A line over scenes and seeds for every line over seeds; left out for one scene, where both are equal."""
         datasets = self.study.datasets
         repeated = [line for line in lines if line.statistic and len(datasets[line.dataset].scenes) > 1]
         for line in repeated:
@@ -148,8 +148,8 @@ class StudyTable:
             for metric in self.study.metrics:
                 spread = over_scenes_and_seeds(self.results.gains(line.block, line.method, metric, None, scenes))
                 value = getattr(spread, STATISTICS[line.statistic])
-                known = value if math.isfinite(value) else None
-                numbers[metric] = dataclasses.replace(line.numbers[metric], gain=known, paper_gain=None)
+                gain = value if math.isfinite(value) else None
+                numbers[metric] = dataclasses.replace(line.numbers[metric], gain=gain, paper_gain=None)
             yield dataclasses.replace(line, statistic=f"{line.statistic} {BY_SCENE}", numbers=numbers)
 
     def _block_title(self, key: tuple[str, str]) -> str:
@@ -184,21 +184,21 @@ class StudyTable:
             if metric in self.shown:
                 cells += self._metric_cells(line, metric, notes)
                 continue
-            for told in line.numbers[metric].reasons:
-                place, _, reason = told.partition(": ")
-                notes.number(self._place(line), f"{place}: {self.quantities[metric].label}: {reason}")
+            for reason_text in line.numbers[metric].reasons:
+                scene_and_seed, _, reason = reason_text.partition(": ")
+                notes.number(self._place(line), f"{scene_and_seed}: {self.quantities[metric].label}: {reason}")
         counts = [(n.scenes, n.seeds, n.views) for metric, n in line.numbers.items() if metric in self.shown]
         return [*cells, *(Cell(_range(column)) for column in zip(*counts, strict=True))]
 
     def _metric_cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Cell]:
         number, kind = line.numbers[metric], self.study.kind
         value = number.gain if kind == "repeats" else number.value
-        numbers = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
+        note_numbers = tuple(dict.fromkeys(notes.number(self._place(line), reason) for reason in number.reasons))
         if value is None:
-            yield Cell("missing", notes=numbers)
+            yield Cell("missing", notes=note_numbers)
         else:
             text = self._signed(metric, value) if kind == "repeats" else self._written(metric, value)
-            yield Cell(text, self.best(line, metric), numbers)
+            yield Cell(text, self.best(line, metric), note_numbers)
         if kind in ("quality", "images"):
             yield Cell(self._gain(line, metric, number))
             yield Cell(self._p(line, metric))
@@ -240,12 +240,12 @@ class StudyTable:
 
 
 def _range(counts: Sequence[int]) -> str:
-    """One number, or the least and the most where metrics differ."""
+    """One number, or the minimum and maximum if metrics differ."""
     return str(counts[0]) if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
 
 
 def _printed(metric: str, value: float | None, signed: bool = False) -> str:
-    """The paper's number with the digits that it was printed with; a dash where it has none."""
+    """The paper's number with the printed digits; a dash if it has none."""
     if value is None:
         return "–"
     rounded = round(value, 6)
@@ -256,6 +256,6 @@ def _printed(metric: str, value: float | None, signed: bool = False) -> str:
 
 
 def _exponent(value: float) -> int:
-    """Power of ten of the last digit."""
+    """Power of ten of the last non-zero digit."""
     _, _, digits = f"{value:.6f}".rstrip("0").partition(".")
     return -len(digits)

@@ -1,7 +1,7 @@
-"""The records of a study, looked up by scene-splat pair, method, seed and view: what is asked for, and what is there.
+"""Looks up the records of a study by scene-splat pair, method, seed and view, and the reasons of missing ones.
 
-Methods are paired over the same scene, splat, seed and view. A method that needs no training (the raw render, bicubic
-upsampling, shipped weights) has no seed and is compared with every seed of a method that does.
+Methods are paired over the same scene, splat, seed and view. A method without training (the raw render, bicubic
+upsampling, shipped weights) has no seed and is compared with every seed of a trained method.
 """
 
 import math
@@ -17,10 +17,10 @@ from gaussian_enhancer.metrics.records import MISSING, Record
 
 
 def block_of(study: TableDescription, record: Record) -> str:
-    """The block of the rendered table that a record belongs to; empty where it belongs to none.
+    """The block of the rendered table that a record belongs to; empty if it belongs to none.
 
-    The block is the record's splat. Studies of cost have output sizes as blocks: a record belongs to the size that its
-    ``scene``, ``splat`` or ``view`` names (the paper's "1k"), else to its width and height.
+    The block is the record's splat. In studies of cost, the blocks are output sizes: a record belongs to the size that
+    its ``scene``, ``splat`` or ``view`` names (the paper's "1k"), else to its width and height.
 
     Args:
         study: its description.
@@ -34,7 +34,9 @@ def block_of(study: TableDescription, record: Record) -> str:
 
 
 class Results:
-    """The records of one study, by `block_of`; in studies of cost a reason without a size stands for every size.
+    """The records of one study, in blocks by `block_of`.
+
+    In studies of cost, a record of a missing method without a size applies to every size.
 
     Args:
         study: its description.
@@ -49,12 +51,14 @@ class Results:
         self.study, self.costs = study, study.kind == "cost"
         self.pairs: tuple[SceneSplat, ...] = tuple(dict.fromkeys((record.scene, record.splat) for record in placed))
         self.blocks = self._blocks(placed)
-        measured = [record for record in placed if record.kind != MISSING]
-        named = [scene for dataset in study.datasets.values() for scene in dataset.scenes]
-        self.scenes = tuple(dict.fromkeys(named)) or tuple(sorted({record.scene for record in measured}))
-        self.learning = {method: self._seeds(method, measured) for method in study.methods}
-        self.records = _ordered(record for record in measured if self._asked(record))
-        self.outside = _ordered(record for record in measured if not self._asked(record))
+        measured_records = [record for record in placed if record.kind != MISSING]
+        dataset_scenes = [scene for dataset in study.datasets.values() for scene in dataset.scenes]
+        self.scenes = tuple(dict.fromkeys(dataset_scenes)) or tuple(
+            sorted({record.scene for record in measured_records})
+        )
+        self.learning = {method: self._seeds(method, measured_records) for method in study.methods}
+        self.records = _ordered(record for record in measured_records if self._asked(record))
+        self.outside = _ordered(record for record in measured_records if not self._asked(record))
         _refuse_twice(self.records)
         self.views: dict[tuple[SceneSplat, str, int | None], dict[str, Record]] = {}
         for record in self.records:
@@ -67,27 +71,27 @@ class Results:
         }
 
     def scenes_of(self, block: str) -> tuple[str, ...]:
-        """The scenes that a block asks for: all, but a size that is a scene itself asks for that one alone."""
+        """The scenes of a block: all scenes, or the block alone in studies of cost whose scenes are output sizes."""
         return (block,) if self.costs and block in self.scenes else self.scenes
 
     def values(self, block: str, method: str, metric: str, scenes: Sequence[str] | None = None) -> ScoreSample:
-        """A method's numbers in one block, by scene, seed and view."""
+        """A method's values in one block, by scene, seed and view."""
         return self.sample(self._pairs(block, scenes), method, metric)
 
     def gains(
         self, block: str, method: str, metric: str, over: str | None = None, scenes: Sequence[str] | None = None
     ) -> ScoreSample:
-        """A method's gains over the baseline, or over another method, on the same scenes, seeds and views."""
+        """A method's gains over the baseline or another method, on the same scenes, seeds and views."""
         return self.sample(self._pairs(block, scenes), method, metric, over or self.study.baseline)
 
     def sample(self, pairs: Sequence[SceneSplat], method: str, metric: str, over: str = "") -> ScoreSample:
-        """A method's numbers in scene-splat pairs, or its gains over another method.
+        """A method's values in scene-splat pairs, or its gains over another method.
 
         Args:
             pairs: scene-splat pairs.
-            method: its name.
-            metric: its name.
-            over: the method that gains are taken over; empty for the numbers themselves.
+            method: name of the method.
+            metric: name of the metric.
+            over: the method that gains are computed against; empty for the values themselves.
         """
         seeds = self.learning[method] or (self.learning[over] if over else ()) or (None,)
         values: dict[Unit, dict[str, float]] = {}
@@ -103,7 +107,7 @@ class Results:
         return ScoreSample(tuple(pairs), seeds, values, missing, unknown)
 
     def why_missing(self, pair: SceneSplat, method: str, seed: int | None = None) -> str:
-        """Why a method was not measured on a scene-splat pair; empty where it was."""
+        """Why a method was not measured on a scene-splat pair; empty if it was."""
         if (pair, method, self._seed_of(method, seed)) in self.views:
             return ""
         return self._reasons.get((pair, method, seed)) or self._reasons.get((pair, method, None)) or "no record"
@@ -112,7 +116,7 @@ class Results:
         return tuple((scene, block) for scene in (self.scenes_of(block) if scenes is None else scenes))
 
     def _unit(self, unit: Unit, method: str, over: str, metric: str) -> tuple[dict[str, float], dict[str, str]]:
-        """Finite numbers by view, and the reasons of the other views; all reasons where the method is missing."""
+        """Finite values by view, and the reasons of views without one; the reason alone if a method is missing."""
         pair, seed = unit
         for name in (method, over):
             if name and (reason := self.why_missing(pair, name, seed)):
@@ -134,27 +138,27 @@ class Results:
     def _blocks(self, records: Sequence[Record]) -> tuple[str, ...]:
         if not self.costs:
             return self.study.splats or tuple(dict.fromkeys(splat for _, splat in self.pairs))
-        found = sorted({(record.size, record.splat) for record in records if record.splat})
-        sizes = (name for name, dataset in self.study.datasets.items() if dataset.scenes == (name,))
-        return tuple(dict.fromkeys([*self.study.paper, *sizes, *(block for _, block in found)]))
+        measured_blocks = sorted({(record.size, record.splat) for record in records if record.splat})
+        size_blocks = (name for name, dataset in self.study.datasets.items() if dataset.scenes == (name,))
+        return tuple(dict.fromkeys([*self.study.paper, *size_blocks, *(block for _, block in measured_blocks)]))
 
     def _seeds(self, method: str, records: Sequence[Record]) -> tuple[int, ...]:
-        """The seeds of a method's trainings; none where it needs none. Cost is that of the seeds that were timed."""
-        found = {record.seed for record in records if record.variant == method and record.seed is not None}
+        """The seeds of a method's trainings, none for an untrained method; for cost, the seeds that were timed."""
+        measured_seeds = {record.seed for record in records if record.variant == method and record.seed is not None}
         if self.costs:
-            return tuple(sorted(found))
-        return self.study.seeds if self.study.methods[method].train or found else ()
+            return tuple(sorted(measured_seeds))
+        return self.study.seeds if self.study.methods[method].train or measured_seeds else ()
 
     def _asked(self, record: Record) -> bool:
-        """Whether the description asks for a record."""
+        """Whether the study's description covers a record."""
         seeds = self.learning.get(record.variant)
-        placed = record.scene in self.scenes and record.splat in self.blocks
-        own = record.kind == ("cost" if self.costs else "quality")
-        return own and placed and seeds is not None and record.seed in (seeds or (None,))
+        in_scope = record.scene in self.scenes and record.splat in self.blocks
+        of_study_kind = record.kind == ("cost" if self.costs else "quality")
+        return of_study_kind and in_scope and seeds is not None and record.seed in (seeds or (None,))
 
 
 def _number(after: Record | None, before: Record | None, names: tuple[str, str], metric: str) -> tuple[float, str]:
-    """A view's number, or gain where there is a second method; NaN and the reason where there is none."""
+    """A view's value, or its gain if there is a second method; NaN and the reason if there is none."""
     method, over = names
     if after is None or (before is None and over):
         return math.nan, f"not measured as {method if after is None else over}"
@@ -168,14 +172,16 @@ def _number(after: Record | None, before: Record | None, names: tuple[str, str],
 
 
 def _ordered(records: Iterable[Record]) -> list[Record]:
-    """In an order of their own, whatever that of the file."""
+    """The records sorted, so that the order of the file has no effect."""
     return sorted(records, key=lambda r: (r.scene, r.splat, r.variant, r.seed or 0, r.view, r.time, repr(r)))
 
 
 def _refuse_twice(records: Sequence[Record]) -> None:
-    for one, next_ in pairwise(records):
-        names = [(r.scene, r.splat, r.variant, r.seed, r.view) for r in (one, next_)]
+    for record, next_ in pairwise(records):
+        names = [(r.scene, r.splat, r.variant, r.seed, r.view) for r in (record, next_)]
         if names[0] == names[1]:
-            place = " / ".join(part for part in (one.scene, one.splat, one.view) if part)
-            received = f"was measured twice as {one.variant!r}" + ("" if one.seed is None else f" with seed {one.seed}")
+            place = " / ".join(part for part in (record.scene, record.splat, record.view) if part)
+            received = f"was measured twice as {record.variant!r}" + (
+                "" if record.seed is None else f" with seed {record.seed}"
+            )
             raise InputError(place, received, "give one record of each")

@@ -1,7 +1,7 @@
-"""A table of a frame of rows, as its layout in ``conf/row_table`` states it: groups of rows, one template a column.
+"""Formats a frame of rows as a table, by a layout of ``conf/row_table``: groups of rows, and one template per column.
 
-A template is Python's format of the columns' statistics: ``"{psnr.mean:+.2f}"``, ``"{psnr.negatives}"``.
-A column without a statistic is the group's first value: ``"{views}"``.
+A template is a Python format string of the statistics of columns: ``"{psnr.mean:+.2f}"``, ``"{psnr.negatives}"``.
+A column without a statistic gives the group's first value: ``"{views}"``.
 """
 
 import math
@@ -21,26 +21,26 @@ from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.runs.instantiate import plain
 
 ALL = "all"
-"""What the group over all values of a column is called."""
+"""Name of the group over all values of a column."""
 UNKNOWN = "-"
-"""What stands for a number that was not measured."""
+"""Text of a number that was not measured."""
 
 
 @dataclass(frozen=True)
 class TableLayout:
-    """What a study's table shows.
+    """The layout of a study's table and page.
 
     Args:
-        by: headings of the columns by which rows are grouped.
-        columns: template by heading; one whose columns were not measured is left out.
-        across: template by column, one column of the table for each of its values in order of the alphabet.
-        total: a column of ``by``: the groups over all of its values come last.
-        ordered: groups are sorted; else they have the order of the rows.
-        unknown: what stands for a number that was not measured.
+        by: headings, by the columns that rows are grouped by.
+        columns: template by heading; a template is left out if none of its columns was measured.
+        across: template by column of the frame; the table has one column for each of its values, sorted.
+        total: a column of ``by``; groups over all of its values are appended.
+        ordered: whether groups are sorted; else they have the order of the rows.
+        unknown: text of a number that was not measured.
         title: heading of the page.
-        about: its text.
-        section: column by which the page is divided.
-        sections: heading by value of it, in their order.
+        about: text below the heading.
+        section: column by which the page is divided into sections.
+        sections: heading by value of that column, in the order of the page.
     """
 
     by: Mapping[str, str]
@@ -56,12 +56,12 @@ class TableLayout:
 
 
 def read_layout(name: str) -> TableLayout:
-    """A layout of ``conf/row_table``."""
+    """Read a layout of ``conf/row_table``."""
     return TableLayout(**plain(OmegaConf.load(configurations() / "row_table" / f"{name}.yaml")))  # type: ignore[arg-type]
 
 
 class OptionalNumber(float):
-    """A number that may be unknown."""
+    """A number that is NaN, and formatted as `UNKNOWN`, if it was not measured."""
 
     def __format__(self, form: str) -> str:
         return UNKNOWN if math.isnan(self) else super().__format__(form)
@@ -69,7 +69,7 @@ class OptionalNumber(float):
 
 @dataclass(frozen=True)
 class Interval:
-    """Ends of a 95% interval; NaN where there are too few rows."""
+    """Ends of a 95% interval; NaN for too few rows."""
 
     low: float
     high: float
@@ -79,55 +79,55 @@ class Interval:
 
 
 class Column:
-    """One column of a group of rows, with the statistics that a template may name."""
+    """One column of a group of rows, with the statistics that templates can use. Unknown values are left out."""
 
     def __init__(self, values: pd.Series) -> None:
         self.values = values
         self.known = values.dropna()
 
     def __format__(self, form: str) -> str:
-        """The first value."""
-        first = self.values.iloc[0]
-        return format(OptionalNumber(first) if isinstance(first, float) else first, form)
+        """Format the first value."""
+        first_value = self.values.iloc[0]
+        return format(OptionalNumber(first_value) if isinstance(first_value, float) else first_value, form)
 
     @property
     def mean(self) -> OptionalNumber:
-        """Of the values that are known."""
+        """Mean of the known values."""
         return OptionalNumber(self.known.mean())
 
     @property
     def median(self) -> OptionalNumber:
-        """Likewise."""
+        """Median of the known values."""
         return OptionalNumber(self.known.median())
 
     @property
     def min(self) -> OptionalNumber:
-        """Likewise."""
+        """Minimum of the known values."""
         return OptionalNumber(self.known.min())
 
     @property
     def max(self) -> OptionalNumber:
-        """Likewise."""
+        """Maximum of the known values."""
         return OptionalNumber(self.known.max())
 
     @property
     def count(self) -> int:
-        """How many values are known."""
+        """Number of known values."""
         return len(self.known)
 
     @property
     def positives(self) -> str:
-        """How many are above 0, of how many."""
+        """Number of values above 0, and of all known values."""
         return self._share(self.known > 0)
 
     @property
     def negatives(self) -> str:
-        """How many are below 0, of how many."""
+        """Number of values below 0, and of all known values."""
         return self._share(self.known < 0)
 
     @property
     def interval(self) -> Interval:
-        """Of the mean over rows."""
+        """Interval of the mean over rows."""
         values = {str(place): float(value) for place, value in enumerate(self.known)}
         pair = ("all", "all")
         return Interval(*interval(ScoreSample((pair,), (None,), {(pair, None): values})))
@@ -137,41 +137,43 @@ class Column:
 
 
 def row_table(frame: pd.DataFrame, layout: TableLayout) -> pd.DataFrame:
-    """The table as texts, a line a group.
+    """The table as a frame of texts, one line per group.
 
     Args:
         frame: rows.
-        layout: what is shown.
+        layout: of the table.
     """
-    columns = {head: template for head, template in layout.columns.items() if _names(template) & set(frame.columns)}
+    columns = {
+        heading: template for heading, template in layout.columns.items() if _names(template) & set(frame.columns)
+    }
     across = [(name, value, text) for name, text in layout.across.items() for value in sorted(frame[name].unique())]
-    heads = (*layout.by.values(), *columns, *(str(value) for _, value, _ in across))
+    headings = (*layout.by.values(), *columns, *(str(value) for _, value, _ in across))
     lines = []
     for keys, group in _groups(frame, layout):
         cells = [filled(template, group) for template in columns.values()]
         cells += [filled(text, group[group[name] == value]) for name, value, text in across]
         lines.append([*map(str, keys), *(layout.unknown if cell == UNKNOWN else cell for cell in cells)])
-    return texts(heads, lines)
+    return texts(headings, lines)
 
 
 def page(frame: pd.DataFrame, layout: TableLayout, above: Sequence[str] = (), below: Sequence[str] = ()) -> str:
-    """The page as Markdown: title, text, and a table a section.
+    """The page as Markdown: title, text, and one table per section.
 
     Args:
         frame: rows.
-        layout: what is shown.
+        layout: of the page.
         above: parts above the tables.
         below: parts below them.
     """
     parts = [f"# {layout.title}", layout.about, *above]
     for value, title in layout.sections.items():
-        own = frame[frame[layout.section] == value]
-        parts += [f"## {title}", markdown(row_table(own, layout))] if len(own) else []
+        section_rows = frame[frame[layout.section] == value]
+        parts += [f"## {title}", markdown(row_table(section_rows, layout))] if len(section_rows) else []
     return "\n\n".join([*parts, *below]) + "\n"
 
 
 def filled(template: str, group: pd.DataFrame) -> str:
-    """A template with the statistics of a group of rows; unknown where there are none."""
+    """Fill a template with the statistics of a group of rows; `UNKNOWN` for a group without rows."""
     return template.format_map({name: Column(group[name]) for name in _names(template)}) if len(group) else UNKNOWN
 
 
@@ -183,5 +185,5 @@ def _groups(frame: pd.DataFrame, layout: TableLayout) -> Iterator[tuple[tuple[An
 
 
 def _names(template: str) -> set[str]:
-    """The columns that a template names."""
+    """The columns that a template uses."""
     return {name.partition(".")[0] for _, name, _, _ in string.Formatter().parse(template) if name}

@@ -1,4 +1,4 @@
-"""Sections that pages of studies share: methods, aims, means by scene and by pair, harm, what is missing."""
+"""Sections that pages of studies share: methods, aims, means by scene and by pair, losses of frames, missing values."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,47 +20,47 @@ TITLES = {
     "lpips_alex": "LPIPS (alex)",
     "lpips_vgg": "LPIPS (vgg)",
 }
-"""Metrics of a page in their order; those without a single number are left out."""
+"""Title of each metric, in the order of a page; metrics without any value are left out."""
 
 
 def metrics_of(results: Results) -> tuple[str, ...]:
-    """The metrics that at least one frame was measured in."""
-    found = {name for record in results.records for name, value in record.metrics.items() if value}
-    return tuple(name for name in TITLES if name in found)
+    """The metrics of `TITLES` that are known, and not 0, for at least one frame."""
+    measured = {name for record in results.records for name, value in record.metrics.items() if value}
+    return tuple(name for name in TITLES if name in measured)
 
 
 def methods_list(results: Results) -> str:
-    """What each method is and where its weights come from."""
+    """A list of the methods: what each one is and where its weights come from."""
     lines = []
     for name, method in results.study.methods.items():
-        words = [method.about, f"weights `{method.weights}`" if method.weights else ""]
-        words.append(f"`gaussian-enhancer train {' '.join(method.train)}`" if method.train else "")
-        words.append(f"`{' '.join(method.enhance)}`" if method.enhance else "")
-        lines.append(f"- `{name}`: {'; '.join(filter(None, words)) or 'no description'}\n")
+        parts = [method.about, f"weights `{method.weights}`" if method.weights else ""]
+        parts.append(f"`gaussian-enhancer train {' '.join(method.train)}`" if method.train else "")
+        parts.append(f"`{' '.join(method.enhance)}`" if method.enhance else "")
+        lines.append(f"- `{name}`: {'; '.join(filter(None, parts)) or 'no description'}\n")
     return "".join(lines)
 
 
 def aims_table(results: Results, aims: Aims) -> pd.DataFrame:
-    """One line an aim: method, scene, aim, what was found, whether it is met."""
-    found = [verdict for method in by_role(results, "ours") for verdict in verdicts(results, method, aims)]
-    lines = [(v.method, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in found]
+    """One line per aim: method, scene, aim, what was found, whether it is met."""
+    judged = [verdict for method in by_role(results, "ours") for verdict in verdicts(results, method, aims)]
+    lines = [(v.method, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in judged]
     return frame(("method", "scene", "aim", "found", "verdict"), lines)
 
 
 def scene_table(results: Results) -> pd.DataFrame:
-    """One line a scene and method: mean and gain of every metric over the scene's pairs."""
+    """One line per scene and method: mean and gain of every metric over the scene's pairs."""
     names, lines = metrics_of(results), []
     for scene in dict.fromkeys(scene for scene, _ in results.pairs):
         pairs = pairs_of(results, scene)
         for method in results.study.methods:
-            known = [pair for pair in pairs if not results.why_missing(pair, method)]
-            numbers = (_mean_and_gain(results, known, method, name, True) for name in names)
-            lines.append((scene, method, f"{len(known)} of {len(pairs)}", *numbers))
+            available = [pair for pair in pairs if not results.why_missing(pair, method)]
+            numbers = (_mean_and_gain(results, available, method, name, True) for name in names)
+            lines.append((scene, method, f"{len(available)} of {len(pairs)}", *numbers))
     return frame(("scene", "method", "scene-splat pairs", *(TITLES[name] for name in names)), lines)
 
 
 def pair_table(results: Results, metric: str) -> pd.DataFrame:
-    """One line a scene-splat pair, one column a method: mean over frames and gain over the baseline."""
+    """One line per scene-splat pair, one column per method: mean over frames and gain over the baseline."""
     lines = []
     for pair in results.pairs:
         frames = len(results.views.get((pair, results.study.baseline, None), {}))
@@ -70,49 +70,52 @@ def pair_table(results: Results, metric: str) -> pd.DataFrame:
 
 
 def harm_list(results: Results, allowed: Mapping[str, float]) -> str:
-    """By method: how many frames lose more than is allowed, each named for methods of ours, and the worst frame."""
-    lines, ours = [], by_role(results, "ours")
+    """By method: the number of frames that lose more than allowed, and the worst frame; our methods' frames by name."""
+    lines, our_methods = [], by_role(results, "ours")
     for method in results.study.methods:
         if method == results.study.baseline or all(results.why_missing(pair, method) for pair in results.pairs):
             continue
         for metric, limit in allowed.items():
-            found = losses(results, method, metric)
-            worse = [one for one in found if one.loss > limit]
+            ranked = losses(results, method, metric)
+            worse = [frame_loss for frame_loss in ranked if frame_loss.loss > limit]
             line = f"- `{method}`, more than {limit:g} in `{metric}`: {len(worse)} of {_frames(results, method)}"
             sign = -1 if HIGHER_IS_BETTER[metric] else 1
-            named = [f"{' '.join((*one.pair, one.view))} ({sign * one.loss:+.4f})" for one in worse]
-            line += f": {', '.join(named)}" if named and method in ours else ""
-            if found:
-                line += f"; least gain {sign * found[0].loss:+.4f} at {' '.join((*found[0].pair, found[0].view))}"
+            named = [
+                f"{' '.join((*frame_loss.pair, frame_loss.view))} ({sign * frame_loss.loss:+.4f})"
+                for frame_loss in worse
+            ]
+            line += f": {', '.join(named)}" if named and method in our_methods else ""
+            if ranked:
+                line += f"; least gain {sign * ranked[0].loss:+.4f} at {' '.join((*ranked[0].pair, ranked[0].view))}"
             lines.append(f"{line}\n")
     return "".join(lines) or "No method was compared.\n"
 
 
 def missing_list(results: Results) -> str:
-    """Every reason with the methods and scene-splat pairs that it keeps from the page."""
-    found: dict[str, dict[str, list[str]]] = {}
+    """Every reason of missing values, with the methods and scene-splat pairs or frames that it applies to."""
+    places_by_reason: dict[str, dict[str, list[str]]] = {}
     for method in results.study.methods:
         for pair in results.pairs:
             if reason := results.why_missing(pair, method):
-                found.setdefault(reason, {}).setdefault(method, []).append(" ".join(pair))
-    asked = set(results.study.metrics)
+                places_by_reason.setdefault(reason, {}).setdefault(method, []).append(" ".join(pair))
+    study_metrics = set(results.study.metrics)
     for record in results.records:
         for metric, reason in record.reasons.items():
-            if metric in asked:
+            if metric in study_metrics:
                 place = f"{record.scene} {record.splat} {record.view}"
-                found.setdefault(f"{metric}: {reason}", {}).setdefault(record.variant, []).append(place)
-    lines = (f"- {reason}: {_places(methods, len(results.pairs))}\n" for reason, methods in found.items())
+                places_by_reason.setdefault(f"{metric}: {reason}", {}).setdefault(record.variant, []).append(place)
+    lines = (f"- {reason}: {_places(methods, len(results.pairs))}\n" for reason, methods in places_by_reason.items())
     return "".join(lines) or "Nothing.\n"
 
 
 def source_list(records: Sequence[Record], link: str, counted: str = "", between: str = "; ") -> str:
-    """Protocol, machine, commit, time and file of the records, a line each.
+    """A list of the records' protocols, machines, commits, times and file.
 
     Args:
-        records: all that the page shows.
-        link: their file, as the page links it.
-        counted: what the records are, before their number.
-        between: what stands between two protocols.
+        records: all records of the page.
+        link: address of their file, relative to the page.
+        counted: text before the number of records.
+        between: separator of protocols.
     """
     times = [record.time for record in records] or [""]
     return (
@@ -137,15 +140,15 @@ def _mean_and_gain(results: Results, pairs: Sequence[SceneSplat], method: str, m
 
 
 def _frames(results: Results, method: str) -> int:
-    """Frames that both a method and the baseline have."""
-    both = [
+    """Number of frames that both a method and the baseline have."""
+    view_sets = [
         [set(results.views.get((pair, name, None), {})) for name in (method, results.study.baseline)]
         for pair in results.pairs
     ]
-    return sum(len(own & base) for own, base in both)
+    return sum(len(method_views & baseline_views) for method_views, baseline_views in view_sets)
 
 
 def _places(methods: Mapping[str, Sequence[str]], count: int) -> str:
-    """Methods with the places that they lack, short where those are all pairs."""
-    words = f"all {count} scene-splat pairs"
-    return "; ".join(f"`{name}` in {words if len(p) == count else ', '.join(p)}" for name, p in methods.items())
+    """Methods with the pairs or frames that they lack, abbreviated if these are all pairs."""
+    all_pairs = f"all {count} scene-splat pairs"
+    return "; ".join(f"`{name}` in {all_pairs if len(p) == count else ', '.join(p)}" for name, p in methods.items())

@@ -1,1 +1,1 @@
-"""Tables and studies from nothing to their records."""
+"""Plans and makes the runs behind tables and studies, up to their records."""

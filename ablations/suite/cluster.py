@@ -1,8 +1,8 @@
-"""The suite's graph of runs on dask.distributed: several runs at once, on this machine or on a cluster.
+"""Executes the suite's graph of runs by dask.distributed: several runs at once, on this machine or on a cluster.
 
-Runs are tasks, keyed by their digests; a task waits for those of its inputs. The scheduler makes a task again when its
-worker is killed, and computes one key once however many jobs ask for it. A lock beside the runs keeps a worker that the
-scheduler has given up from making a run beside its successor.
+Runs are tasks, keyed by their digests; a task waits for the tasks of its inputs. The scheduler repeats a task whose
+worker was killed, and computes each key once, however many jobs ask for it. A file lock prevents a worker that the
+scheduler considers lost from making a run at the same time as the worker that replaces it.
 """
 
 import os
@@ -26,7 +26,7 @@ from gaussian_enhancer.runs.lock import waiting
 from gaussian_enhancer.runs.runtime import choose_device
 
 MOST = 4
-"""Workers, where nothing else is said: each needs two or three gigabytes."""
+"""Default limit on the number of workers: each needs two or three gigabytes."""
 
 
 class StoppedRunError(Exception):
@@ -34,18 +34,18 @@ class StoppedRunError(Exception):
 
 
 def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Console) -> dict[str, Exception]:
-    """Make the runs that tables need and that are missing, but for times, which want a quiet machine.
+    """Make the missing runs that tables need. Cost measurements are left out: they need an otherwise idle machine.
 
     Args:
         cfg: conf/tables.yaml, composed.
         experiments: the tables.
-        console: is told of every run that ends.
+        console: prints a line when a run ends.
 
     Returns:
-        What went wrong, by the run's digest. Runs that need one of these are left alone.
+        The error of each failed run, by digest. Runs that need a failed run are not started.
 
     Raises:
-        InputError: the number of workers is not positive, or there is no scheduler at the address.
+        InputError: the number of workers is not positive, or no scheduler answers at the address.
         KeyboardInterrupt: the user stopped a run.
     """
     workers = worker_count(cfg)
@@ -61,20 +61,20 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
     with _client(cfg, workers) as client:
         futures = submitted(client, steps, plain(cfg))
         for count, future in enumerate(as_completed(list(futures.values())), 1):
-            step = next(one for one in steps if futures[one.name].key == future.key)
+            step = next(planned_run for planned_run in steps if futures[planned_run.name].key == future.key)
             error = future.exception() if _own_error(future, step, futures) else None
             if isinstance(error, StoppedRunError):
                 raise KeyboardInterrupt
-            words = f"{count} of {len(steps)}: {step.work.job} {step.name}"
-            words += f": {reason_of(error)}" if error else "" if future.status == "finished" else ": an input failed"
-            print_line(console, words)
-        failed = [one for one in steps if _own_error(futures[one.name], one, futures)]
-        return {one.digest: futures[one.name].exception() for one in failed}
+            message = f"{count} of {len(steps)}: {step.work.job} {step.name}"
+            message += f": {reason_of(error)}" if error else "" if future.status == "finished" else ": an input failed"
+            print_line(console, message)
+        failed = [planned_run for planned_run in steps if _own_error(futures[planned_run.name], planned_run, futures)]
+        return {planned_run.digest: futures[planned_run.name].exception() for planned_run in failed}
 
 
 def runnable(steps: Sequence[PlannedRun]) -> list[PlannedRun]:
-    """The steps that can be made ahead: not done, no times, and neither they nor their inputs lack a configuration."""
-    known: dict[str, PlannedRun] = {}
+    """The runs that can be made ahead: unfinished, no cost measurements, composable together with their inputs."""
+    runnable_steps: dict[str, PlannedRun] = {}
     blocked: set[str] = set()
     for step in steps:
         if step.state.name == "done" or step.work.job == "cost":
@@ -82,14 +82,14 @@ def runnable(steps: Sequence[PlannedRun]) -> list[PlannedRun]:
         if not step.digest or not blocked.isdisjoint(step.inputs):
             blocked.add(step.name)
         else:
-            known[step.name] = step
-    return list(known.values())
+            runnable_steps[step.name] = step
+    return list(runnable_steps.values())
 
 
 def submitted(client: Client, steps: Sequence[PlannedRun], settings: dict[str, Any]) -> dict[str, Future]:
-    """A task for every step, after those of its inputs; the longest of those that can be made comes first."""
+    """Submit a task for every run; it waits for its inputs. Among runnable tasks, the longest has priority."""
     futures: dict[str, Future] = {}
-    for step in steps:  # a step's inputs stand before it
+    for step in steps:  # a run's inputs precede it in the list
         inputs = [futures[name] for name in step.inputs if name in futures]
         key, priority = f"{step.work.job}-{step.digest}", round(step.minutes * 60)
         futures[step.name] = client.submit(
@@ -99,7 +99,7 @@ def submitted(client: Client, steps: Sequence[PlannedRun], settings: dict[str, A
 
 
 def worker_count(cfg: DictConfig) -> int:
-    """How many runs are made at once on this machine.
+    """The number of runs that are made at once on this machine.
 
     Raises:
         InputError: the number is not positive.
@@ -113,7 +113,7 @@ def worker_count(cfg: DictConfig) -> int:
 
 
 def _client(cfg: DictConfig, workers: int) -> Client:
-    """A client of the scheduler that the user names, or of a cluster of processes on this machine."""
+    """A client of the scheduler at the user's address, or of a new cluster of processes on this machine."""
     if not cfg.scheduler:
         options = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "dashboard_address": None}
         return _LocalClient(LocalCluster(n_workers=workers, **options))
@@ -124,7 +124,7 @@ def _client(cfg: DictConfig, workers: int) -> Client:
 
 
 class _LocalClient(Client):
-    """A client that closes its own cluster."""
+    """A client that closes its local cluster on exit."""
 
     def __exit__(self, *error: Any) -> None:
         super().__exit__(*error)
@@ -132,31 +132,31 @@ class _LocalClient(Client):
 
 
 def _own_error(future: Future, step: PlannedRun, futures: dict[str, Future]) -> bool:
-    """Whether a run failed by itself, and not because one of its inputs did."""
-    before = [futures[name] for name in step.inputs if name in futures]
-    return future.status == "error" and all(one.status != "error" for one in before)
+    """Whether a run failed itself, rather than because one of its inputs failed."""
+    input_futures = [futures[name] for name in step.inputs if name in futures]
+    return future.status == "error" and all(input_future.status != "error" for input_future in input_futures)
 
 
 def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[None]) -> None:
-    """Make one run, in a worker; ``inputs`` are the runs before it, which dask waits for."""
+    """Make one run in a worker. ``inputs`` only make dask wait for the runs that it needs."""
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
 
     cfg = OmegaConf.create(settings)
     locks = Path(cfg.runs) / "locks"
     locks.mkdir(parents=True, exist_ok=True)
-    runs, one = Runs(cfg), experiment(work.table, cfg.scale)
+    runs, table_experiment = Runs(cfg), experiment(work.table, cfg.scale)
     GlobalHydra.instance().clear()
-    composing = initialize_config_dir(str(configurations()), version_base="1.3")
-    with FileLock(locks / f"{work.job}-{digest}"), composing, waiting():
+    hydra_context = initialize_config_dir(str(configurations()), version_base="1.3")
+    with FileLock(locks / f"{work.job}-{digest}"), hydra_context, waiting():
         try:
             if work.job == "fit":
                 runs.fitted(work.fit)
             elif work.job == "train_generator" and work.seed is not None:
                 runs.simulator(work.seed)
             elif work.job == "train":
-                runs.weights(one, work.method, work.seed)
+                runs.weights(table_experiment, work.method, work.seed)
             elif work.cell is not None:
-                runs.make(one, work.cell, work.method, work.seed)
+                runs.make(table_experiment, work.cell, work.method, work.seed)
         except KeyboardInterrupt as error:
             raise StoppedRunError(str(error)) from error

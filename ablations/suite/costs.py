@@ -1,7 +1,7 @@
-"""Time and memory of one enhanced view by the resolution of the output, on whatever device there is.
+"""Time and memory of enhancing one view, by output resolution, on the available device.
 
-What is measured is an `SetEnhancer` on a view and its references in memory: choosing and aligning references, and the
-network. The scene is a textured plane at a slant with exact depth, so that no dataset is needed.
+An `SetEnhancer` is measured on a view and its references in memory: choosing and aligning references, and the network.
+The scene is a slanted textured plane with exact depth, so that no dataset is needed.
 
 Axes: h height, w width.
 """
@@ -39,19 +39,22 @@ REFERENCES = 5
 
 
 def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
-    """The costs of every method at every size, in the seed that comes first.
+    """Measure the cost of every method at every output size, with the first seed.
 
-    Methods are timed against each other, one repeat of each in turn; a method that cannot be measured leaves a record
-    with the reason.
+    The methods are timed in turn, one repeat of each per round. A method that cannot be measured gives a record with
+    the reason.
     """
     seed = one.table.seeds[0]
     weights: dict[str, str] = {}
-    learnt: dict[str, str] = {}
+    training_digests: dict[str, str] = {}
     reasons: dict[str, str] = {}
     for method in one.table.methods:
         try:
-            weights[method], learnt[method] = runs.weights(one, method, seed), runs.train_digest(one, method, seed)
-        except Exception as error:  # the other methods are worth measuring
+            weights[method], training_digests[method] = (
+                runs.weights(one, method, seed),
+                runs.train_digest(one, method, seed),
+            )
+        except Exception as error:  # the other methods are still measured
             reasons[method] = reason_of(error)
             print_line(console, f"{method} is missing: {reasons[method]}")
     for size, (height, width) in runs.cfg.scale.outputs.items():
@@ -59,19 +62,19 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
             yield missing_record(method, reason, scene=str(size), view=str(size), seed=seed)
         if weights:
             console.print(f"{size}: {width}x{height}", highlight=False)
-            job = cost_job(runs, learnt, str(size), (int(height), int(width)))
+            job = cost_job(runs, training_digests, str(size), (int(height), int(width)))
             for record in _measured(runs, weights, job):
-                trained = find_checkpoint(weights[record.variant]).parent.name
-                yield replace(record, seed=seed, sources={"train": trained})
+                training_name = find_checkpoint(weights[record.variant]).parent.name
+                yield replace(record, seed=seed, sources={"train": training_name})
 
 
 def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int, int]) -> DictConfig:
-    """What determines the costs at a size: the rows' trainings, and the machine.
+    """The configuration of the cost measurement at an output size: the methods' trainings, and the machine.
 
     Args:
-        runs: the suite's.
-        learnt: digest of the training by method.
-        size: its name.
+        runs: the suite's runs.
+        learnt: training digest by method.
+        size: name of the output size.
         shape: height and width of the output, in pixels.
     """
     conditions = {"shape": list(shape), "repeats": runs.cfg.scale.repeats, "machine": this_machine()}
@@ -79,24 +82,24 @@ def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int,
 
 
 def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[Record, ...]:
-    """The records of a size, measured or found measured on this machine by these very weights."""
-    found = find_run(job, "cost")
-    if found is None or not found.done:
+    """The records of an output size; read from disk if this machine has measured the same weights before."""
+    run = find_run(job, "cost")
+    if run is None or not run.done:
         with status.attempt():
-            found = open_run(job, "cost", job.size)
-            records = tuple(_timed(runs, weights, job.size, tuple(job.shape), found.folder.name))
-            write_records(found.folder / "records.jsonl", records)
-            found.finish()
-    return read_records(found.folder / "records.jsonl")
+            run = open_run(job, "cost", job.size)
+            records = tuple(_timed(runs, weights, job.size, tuple(job.shape), run.folder.name))
+            write_records(run.folder / "records.jsonl", records)
+            run.finish()
+    return read_records(run.folder / "records.jsonl")
 
 
 def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, int], name: str) -> Iterator[Record]:
     device = start(runs.cfg.runtime)
-    seen = cache(plane)
-    calls = {method: _call(path, shape, device, seen) for method, path in weights.items()}
+    cached_plane = cache(plane)
+    calls = {method: _call(path, shape, device, cached_plane) for method, path in weights.items()}
     times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
-    seen.cache_clear()  # memory is that of a method's own inputs
+    cached_plane.cache_clear()  # peak memory then counts only a method's own inputs
     device_label = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{device_label}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
@@ -109,21 +112,21 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
 def _call(
     path: str, shape: tuple[int, int], device: torch.device, seen: Callable[[int, int, int], RenderedSet]
 ) -> Callable[[], object]:
-    """One view enhanced by a file's weights; what is seen is made now."""
+    """A function that enhances one view by the weights of a file; network and views are loaded immediately."""
     pretrained = load_weights(path)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device)
     height, width = (side // pretrained.network.scale for side in shape)
     views = seen(height, width, pretrained.network.scale)
-    return lambda: [one.image for one in enhancer(views)]
+    return lambda: [result.image for result in enhancer(views)]
 
 
 def plane(height: int, width: int, scale: int = 1) -> RenderedSet:
-    """A view of a textured plane, and references beside it.
+    """A target view of a textured plane, and reference views around it.
 
     Args:
         height: of the renders, in pixels.
         width: of the renders, in pixels.
-        scale: how much finer their photos are known.
+        scale: resolution of the fine photos over that of the renders.
     """
     texture = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
 
@@ -143,14 +146,14 @@ def plane(height: int, width: int, scale: int = 1) -> RenderedSet:
         )
 
     views = [view(index) for index in range(1 + REFERENCES)]
-    for one in views:
-        if one.read_fine_photo is not None:
-            one.read_fine_photo()  # now: reading is no part of what is measured
+    for rendered_view in views:
+        if rendered_view.read_fine_photo is not None:
+            rendered_view.read_fine_photo()  # fills the cache: reading is not part of the measurement
     return RenderedSet("plane", (views[0],), tuple(views[1:]))
 
 
 def _camera(index: int, height: int, width: int) -> Camera:
-    """Cameras on a small circle around the first."""
+    """The first camera (index 0), or one of those on a small circle around it."""
     camera, pose = identity_camera(height, width, float(width)), torch.eye(4)
     if index:
         angle = 2 * math.pi * index / REFERENCES
@@ -159,7 +162,7 @@ def _camera(index: int, height: int, width: int) -> Camera:
 
 
 def _seen(camera: Camera, texture: Float[Tensor, "1 3 a a"]) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
-    """Photo and z depth of the plane z = 3 + x / 4."""
+    """Photo and z depth of the plane z = 3 + x / 4, as a camera sees it."""
     rows, columns = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     rays = torch.linalg.inv(camera.K) @ torch.stack([columns, rows, torch.ones_like(rows)]).flatten(1)
     centre = camera.centre

@@ -1,7 +1,7 @@
-"""The suite's files: what a table, figure or study of ``ablations/`` is at a scale.
+"""Reads the descriptions of tables, figures and studies in ``ablations/`` and resolves them at a scale.
 
-A study says what is compared: methods, metrics, splats, the paper's datasets. A scale (``conf/scale``) says on what:
-what stands in for each dataset, which fits trainings learn from, how long they last, with which seeds.
+A study states what is compared: methods, metrics, splats, the paper's datasets. A scale (``conf/scale``) states the
+data and budget: the stand-in for each dataset, the fits that trainings learn from, the number of steps, the seeds.
 """
 
 import functools
@@ -18,20 +18,20 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
 
 USUAL, UPSCALE = "usual", "finer"
-"""Trainings that a scale describes: at the render's own resolution, and for super-resolution."""
+"""Names of the trainings that a scale describes: at the render's own resolution, and for super-resolution."""
 
 SHORT = {"lpips": "lpips_vgg_raw", "ms": "milliseconds", "gb": "peak_memory_mb"}
-"""Metrics that the paper's tables call otherwise: its LPIPS is 3DGS's."""
+"""Our metric by the name in the paper's tables, where it differs; the paper's LPIPS is that of 3DGS."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A table with what it takes to make it.
+    """A table's description, with its cells and trainings at a scale.
 
     Args:
         table: its description.
         cells: scenes and splats that it is measured in.
-        learns: by method, which of the scale's trainings it learns by.
+        learns: name of the scale's training, by method.
     """
 
     table: TableDescription
@@ -39,7 +39,7 @@ class Experiment:
     learns: Mapping[str, str]
 
     def seeds(self, method: str) -> tuple[int | None, ...]:
-        """The seeds that a method is made with; one unnamed where it learns nothing."""
+        """The seeds of a method; (None,) for a method without training."""
         return self.table.seeds if self.table.methods[method].train else (None,)
 
 
@@ -68,37 +68,37 @@ def known_names() -> dict[str, tuple[str, ...]]:
 
 
 def asked_names(asked: Any) -> tuple[str, ...]:
-    """The names that a user's choice stands for, in its order, each once.
+    """Resolve a user's choice to names of tables and studies, in its order, each once.
 
     Args:
         asked: a number, a name, "all" (tables and figures), "studies", or a list of these.
 
     Raises:
-        InputError: a name is unknown, or there is none.
+        InputError: a name is unknown, or the choice is empty.
     """
     groups = known_names()
     names: dict[str, None] = {}
-    for one in asked if isinstance(asked, Sequence) and not isinstance(asked, str) else [asked]:
-        name = f"table_{one}" if str(one).isdigit() else str(one)
-        chosen = groups.get(name, (name,) if name in (*groups["all"], *groups["studies"]) else ())
-        if not chosen:
-            known = ", ".join((*groups, *groups["all"], *groups["studies"]))
-            raise InputError(f"table {one!r}", "is unknown", f"choose a number, or of: {known}")
-        names |= dict.fromkeys(chosen)
+    for item in asked if isinstance(asked, Sequence) and not isinstance(asked, str) else [asked]:
+        name = f"table_{item}" if str(item).isdigit() else str(item)
+        resolved = groups.get(name, (name,) if name in (*groups["all"], *groups["studies"]) else ())
+        if not resolved:
+            known_list = ", ".join((*groups, *groups["all"], *groups["studies"]))
+            raise InputError(f"table {item!r}", "is unknown", f"choose a number, or of: {known_list}")
+        names |= dict.fromkeys(resolved)
     if not names:
         raise InputError("table", "names nothing", "choose a number, a name, a list of them, or all")
     return tuple(names)
 
 
 def experiment(name: str, scale: DictConfig) -> Experiment:
-    """A table or study at a scale.
+    """Read a table or study and resolve it at a scale.
 
     Args:
         name: of the file.
         scale: one of ``conf/scale``.
 
     Raises:
-        InputError: the file or the scale does not say what it must.
+        InputError: the file or the scale lacks a value, or has an invalid one.
     """
     path = next(iter(ablations().glob(f"*/{name}.yaml")))
     try:
@@ -137,9 +137,9 @@ def experiment(name: str, scale: DictConfig) -> Experiment:
 
 
 def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...] | None]]:
-    """The paper's values of a study as `ablations.study.description.Study` wants them: block, then method, then metric.
+    """The paper's values of a study as in `TableDescription.paper`: by block, then method, in the order of metrics.
 
-    Gigabytes become the megabytes that records hold. The values are those of the faithful rows.
+    Gigabytes are converted to the megabytes of records. If a study has a faithful row of a method, the values are its.
 
     Raises:
         InputError: the paper has no such table, or its columns are not the study's metrics.
@@ -151,10 +151,10 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
     if name not in tables:
         raise InputError(f"paper: {name}", "is none of the paper's tables", f"choose {', '.join(tables)}")
     values = dict(tables[name])
-    own = {str(method) for method in study["methods"]}
+    method_names = {str(method) for method in study["methods"]}
 
     def named(method: str) -> str:
-        return f"{FAITHFUL}{method}" if f"{FAITHFUL}{method}" in own else method
+        return f"{FAITHFUL}{method}" if f"{FAITHFUL}{method}" in method_names else method
 
     columns = [SHORT.get(column, column) for column in values.pop("columns")]
     if columns != list(study["metrics"])[: len(columns)]:
@@ -180,25 +180,33 @@ def _papers_tables(path: Path) -> dict[str, Any]:
 
 
 def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Method:
-    """A method; what it learns is the scale's recipe, what all methods of the study share, and its own."""
-    own = tuple(values.get("train", ()))
-    train = (*recipe, *common, *own) if own else ()
+    """A method. Its training overrides are the scale's, those common to the study's methods, and its own.
+
+    A method without training overrides of its own is not trained.
+    """
+    method_overrides = tuple(values.get("train", ()))
+    train = (*recipe, *common, *method_overrides) if method_overrides else ()
     return Method(**{**values, "train": train, "enhance": tuple(values.get("enhance", ()))})
 
 
 def _datasets(study: Mapping[str, Any], scale: DictConfig) -> dict[str, SceneGroup]:
-    """The study's datasets as the scale has them; of a dataset that is itself there, the scenes that are asked for."""
-    found = {}
+    """The study's datasets as the scale has them. Of a dataset without stand-in, only the study's scenes are kept.
+
+    If none of the study's scenes is available, or it names none, all scenes of the dataset are kept.
+    """
+    datasets = {}
     for key in study["datasets"]:
-        given = scale.datasets[key]
-        stand_in, scenes = str(given.get("stand_in") or ""), tuple(map(str, given.scenes))
-        asked = tuple(name for name in study.get("scenes", ()) if name in scenes)
-        found[str(key)] = SceneGroup(str(given.title), asked if asked and not stand_in else scenes, stand_in)
-    return found
+        values = scale.datasets[key]
+        stand_in, scenes = str(values.get("stand_in") or ""), tuple(map(str, values.scenes))
+        requested = tuple(name for name in study.get("scenes", ()) if name in scenes)
+        datasets[str(key)] = SceneGroup(
+            str(values.title), requested if requested and not stand_in else scenes, stand_in
+        )
+    return datasets
 
 
 def _outputs(scale: DictConfig) -> dict[str, SceneGroup]:
-    """The sizes of the enhanced image, each in a dataset's place."""
+    """The sizes of the enhanced image, each as one dataset."""
     return {
         str(key): SceneGroup(str(key).upper(), (str(key),), f"an image of {width}x{height} pixels")
         for key, (height, width) in scale.outputs.items()
@@ -206,11 +214,11 @@ def _outputs(scale: DictConfig) -> dict[str, SceneGroup]:
 
 
 def _cells(table: TableDescription, scale: DictConfig) -> Iterator[StudyCell]:
-    """Every scene of every dataset by every splat."""
+    """One cell for every scene of every dataset and every splat."""
     density, every = (scale.finer.fit, scale.finer.every) if table.finer else (scale.sparse, scale.every)
     for splat in table.splats:
         for key, dataset in table.datasets.items():
             for scene in dataset.scenes:
-                own = scale.datasets[key].scenes[scene]
-                fit = (*own, f"splat={splat}", *scale.fit, *density)
+                scene_overrides = scale.datasets[key].scenes[scene]
+                fit = (*scene_overrides, f"splat={splat}", *scale.fit, *density)
                 yield StudyCell(scene, splat, tuple(map(str, fit)), int(every), table.finer)

@@ -1,4 +1,4 @@
-"""One method in one cell of a study: its images and their records, each made once."""
+"""The images and records of one method in one cell of a study; each is made once and found again later."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,14 +25,14 @@ from gaussian_enhancer.scene.renders import run_steps
 
 @dataclass(frozen=True)
 class StudyCell:
-    """One scene fitted by one method from so many views.
+    """One scene, fitted by one splatting method at one density of training views.
 
     Args:
         scene: its name in the records.
         splat: method and density, for instance "3dgs/sparse".
         fit: overrides of the job fit.
         every: every n-th held-out view is measured.
-        finer: whether it is measured against photos 4 times as fine as the renders.
+        finer: whether it is measured against photos of 4 times the renders' resolution.
     """
 
     scene: str
@@ -44,15 +44,15 @@ class StudyCell:
 
 @dataclass(frozen=True)
 class MethodImages:
-    """Images of one method in one cell, and what they are measured against.
+    """Images of one method in one cell, and the photos that they are measured against.
 
     Args:
-        folder: the images.
-        photos: their photos, by the same names.
-        every: every n-th of them is measured.
+        folder: folder of the images.
+        photos: folder of the photos, which have the same file names.
+        every: every n-th image is measured.
         run: name of the fitted run.
-        sources: the runs that they came from, by job.
-        weights: digest of the weights that made them; empty where none did.
+        sources: names of the runs that the images were made from, by job.
+        weights: digest of the weights; empty for methods without weights.
     """
 
     folder: Path
@@ -64,13 +64,13 @@ class MethodImages:
 
 
 def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> tuple[Record, ...]:
-    """The records of a method in a cell, measured or found measured.
+    """The records of a method in a cell; measured now unless they exist.
 
     Args:
         cfg: conf/quality.yaml, composed.
-        cell: where.
+        cell: scene and splat.
         method: the method's name.
-        choice: the method's entry in the configuration: the raw render where it names nothing.
+        choice: the method's entry in the configuration; an empty one means the raw render.
 
     Raises:
         InputError: the method cannot be made here; the error says why.
@@ -79,44 +79,53 @@ def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConf
 
 
 def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> MethodImages:
-    """The images of a method in a cell, made or found made.
+    """The images of a method in a cell; made now unless they exist.
 
     Args:
         cfg: the calling job's configuration: ``runs``, ``runtime``, ``fit_missing``.
-        cell: where.
+        cell: scene and splat.
         method: the method's name.
-        choice: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; the raw render where it names nothing.
+        choice: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; an empty one means the raw render.
 
     Raises:
         InputError: the method cannot be made here; the error says why.
     """
     fit = fitted_cell(cfg, cell)
-    learnt = bool(choice.get("weights") or choice.get("train"))
-    raw = fit / f"test/ours_{run_steps(fit)[-1]}"
+    needs_weights = bool(choice.get("weights") or choice.get("train"))
+    step_folder = fit / f"test/ours_{run_steps(fit)[-1]}"
     sources = {"fit": fit.name}
-    folder = raw / "renders"
-    photos = fine_photos(cfg, fit) if cell.finer else raw / "gt"
-    if choice.get("render") and learnt:
-        given = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
-        folder = _enhanced(cfg, choice, sources, **given)
+    folder = step_folder / "renders"
+    photos = fine_photos(cfg, fit) if cell.finer else step_folder / "gt"
+    if choice.get("render") and needs_weights:
+        splat_inputs = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
+        folder = _enhanced(cfg, choice, sources, **splat_inputs)
     elif choice.get("render"):
         folder = rendered_finer(cfg, fit, _scene(cfg, cell))
         sources["render_finer"] = folder.parent.name
-    elif learnt:
+    elif needs_weights:
         folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
     if choice.get("upscale"):
         folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
-    every = 1 if learnt and not choice.get("render") else cell.every
-    digest = checkpoint_digest(find_checkpoint(weights_of(cfg, choice))) if learnt else ""
+    every = 1 if needs_weights and not choice.get("render") else cell.every
+    digest = checkpoint_digest(find_checkpoint(weights_of(cfg, choice))) if needs_weights else ""
     return MethodImages(folder, photos, every, fit.name, sources, digest)
 
 
 def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
-    """The folder of the images that a method's weights make of what is given; the run is added to the sources."""
-    words = tuple(choice.get("enhance") or ())
-    planned = any(word.startswith("plan=") for word in words)
-    job = composed("enhance", cfg, words if planned else ("plan=full", *words))  # networks are compared in full
+    """Run the job enhance with a method's weights; returns the folder of its images.
+
+    Args:
+        cfg: the calling job's configuration.
+        choice: the method's entry in the configuration.
+        sources: runs by job; the run of the job enhance is added.
+        given: further options of the job, for instance ``run``.
+    """
+    overrides = tuple(choice.get("enhance") or ())
+    states_plan = any(word.startswith("plan=") for word in overrides)
+    job = composed(
+        "enhance", cfg, overrides if states_plan else ("plan=full", *overrides)
+    )  # networks are compared without a reduced plan
     with open_dict(job):
         job.update({"weights": weights_of(cfg, choice), **given})
     folder = enhanced(job)
@@ -133,14 +142,14 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
     """The folder of a cell's fit.
 
     Raises:
-        InputError: it is not fitted and shall not be, or cannot be.
+        InputError: the fit is missing and ``fit_missing`` is false, or it cannot be made.
     """
     refusal = InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
     return finished_fit(composed("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
 
 
 def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
-    """The weights of a method: those it names, or those that its training has left.
+    """The weights of a method: those that it names, or those of its finished training.
 
     Raises:
         InputError: the training is not finished, or names what does not exist.
@@ -148,44 +157,44 @@ def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
     if choice.get("weights"):
         return str(choice.weights)
     job = with_effect(composed("train", cfg, choice.train))
-    found = find_run(job, "train")
-    if found is None or not found.done:
+    run = find_run(job, "train")
+    if run is None or not run.done:
         command = f"gaussian-enhancer train {' '.join(choice.train)}"
-        raise InputError("weights", "are not trained yet" if found is None else "are being trained", command)
-    return str(found.folder / "weights.safetensors")
+        raise InputError("weights", "are not trained yet" if run is None else "are being trained", command)
+    return str(run.folder / "weights.safetensors")
 
 
 def check_same_views(cell: str, views: Mapping[str, tuple[str, ...]]) -> None:
-    """Stop where the methods of a cell were measured on different views: their means could not be compared.
+    """Refuse methods of a cell that were measured on different views, since their means are not comparable.
 
     Args:
-        cell: what the cell is called.
+        cell: name of the cell.
         views: names of the measured views, sorted, by method.
 
     Raises:
-        RuntimeError: they differ.
+        RuntimeError: the views differ.
     """
     if len(set(views.values())) > 1:
         raise RuntimeError(f"{cell}: methods were measured on different views ({', '.join(views)})")
 
 
 def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
-    """Measure images against their photos, unless these very images were measured before.
+    """The records of images against their photos; measured now unless the same images were measured before.
 
     Raises:
-        InputError: names or sizes do not fit, or a file cannot be read.
+        InputError: file names or sizes do not match, or a file cannot be read.
     """
     label = Label(images.run, cell.scene, cell.splat, method)
-    wanted = {"label": vars(label), "images": str(images.folder), "photos": str(images.photos), "every": images.every}
+    inputs = {"label": vars(label), "images": str(images.folder), "photos": str(images.photos), "every": images.every}
     conditions = {"protocol": PROTOCOL, "lpips": cfg.lpips, "backbones": cfg.backbones}
-    job = OmegaConf.create({"runs": cfg.runs, **wanted, **conditions})
-    before = find_run(job, "measure_row")
-    if before is not None and before.done:
-        return read_records(before.folder / "records.jsonl")
+    job = OmegaConf.create({"runs": cfg.runs, **inputs, **conditions})
+    earlier_run = find_run(job, "measure_row")
+    if earlier_run is not None and earlier_run.done:
+        return read_records(earlier_run.folder / "records.jsonl")
     records = tuple(replace(record, weights=images.weights) for record in measure_now(cfg, label, images))
-    own = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{method}")
-    write_records(own.folder / "records.jsonl", records)
-    own.finish()
+    new_run = open_run(job, "measure_row", f"{cell.scene}-{cell.splat.replace('/', '-')}-{method}")
+    write_records(new_run.folder / "records.jsonl", records)
+    new_run.finish()
     return records
 
 
@@ -194,11 +203,11 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
 
     Args:
         cfg: the calling job's configuration: ``runtime``, ``lpips``, ``backbones``.
-        label: what the records say of them.
+        label: run, scene, splat and method, as the records state them.
         images: what is measured.
 
     Raises:
-        InputError: names or sizes do not fit, or a file cannot be read.
+        InputError: file names or sizes do not match, or a file cannot be read.
     """
     device = start(cfg.runtime)
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
@@ -207,7 +216,7 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
 
 
 def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
-    """Another job's configuration, its refusals as a user's mistake.
+    """Compose another job's configuration; invalid overrides are reported as input errors.
 
     Args:
         name: the other job.
@@ -215,7 +224,7 @@ def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig
         overrides: as on the command line.
 
     Raises:
-        InputError: the overrides are refused, or leave a mandatory value open.
+        InputError: an override is invalid, or a mandatory value is not set.
     """
     job = compose_job(name, cfg, overrides)
     require(job)

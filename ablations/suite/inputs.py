@@ -1,6 +1,6 @@
-"""What a scene's configuration needs on disk, how to get what is missing, and how long its fit is known to take.
+"""The files that a scene's configuration needs, how to obtain missing ones, and the published time of its fit.
 
-For dry runs: nothing is loaded, fitted or fetched.
+For dry runs: nothing is loaded, fitted or downloaded.
 """
 
 import os
@@ -20,17 +20,17 @@ from gaussian_enhancer.scene.published import download_command, missing_parts
 PUBLISHED = "gaussian_enhancer.scene.published.load_published"
 VARIABLE = re.compile(r"\$\{oc\.env:(\w+)\}")
 FIT_STEPS = 30_000
-"""Steps of the fits whose times were published."""
+"""Number of steps of the fits whose times were published."""
 
 
 def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
-    """What a scene needs on disk and is not there, each with how to get it.
+    """Files and folders that a scene needs and that are missing, each with instructions to obtain it.
 
     Args:
         scene: a scene's configuration, as the job fit has it under ``scene``.
 
     Returns:
-        Path and remedy of each; empty where everything is there, or nothing is needed (procedural scenes).
+        Path and remedy of each; empty if nothing is missing, or nothing is needed (procedural scenes).
 
     Raises:
         InputError: the configuration names an unknown dataset.
@@ -38,16 +38,16 @@ def missing_inputs(scene: DictConfig) -> list[tuple[Path, str]]:
     path, unset = _path(scene)
     if path is None:
         return []
-    first = f"set {unset} to a folder, then " if unset else ""
+    variable_hint = f"set {unset} to a folder, then " if unset else ""
     if scene.get("_target_") == PUBLISHED:
-        absent = missing_parts(path, scene.dataset, scene.get("downscale", 1))
+        missing = missing_parts(path, scene.dataset, scene.get("downscale", 1))
         remedy = download_command(path, scene.dataset, scene.name, scene.get("downscale", 1))
-        return [(part, first + remedy) for part in absent]
-    return [] if path.exists() else [(path, f"{first}put the capture there, or give its folder as scene.path")]
+        return [(part, variable_hint + remedy) for part in missing]
+    return [] if path.exists() else [(path, f"{variable_hint}put the capture there, or give its folder as scene.path")]
 
 
 def published_fit_minutes(scene: DictConfig) -> float | None:
-    """GPU minutes of one fit of `FIT_STEPS` steps, as they were published (docs/datasets.md); None where none were.
+    """Published GPU minutes of one fit of `FIT_STEPS` steps (docs/datasets.md); None if none were published.
 
     Args:
         scene: a scene's configuration, as the job fit has it under ``scene``.
@@ -78,7 +78,7 @@ def _values(file: Path) -> Mapping[str, Any]:
 
 
 def _path(scene: DictConfig) -> tuple[Path | None, str]:
-    """The scene's folder, and the environment variable behind it where that is not set (then ``$NAME/...``)."""
+    """The scene's folder, and the environment variable in its path that is not set (the path is then ``$NAME/...``)."""
     values = OmegaConf.to_container(scene, resolve=False)
     if not isinstance(values, dict):
         raise InputError("scene", "is no mapping", "compose it from conf/scene")
@@ -88,6 +88,6 @@ def _path(scene: DictConfig) -> tuple[Path | None, str]:
     unset = [name for name in VARIABLE.findall(raw) if name not in os.environ]
     if not unset:
         return Path(scene.path), ""
-    known = VARIABLE.sub(lambda found: f"${found[1]}" if found[1] in unset else found[0], raw)
-    others = {key: value for key, value in values.items() if key != "path"}
-    return Path(OmegaConf.create({**others, "path": known}).path), unset[0]
+    path_with_names = VARIABLE.sub(lambda found: f"${found[1]}" if found[1] in unset else found[0], raw)
+    other_values = {key: value for key, value in values.items() if key != "path"}
+    return Path(OmegaConf.create({**other_values, "path": path_with_names}).path), unset[0]

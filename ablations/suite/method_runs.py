@@ -1,7 +1,8 @@
-"""The runs behind a table's methods: which they are, and making those that are missing.
+"""The runs behind a table's methods: their configurations and digests, and making missing ones.
 
-Every run is addressed by what determines it, so that its place is known before anything was made: a training by its
-fits' digests, a method in a cell by those of its fit and its training. Equal methods of different tables are one run.
+The address of a run is the digest of everything that determines it, so it is known before the run is made. A training
+depends on the digests of its fits; a method in a cell depends on those of its fit and its training. Equal methods of
+different tables share one run.
 """
 
 import json
@@ -36,21 +37,21 @@ WEIGHTS = "weights.safetensors"
 
 
 def train_key(experiment: Experiment, method: str, seed: int) -> tuple[Any, ...]:
-    """What tells a method's training from others without composing its configuration."""
+    """A key that identifies a method's training without composing its configuration."""
     return ("train", experiment.learns[method], *experiment.table.methods[method].train, seed)
 
 
 def with_backbones(cfg: DictConfig) -> DictConfig:
-    """Name the data folder's LPIPS backbones where none are given: the names of measured runs depend on them."""
-    beside = data_backbones()
-    if cfg.backbones is None and beside is not None:
+    """Set ``backbones`` to the data folder's LPIPS backbones if it is null: digests of measured runs depend on it."""
+    folder = data_backbones()
+    if cfg.backbones is None and folder is not None:
         with open_dict(cfg):
-            cfg.backbones = str(beside)
+            cfg.backbones = str(folder)
     return cfg
 
 
 class Runs:
-    """The runs of a suite.
+    """Finds, configures and makes the runs of the suite.
 
     Args:
         cfg: ``runs``, ``runtime``, ``scale``, ``backbones``, ``fit_missing``, ``train_missing``.
@@ -66,7 +67,7 @@ class Runs:
         """Configuration of the job fit.
 
         Raises:
-            InputError: it is refused, or refers to what is not set.
+            InputError: the configuration is invalid, or refers to a value that is not set.
         """
         return composed("fit", self.cfg, overrides)
 
@@ -84,40 +85,41 @@ class Runs:
         chosen = scale.trainings[training]
         sides = {"train": chosen.pairs, "validation": chosen.validation}
         return {
-            side: [tuple(map(str, (*own, *scale.fit, *scale.sparse))) for own in fits] for side, fits in sides.items()
+            side: [tuple(map(str, (*overrides, *scale.fit, *scale.sparse))) for overrides in fits]
+            for side, fits in sides.items()
         }
 
     def train_job(self, experiment: Experiment, method: str, seed: int) -> DictConfig:
-        """Configuration of the job train, on exactly the fits that the scale names; loggers group it by its table.
+        """Configuration of the job train, on exactly the fits that the scale names; loggers group runs by table.
 
         Raises:
-            InputError: it is refused, or leaves a mandatory value open.
+            InputError: the configuration is invalid, or a mandatory value is not set.
         """
         job = compose_job("train", self.cfg, [*experiment.table.methods[method].train, f"seed={seed}"])
         self._learn_from(job, experiment.learns[method])
         job.study = experiment.table.name
         if self.own_simulator(job):
-            run = self.simulator_job(seed)
+            simulator_job = self.simulator_job(seed)
             job.generator.weights = (
-                f"{self.cfg.runs}/train_generator/{run.label}-{self.simulator_digest(seed)}/{WEIGHTS}"
+                f"{self.cfg.runs}/train_generator/{simulator_job.label}-{self.simulator_digest(seed)}/{WEIGHTS}"
             )
         require(job)
         return job
 
     def own_simulator(self, job: DictConfig) -> bool:
-        """Whether a training learns from a second stage that the scale trains again for its seed.
+        """Whether a training uses a second stage of the simulator that the scale trains anew for each seed.
 
         Args:
             job: configuration of the job train.
         """
-        own = self.cfg.scale.get("simulator") is not None
-        return own and float(job.data.simulation.share) > 0 and bool(job.generator.get("weights"))
+        has_simulator = self.cfg.scale.get("simulator") is not None
+        return has_simulator and float(job.data.simulation.share) > 0 and bool(job.generator.get("weights"))
 
     def simulator_job(self, seed: int) -> DictConfig:
-        """Configuration of the job train_generator for a seed: on the fits of one of the scale's trainings.
+        """Configuration of the job train_generator for a seed, on the fits of one of the scale's trainings.
 
         Raises:
-            InputError: it is refused, or leaves a mandatory value open.
+            InputError: the configuration is invalid, or a mandatory value is not set.
         """
         chosen = self.cfg.scale.simulator
         job = compose_job("train_generator", self.cfg, [*map(str, chosen.train), f"seed={seed}"])
@@ -126,37 +128,37 @@ class Runs:
         return job
 
     def simulator_digest(self, seed: int) -> str:
-        """The digest of a seed's second stage."""
+        """The digest of the training of a seed's second stage."""
         return self._digest(("train_generator", seed), lambda: alike(self.simulator_job(seed)))
 
     def simulator(self, seed: int) -> Run:
-        """A seed's second stage, trained now where it is missing, its fits before it.
+        """The second stage of a seed; if missing, its fits are made and it is trained now.
 
         Raises:
-            InputError: it is missing and shall not be trained, or cannot be.
+            InputError: it is missing and ``train_missing`` is false, or it cannot be trained.
             KeyboardInterrupt: the user stopped the training.
         """
         return self._tried(self.simulator_digest(seed), lambda: self._simulator(seed))
 
     def _simulator(self, seed: int) -> Run:
         job = self.simulator_job(seed)
-        found = find_run(alike(job), "train_generator")
-        if found is None or not found.done:
+        run = find_run(alike(job), "train_generator")
+        if run is None or not run.done:
             if not self.cfg.train_missing:
                 remedy = f"gaussian-enhancer tables scale={self.cfg.scale.name}"
                 raise InputError(f"the simulator of seed {seed}", "is not trained yet", remedy)
             self._fit_all(str(self.cfg.scale.simulator.learns))
             with status.attempt():
                 train_generator.run(job)
-            found = find_run(alike(job), "train_generator")
-        if found is None or not found.done:
+            run = find_run(alike(job), "train_generator")
+        if run is None or not run.done:
             raise KeyboardInterrupt
-        return found
+        return run
 
     def _learn_from(self, job: DictConfig, training: str) -> None:
-        """Let a job learn from exactly the fits of one of the scale's trainings, and say so on its card."""
+        """Set a job's data to exactly the fits of one of the scale's trainings, and state this on its card."""
         for side, fits in self.pairs(training).items():
-            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(one)}" for one in fits]
+            job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(overrides)}" for overrides in fits]
         job.card = {"licence": "Apache-2.0", "data": f"Renders of the fits that scale {self.cfg.scale.name} names."}
 
     def train_digest(self, experiment: Experiment, method: str, seed: int) -> str:
@@ -165,61 +167,61 @@ class Runs:
         return self._digest(key, lambda: train.with_effect(self.train_job(experiment, method, seed)))
 
     def row_job(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> DictConfig:
-        """What determines a method's records in a cell; ``seed`` is None where it learns nothing."""
+        """Everything that determines a method's records in a cell; ``seed`` is None for a method without training."""
         choice = experiment.table.methods[method]
-        learnt = "" if seed is None else self.train_digest(experiment, method, seed)
+        training_digest = "" if seed is None else self.train_digest(experiment, method, seed)
         scene_keys = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
         settings = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
-        measured = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
-        values = {**scene_keys, "train": learnt, "weights": choice.weights, **settings, **measured}
+        measurement = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
+        values = {**scene_keys, "train": training_digest, "weights": choice.weights, **settings, **measurement}
         return OmegaConf.create({"runs": self.cfg.runs, **values})
 
     def measurable(self) -> dict[str, bool]:
-        """The LPIPS distances of the scale, and whether there is a backbone for each."""
+        """The LPIPS distances of the scale, each with whether its backbone is available."""
         if self._measurable is None:
-            found = {str(name): perceptual_distance(name, self.cfg.backbones) for name in self.cfg.scale.lpips}
-            self._measurable = {name: one.network is not None for name, one in found.items()}
+            distances = {str(name): perceptual_distance(name, self.cfg.backbones) for name in self.cfg.scale.lpips}
+            self._measurable = {name: distance.network is not None for name, distance in distances.items()}
         return self._measurable
 
     def weights(self, experiment: Experiment, method: str, seed: int | None) -> str:
-        """The weights of a method, trained now where they are missing, with the fits that they learn from.
+        """The weights of a method; if missing, its fits are made and it is trained now.
 
         Raises:
-            InputError: they are missing and shall not be trained, or cannot be.
+            InputError: they are missing and ``train_missing`` is false, or they cannot be trained.
             KeyboardInterrupt: the user stopped the training.
         """
         if seed is None:
             return experiment.table.methods[method].weights
         job = self.train_job(experiment, method, seed)
-        found = find_run(train.with_effect(job), "train")
-        if found is None or not found.done:
+        run = find_run(train.with_effect(job), "train")
+        if run is None or not run.done:
             if not self.cfg.train_missing:
                 command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
                 raise InputError(f"weights of {method}, seed {seed}", "are not trained yet", command)
-            found = self._tried(
+            run = self._tried(
                 self.train_digest(experiment, method, seed), lambda: self._trained(experiment, method, job)
             )
-        return str(found.folder / WEIGHTS)
+        return str(run.folder / WEIGHTS)
 
     def make(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
-        """Make a method's records in a cell, with all that they need, where they are missing.
+        """Make a method's records in a cell, and all runs that they need, unless they exist.
 
         Raises:
             InputError: the method cannot be made here.
         """
         job = self.row_job(experiment, cell, method, seed)
-        found = find_run(job, "row")
-        if found is None or not found.done:
+        run = find_run(job, "row")
+        if run is None or not run.done:
             self._tried(run_digest(job, "row"), lambda: self._made(experiment, cell, method, seed, job))
 
     def records(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> tuple[Record, ...]:
-        """A method's records in a cell, which were made before.
+        """Read a method's records in a cell, which `make` made.
 
         Raises:
-            InputError: they are not there, or were damaged.
+            InputError: they are missing or damaged.
         """
         folder = self._row_folder(experiment, cell, method, seed)
-        return tuple(replace(one, variant=method, seed=seed) for one in read_records(folder / "records.jsonl"))
+        return tuple(replace(record, variant=method, seed=seed) for record in read_records(folder / "records.jsonl"))
 
     def images(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> tuple[Path, Path]:
         """The folders of a method's images in a cell and of their photos.
@@ -228,67 +230,67 @@ class Runs:
             InputError: they were not made.
         """
         file = self._row_folder(experiment, cell, method, seed) / "images.json"
-        where = json.loads(file.read_text(encoding="utf-8"))
-        return Path(where["images"]), Path(where["photos"])
+        folders = json.loads(file.read_text(encoding="utf-8"))
+        return Path(folders["images"]), Path(folders["photos"])
 
     def _row_folder(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> Path:
-        found = find_run(self.row_job(experiment, cell, method, seed), "row")
-        if found is None or not found.done:
+        run = find_run(self.row_job(experiment, cell, method, seed), "row")
+        if run is None or not run.done:
             raise InputError(f"{method} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
-        return found.folder
+        return run.folder
 
     def _made(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None, job: DictConfig) -> None:
         choice = experiment.table.methods[method]
         with status.attempt():
-            own = open_run(job, "row", f"{cell.scene}-{cell.splat}-{method}")
+            row_run = open_run(job, "row", f"{cell.scene}-{cell.splat}-{method}")
             cell_fit = self._tried(job.fit, partial(self.fitted, cell.fit))
             weights = self.weights(experiment, method, seed)
             settings: dict[str, Any] = {"weights": weights, "enhance": list(choice.enhance)}
             settings |= {"upscale": choice.upscale, "render": choice.render}
             images = images_of(self.cfg, cell, method, OmegaConf.create(settings))
             label = Label(images.run, cell.scene, cell.splat, method)
-            measures = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
-            measures.runtime = self.cfg.runtime
+            measure_cfg = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
+            measure_cfg.runtime = self.cfg.runtime
             sources = {**images.sources, "fit": cell_fit.folder.name}
             if seed is not None:
                 sources["train"] = Path(weights).parent.name
-            found = [
-                replace(one, seed=seed, sources=sources, weights=images.weights)
-                for one in measure_now(measures, label, images)
+            records = [
+                replace(record, seed=seed, sources=sources, weights=images.weights)
+                for record in measure_now(measure_cfg, label, images)
             ]
-            write_records(own.folder / "records.jsonl", found)
-            where = {"images": str(images.folder), "photos": str(images.photos)}
-            write_text(own.folder / "images.json", json.dumps(where) + "\n")
-            own.finish()
+            write_records(row_run.folder / "records.jsonl", records)
+            folders = {"images": str(images.folder), "photos": str(images.photos)}
+            write_text(row_run.folder / "images.json", json.dumps(folders) + "\n")
+            row_run.finish()
 
     def fitted(self, overrides: Sequence[str]) -> Run:
-        """A finished fit, made now where it is missing.
+        """A finished fit; made now if missing.
 
         Raises:
-            InputError: it is missing and shall not be made, or cannot be.
+            InputError: it is missing and ``fit_missing`` is false, or it cannot be made.
         """
         refusal = InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
         return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
     def _trained(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
-        """A finished training, its fits and its simulator before it."""
+        """Make a training's fits and simulator, then train; returns the finished training."""
         self._fit_all(experiment.learns[method])
         if self.own_simulator(job):
             self.simulator(int(job.seed))
         with status.attempt():
             train.run(job)
-        found = find_run(train.with_effect(job), "train")
-        if found is None or not found.done:
+        run = find_run(train.with_effect(job), "train")
+        if run is None or not run.done:
             raise KeyboardInterrupt
-        return found
+        return run
 
     def _fit_all(self, training: str) -> None:
-        """Make the fits of a training that are missing."""
-        for overrides in (one for fits in self.pairs(training).values() for one in fits):
+        """Make the missing fits of a training."""
+        for overrides in (fit for fits in self.pairs(training).values() for fit in fits):
             self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
 
     def _tried(self, digest: str, make: Callable[[], T]) -> T:
-        """What a run gives; one that failed is not tried again by every method that needs it."""
+        """Call ``make`` and return its result. A failed run is not repeated: its error is raised again."""
         if digest in self.failures:
             raise self.failures[digest]
         try:
@@ -298,7 +300,7 @@ class Runs:
             raise
 
     def _digest(self, key: tuple[Any, ...], configured: Callable[[], DictConfig]) -> str:
-        """A digest, reckoned once: many methods need the same fits and trainings."""
+        """A run's digest, cached by key, since many methods need the same fits and trainings."""
         if key not in self._digests:
             self._digests[key] = run_digest(configured(), str(key[0]))
         return self._digests[key]

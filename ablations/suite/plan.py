@@ -1,4 +1,4 @@
-"""What tables need: every run once, with its inputs, its state, what it is likely to cost and what it lacks."""
+"""The plan of runs that tables need: each run once, with its inputs, state, estimated time and missing inputs."""
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
@@ -21,20 +21,20 @@ from gaussian_enhancer.runs.status import NAMES, State, state_of
 from gaussian_enhancer.train.trainer import alike
 
 JOBS = ("fit", "train_generator", "train", "row", "cost")
-"""Kinds of runs, in the order in which they are made."""
+"""Kinds of runs, in the order in which they are executed."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What makes a run, as words that another process understands.
+    """A description of one run that can be pickled and sent to a worker process.
 
     Args:
-        job: "fit", "train_generator", "train", "row" (enhanced and measured) or "cost".
-        table: who needs it.
+        job: "fit", "train_generator", "train", "row" (enhance and measure) or "cost".
+        table: name of a table that needs the run.
         fit: overrides of a fit.
-        method: of a training, or of what is measured.
-        seed: of its training; None where it learns nothing.
-        cell: where it is measured.
+        method: name of the method that is trained or measured.
+        seed: training seed; None for a method without training.
+        cell: the study cell in which the method is measured.
     """
 
     job: str
@@ -47,17 +47,17 @@ class Work:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run.
+    """One run of the plan.
 
     Args:
-        work: what makes it.
-        digest: its own; empty where its configuration cannot be had yet.
-        name: its label and digest.
+        work: how to make the run.
+        digest: digest of its configuration; empty if the configuration cannot be composed yet.
+        name: label and digest; the label alone if there is no digest.
         state: not started, running, stopped, failed or done.
-        inputs: the runs that come before it.
-        minutes: what it is likely to cost; 0 where it is done.
-        missing: what it lacks that no run makes; empty where it lacks nothing.
-        tables: those that need it.
+        inputs: names of the runs that must finish first.
+        minutes: estimated time; 0 for a finished run.
+        missing: missing inputs that no run produces, such as a dataset; empty if there are none.
+        tables: names of the tables that need the run.
     """
 
     work: Work
@@ -71,27 +71,27 @@ class PlannedRun:
 
 
 def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[PlannedRun]:
-    """Every run that tables need, each once, those that others need before them.
+    """List every run that tables need, each once; a run's inputs come before it.
 
-    Nothing is computed and nothing written.
+    Nothing is computed or written.
 
     Args:
         cfg: conf/tables.yaml or conf/status.yaml, composed.
         experiments: the tables.
     """
-    plan = _Plan(cfg, {metric for one in experiments for metric in one.table.metrics})
-    for one in experiments:
-        if one.table.kind == "cost":
-            plan.costs(one)
-        for cell in one.cells:
-            for method in one.table.methods:
-                for seed in one.seeds(method):
-                    plan.method(one, cell, method, seed)
+    plan = _Plan(cfg, {metric for experiment in experiments for metric in experiment.table.metrics})
+    for experiment in experiments:
+        if experiment.table.kind == "cost":
+            plan.costs(experiment)
+        for cell in experiment.cells:
+            for method in experiment.table.methods:
+                for seed in experiment.seeds(method):
+                    plan.method(experiment, cell, method, seed)
     return plan.steps()
 
 
 def told(steps: Sequence[PlannedRun]) -> str:
-    """A plan in words: a line a run, then the sums."""
+    """Format a plan as text: one line per run, then the totals."""
     lines = []
     for step in steps:
         state = f"{step.state.name}: {step.state.detail}" if step.state.detail else step.state.name
@@ -114,7 +114,7 @@ def told(steps: Sequence[PlannedRun]) -> str:
 
 
 class _Plan:
-    """Collects steps by their digests."""
+    """Collects the planned runs by digest."""
 
     def __init__(self, cfg: DictConfig, metrics: Set[str]) -> None:
         self.cfg, self.runs, self.metrics = cfg, Runs(cfg), metrics
@@ -124,11 +124,11 @@ class _Plan:
         self.names: dict[tuple[Any, ...], str] = {}
 
     def steps(self) -> list[PlannedRun]:
-        """All steps, with the tables that need them."""
-        return [replace(one, tables=tuple(self.tables[key])) for key, one in self.known.items()]
+        """All planned runs, each with the tables that need it."""
+        return [replace(step, tables=tuple(self.tables[key])) for key, step in self.known.items()]
 
     def method(self, one: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
-        """A method in a cell, and what comes before it."""
+        """Add a method in a cell, after its fit and training."""
         label = f"{cell.scene}-{cell.splat}-{method}" + ("" if seed is None else f"-seed{seed}")
         inputs = [self.fit(one, cell.fit)]
         if seed is not None:
@@ -137,20 +137,20 @@ class _Plan:
         self._add(work, label, lambda: self.runs.row_job(one, cell, method, seed), tuple(inputs), cell.finer)
 
     def costs(self, one: Experiment) -> None:
-        """The trainings of all methods, and a measurement of each size."""
+        """Add the trainings of all methods, then a cost measurement for each output size."""
         seed = one.table.seeds[0]
         inputs = tuple(self.training(one, method, seed) for method in one.table.methods)
 
         def job(size: str) -> DictConfig:
-            learnt = {method: self.runs.train_digest(one, method, seed) for method in one.table.methods}
+            training_digests = {method: self.runs.train_digest(one, method, seed) for method in one.table.methods}
             height, width = self.cfg.scale.outputs[size]
-            return cost_job(self.runs, learnt, size, (int(height), int(width)))
+            return cost_job(self.runs, training_digests, size, (int(height), int(width)))
 
         for size in one.table.datasets:
             self._add(Work("cost", one.table.name), size, partial(job, size), inputs)
 
     def training(self, one: Experiment, method: str, seed: int) -> str:
-        """The training of a method and the fits before it; its name."""
+        """Add the training of a method after its fits and its simulator; returns the training's name."""
         inputs = self.fits(one, one.learns[method])
         work, key = Work("train", one.table.name, method=method, seed=seed), train_key(one, method, seed)
         if self._simulated(one, method, seed):
@@ -160,13 +160,13 @@ class _Plan:
         )
 
     def simulator(self, one: Experiment, seed: int) -> str:
-        """The training of a seed's simulator and the fits before it; its name."""
+        """Add the training of a seed's simulator after its fits; returns the training's name."""
         inputs = self.fits(one, str(self.cfg.scale.simulator.learns))
         work, key = Work("train_generator", one.table.name, seed=seed), ("train_generator", seed)
         return self._add(work, f"seed{seed}", lambda: alike(self.runs.simulator_job(seed)), tuple(inputs), key=key)
 
     def _simulated(self, one: Experiment, method: str, seed: int) -> bool:
-        """Whether a training learns from its seed's own simulator; False where its configuration cannot be had yet."""
+        """Whether a training uses the simulator of its own seed; False if its configuration cannot be composed yet."""
         if self.cfg.scale.get("simulator") is None:
             return False
         try:
@@ -175,11 +175,11 @@ class _Plan:
             return False
 
     def fits(self, one: Experiment, training: str) -> list[str]:
-        """The fits of one of the scale's trainings; their names."""
-        return [self.fit(one, own) for side in self.runs.pairs(training).values() for own in side]
+        """Add the fits of one of the scale's trainings; returns their names."""
+        return [self.fit(one, overrides) for side in self.runs.pairs(training).values() for overrides in side]
 
     def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
-        """A fit; its name."""
+        """Add a fit; returns its name."""
         label = "-".join(
             word.split("=")[1] for word in overrides if word.startswith(("scene=", "scene.seed=", "splat="))
         )
@@ -197,15 +197,15 @@ class _Plan:
         finer: bool = False,
         key: tuple[Any, ...] | None = None,
     ) -> str:
-        """A step, unless it is known; its name.
+        """Add a run unless it is already planned; returns its name.
 
         Args:
-            work: what makes it.
-            label: a readable part of its name; trainings have one of their own.
-            configured: gives its configuration.
-            inputs: names of what comes before it.
-            finer: whether it is about images 4 times as fine.
-            key: tells it from others without composing it; None: its digest does.
+            work: how to make the run.
+            label: readable part of its name; the label of a training's configuration is put before it.
+            configured: composes its configuration.
+            inputs: names of the runs that must finish first.
+            finer: whether images have 4 times the resolution.
+            key: identifies the run without composing its configuration; None if only the digest does.
         """
         if key is not None and key in self.names:
             self.tables[self.names[key]][work.table] = None
@@ -225,29 +225,31 @@ class _Plan:
         finer: bool,
         words: Sequence[Any],
     ) -> str:
-        """A step by what its configuration says; its digest."""
-        job, nothing = work.job, State("not started")
+        """Plan a run from its configuration; returns its digest, or a text in its place if composing failed."""
+        job, not_started = work.job, State("not started")
         try:
             cfg = configured()
         except InputError as error:
             digest = f"{job} {label} {error}"
-            step = PlannedRun(work, "", label, nothing, inputs, self.estimates.blind(job, words, finer), str(error), ())
+            step = PlannedRun(
+                work, "", label, not_started, inputs, self.estimates.blind(job, words, finer), str(error), ()
+            )
         else:
             digest = run_digest(cfg, job)
-            found = find_run(cfg, job)
-            state = state_of(None if found is None else found.folder)
+            run = find_run(cfg, job)
+            state = state_of(None if run is None else run.folder)
             done = state.name == "done"
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job.startswith("train") else label
-            name = f"{label}-{digest}" if found is None else found.folder.name
-            lacks = "" if done else _lacks(job, cfg, self.metrics)
-            step = PlannedRun(work, digest, name, state, inputs, minutes, lacks, ())
+            name = f"{label}-{digest}" if run is None else run.folder.name
+            missing = "" if done else _lacks(job, cfg, self.metrics)
+            step = PlannedRun(work, digest, name, state, inputs, minutes, missing, ())
         self.known.setdefault(digest, step)
         return digest
 
 
 def _lacks(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
-    """What a run needs for metrics and no run makes, in words; empty where it lacks nothing."""
+    """Describe the missing inputs of a run that no run produces; empty if there are none."""
     try:
         return ", ".join(_lacking(job, cfg, metrics))
     except InputError as error:
@@ -255,7 +257,7 @@ def _lacks(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
 
 
 def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
-    """What a run needs and no run makes: a dataset, gates, a device, a metric's backbone."""
+    """Missing inputs that no run produces: a dataset, gates, a device, the backbone of a metric."""
     import glob
 
     import torch
@@ -270,4 +272,6 @@ def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
         if cfg.trainer.accelerator == "cuda" and not torch.cuda.is_available():
             yield "torch finds no CUDA device"
     if job == "row":
-        yield from (f"{name}: no backbone" for name, there in cfg.lpips.items() if name in metrics and not there)
+        yield from (
+            f"{name}: no backbone" for name, has_backbone in cfg.lpips.items() if name in metrics and not has_backbone
+        )

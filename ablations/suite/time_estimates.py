@@ -1,4 +1,4 @@
-"""How long runs are likely to take: as finished ones of their kind did, else as published, else as the scale says."""
+"""Estimates how long runs take: from finished runs of the same kind, else published times, else the scale's values."""
 
 import json
 import statistics
@@ -12,15 +12,15 @@ from ablations.suite.inputs import FIT_STEPS, published_fit_minutes
 from gaussian_enhancer.input_files import read_yaml
 
 VIEWS = 9
-"""Views of a cell, where its fit is not there to be counted."""
+"""Assumed number of measured views of a cell, if its fit does not exist yet."""
 
 
 class Estimates:
-    """Estimates from the runs of a folder.
+    """Time estimates from the finished runs of a folder.
 
     Args:
-        runs: the folder.
-        scale: one of ``conf/scale``, with ``minutes``.
+        runs: the folder of runs.
+        scale: one of ``conf/scale``; its ``minutes`` are the fallback.
     """
 
     def __init__(self, runs: Path, scale: DictConfig) -> None:
@@ -29,35 +29,39 @@ class Estimates:
         self.trainings = _medians(_finished_trainings(runs))
 
     def minutes(self, job: str, cfg: DictConfig, finer: bool = False) -> float:
-        """Minutes that a run is likely to take.
+        """Estimate the minutes of a run from its configuration.
 
         Args:
             job: "fit", "train_generator", "train", "row" or "cost".
             cfg: its configuration.
-            finer: whether a method is measured against photos 4 times as fine.
+            finer: whether a method is measured against photos of 4 times the resolution.
         """
         if job == "fit":
             published = published_fit_minutes(cfg.scene)
-            usual = float(self.scale.minutes.fit) / 1000 if published is None else published / FIT_STEPS
-            return self.fits.get(_fit_kind(cfg), usual) * float(cfg.settings.steps)
+            default_minutes_per_step = (
+                float(self.scale.minutes.fit) / 1000 if published is None else published / FIT_STEPS
+            )
+            return self.fits.get(_fit_kind(cfg), default_minutes_per_step) * float(cfg.settings.steps)
         if job == "train_generator":
             return float(self.scale.minutes.train_generator) / 1000 * (int(cfg.paired.steps) + int(cfg.diffused.steps))
         if job == "train":
-            usual = float(self.scale.minutes.train) / 1000
-            return self.trainings.get(_training_kind(cfg), usual) * float(cfg.trainer.max_steps)
+            default_minutes_per_step = float(self.scale.minutes.train) / 1000
+            return self.trainings.get(_training_kind(cfg), default_minutes_per_step) * float(cfg.trainer.max_steps)
         if job == "cost":
             pixels = int(cfg.shape[0]) * int(cfg.shape[1]) * len(cfg.train) * (int(cfg.repeats) + 2)
             return pixels / 1e6 * float(self.scale.minutes.megapixel)
-        views = next((len(list(found.iterdir())) for found in self._photos(str(cfg.fit))), VIEWS * int(cfg.every))
+        views = next(
+            (len(list(photo_folder.iterdir())) for photo_folder in self._photos(str(cfg.fit))), VIEWS * int(cfg.every)
+        )
         return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
 
     def blind(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
-        """Minutes that a run is likely to take whose configuration cannot be had yet, for instance without its dataset.
+        """Estimate the minutes of a run whose configuration cannot be composed, for instance without its dataset.
 
         Args:
-            job: "fit", "train" or "row".
-            overrides: of its job.
-            finer: whether a method is measured against photos 4 times as fine.
+            job: "fit", "train" or "row"; any other job gives 0.
+            overrides: of its job; without a number of steps, the estimate of "fit" and "train" is 0.
+            finer: whether a method is measured against photos of 4 times the resolution.
         """
         if job == "row":
             return VIEWS * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
@@ -70,19 +74,19 @@ class Estimates:
 
 
 def _medians(entries: Iterator[tuple[str, float]]) -> dict[str, float]:
-    """Median minutes of a step by kind."""
-    found: dict[str, list[float]] = {}
+    """Median minutes per step, by kind of run."""
+    minutes_by_kind: dict[str, list[float]] = {}
     for kind, minutes in entries:
-        found.setdefault(kind, []).append(minutes)
-    return {kind: statistics.median(values) for kind, values in found.items()}
+        minutes_by_kind.setdefault(kind, []).append(minutes)
+    return {kind: statistics.median(values) for kind, values in minutes_by_kind.items()}
 
 
 def _finished_fits(runs: Path) -> Iterator[tuple[str, float]]:
     for marker in sorted((runs / "fit").glob("*/done")):
         cfg, file = _config(marker.parent), marker.parent / "records.jsonl"
         if cfg and file.is_file():
-            last = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
-            yield _fit_kind(cfg), last["metrics"]["milliseconds"] / 60e3 / cfg["settings"]["steps"]
+            last_record = json.loads(file.read_text(encoding="utf-8").rstrip("\n").split("\n")[-1])
+            yield _fit_kind(cfg), last_record["metrics"]["milliseconds"] / 60e3 / cfg["settings"]["steps"]
 
 
 def _finished_trainings(runs: Path) -> Iterator[tuple[str, float]]:
@@ -100,14 +104,14 @@ def _config(folder: Path) -> dict[str, Any] | None:
 
 
 def _fit_kind(cfg: Mapping[str, Any]) -> str:
-    """Fits of one kind take about as long: same method, images of the same size, as many steps."""
+    """A key of fits that take about equally long: same method, image size and number of steps."""
     scene, settings = cfg["scene"], cfg["settings"]
     size = [scene.get(key) for key in ("_target_", "family", "height", "width", "downscale")]
     return json.dumps([cfg["splat"]["_target_"], *size, settings["steps"], settings["max_gaussians"]])
 
 
 def _training_kind(cfg: Mapping[str, Any]) -> str:
-    """Trainings of one kind take about as long: same network, width and crops."""
+    """A key of trainings that take about equally long: same network, widths, batch size and crops."""
     fusion, data = cfg["fusion"], cfg["data"]
     crop = data["augmentation"]["crop"]
     return json.dumps([fusion["_target_"], list(fusion.get("widths", ())), data["loading"]["batch_size"], crop])

@@ -1,6 +1,6 @@
-"""Images on a grid 4 times as fine as a fit's renders: photos, bicubic enlargements, the splat rendered anew.
+"""Images of 4 times the resolution of a fit's renders: photos, bicubic upsampling, new renders of the splat.
 
-Each folder is a content-addressed run of its own, made once for all methods that need it.
+Each folder is a content-addressed run, made once for all methods that need it.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -29,14 +29,14 @@ Named = Iterable[tuple[str, Float[Tensor, "3 _ _"]]]
 
 
 def fine_photos(cfg: DictConfig, fit: Path) -> Path:
-    """The folder of a fit's held-out photos, 4 times as fine.
+    """The folder of a fit's held-out photos at 4 times the renders' resolution.
 
     Args:
         cfg: the calling job's configuration: ``runs`` and ``runtime``.
         fit: the fit's folder.
 
     Raises:
-        InputError: the scene has no photos that fine.
+        InputError: the scene has no photos of that resolution.
     """
 
     def photos() -> Named:
@@ -47,13 +47,13 @@ def fine_photos(cfg: DictConfig, fit: Path) -> Path:
 
 
 def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
-    """The folder of a folder's images, enlarged bicubically.
+    """The folder of images upsampled bicubically.
 
     Args:
         cfg: the calling job's configuration: ``runs`` and ``runtime``.
         folder: images at the render's size.
         label: a readable part of the new folder's name.
-        photos: folder of the photos that they are held against, to whose size they are brought.
+        photos: folder of the photos that they are compared with; the upsampled images are resized to them.
     """
 
     def images() -> Named:
@@ -67,7 +67,7 @@ def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
 
 
 def rendered_finer(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
-    """The folder of a fit's held-out views, rendered from its splat by 4 times as many pixels each way.
+    """The folder of a fit's held-out views, rendered from its splat at 4 times the width and height.
 
     Args:
         cfg: the calling job's configuration: ``runs`` and ``runtime``.
@@ -87,13 +87,13 @@ def rendered_finer(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
 
 
 def _kept(cfg: DictConfig, job: str, label: str, values: Mapping[str, Any], images: Callable[[], Named]) -> Path:
-    """The folder of a run that holds images, made where it was not made before."""
-    own = OmegaConf.create({"runs": cfg.runs, **values})
-    found = find_run(own, job)
-    if found is None or not found.done:
+    """The folder of images of a content-addressed run; the images are made and written unless the run exists."""
+    run_cfg = OmegaConf.create({"runs": cfg.runs, **values})
+    run = find_run(run_cfg, job)
+    if run is None or not run.done:
         with status.attempt():
-            found = open_run(own, job, label)
+            run = open_run(run_cfg, job, label)
             for name, image in images():
-                write_image(found.folder / "images" / name, image)
-            found.finish()
-    return found.folder / "images"
+                write_image(run.folder / "images" / name, image)
+            run.finish()
+    return run.folder / "images"

@@ -1,1 +1,1 @@
-"""Error against run time: methods at several settings, trainings, kernels."""
+"""Measures error against run time, of methods at several settings, of trainings, and of kernels."""

@@ -1,7 +1,7 @@
-"""Settings measured in turn on the same views: error against the photo, time, peak memory, as records.
+"""Measures settings in turn on the same views, as records of error against the photo, time and peak memory.
 
-Nothing is read while time is taken: targets and references are in memory, and what is timed is the whole of the rest,
-choosing and aligning references and the network.
+Targets and references are in memory, so times do not include reading. They include everything else: choosing and
+aligning references, and the network.
 """
 
 import functools
@@ -34,13 +34,13 @@ KIND = "tradeoff"
 
 @dataclass(frozen=True)
 class FirstCall:
-    """What the first call of a setting on a view gave.
+    """Results of the first call of a setting on a view.
 
     Args:
-        call: the same again.
+        call: repeats the call.
         image: the enhanced view.
         megabytes: peak memory.
-        compiling: seconds that compilation took; None where nothing was compiled.
+        compiling: seconds of compilation; None if nothing was compiled.
     """
 
     call: Callable[[], object]
@@ -56,46 +56,46 @@ def study_records(
     distances: Sequence[PerceptualDistance],
     console: Console,
 ) -> Iterator[Record]:
-    """The records of a study, every setting on every view; one that cannot be measured leaves a record that says why.
+    """Measure every setting of a study on every view; a setting that cannot be measured gives a record with the reason.
 
     Args:
         cfg: conf/tradeoff.yaml, composed.
         study: what is measured.
-        ready: makes settings ready.
+        ready: loads the settings.
         distances: LPIPS distances.
-        console: is told what is measured.
+        console: prints progress.
     """
-    weights, absent = _weights(study, ready)
+    weights, missing_weights = _weights(study, ready)
     for cell in study.cells:
         console.print(f"{study.name}: {cell.scene}", highlight=False)
-        reasons = dict(absent)
-        found: list[Record] = []
+        reasons = dict(missing_weights)
+        cell_records: list[Record] = []
         try:
             fit = fitted_cell(cfg, cell)
             enhance = dict(_enhancers(study, ready, weights, fit, reasons))
             for view in held_views(cfg, fit, study):
-                firsts = dict(_firsts(study, enhance, view, ready.device, reasons))
-                found += _measured(study, cell, fit, view, firsts, ready.device, distances)
+                first_calls = dict(_firsts(study, enhance, view, ready.device, reasons))
+                cell_records += _measured(study, cell, fit, view, first_calls, ready.device, distances)
         except InputError as error:
-            found, reasons = [], {one.name: str(error) for one in study.settings}
-        trained = {one.name for one in study.settings if one.train}
-        for record in found:
+            cell_records, reasons = [], {setting.name: str(error) for setting in study.settings}
+        trained_settings = {setting.name for setting in study.settings if setting.train}
+        for record in cell_records:
             name = record.variant.removeprefix(f"{study.name}/")
             if name not in reasons:
-                train = {"train": Path(weights[name]).parent.name} if name in trained else {}
-                yield replace(record, sources={"fit": record.run, **train})
+                train_source = {"train": Path(weights[name]).parent.name} if name in trained_settings else {}
+                yield replace(record, sources={"fit": record.run, **train_source})
         for name, reason in reasons.items():
             print_line(console, f"{name} is missing: {reason}")
             yield missing_record(f"{study.name}/{name}", reason, scene=cell.scene, splat=cell.splat)
 
 
 def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[RenderedSet, ...]:
-    """Single views of a fit with all its references, whose pixels stay in memory once they were read.
+    """Single held-out views of a fit with all references, whose pixels stay in memory after the first read.
 
     Args:
         cfg: ``runs`` and ``runtime``.
         fit: folder of the fit.
-        study: says how many views, and whether photos 4 times as fine belong to them.
+        study: states the number of views, and whether they have photos of 4 times the resolution.
     """
     job = composed("enhance", cfg, ())
     with open_dict(job):
@@ -107,20 +107,20 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
 
 
 def _weights(study: TradeoffStudy, ready: SettingLoader) -> tuple[dict[str, str], dict[str, str]]:
-    """Weights by setting, and why others have none."""
-    found, absent = {}, {}
+    """Weights by setting, and the reasons of settings without weights."""
+    weights, reasons = {}, {}
     for setting in study.settings:
         try:
-            found[setting.name] = ready.weights(setting)
+            weights[setting.name] = ready.weights(setting)
         except InputError as error:
-            absent[setting.name] = str(error)
-    return found, absent
+            reasons[setting.name] = str(error)
+    return weights, reasons
 
 
 def _enhancers(
     study: TradeoffStudy, ready: SettingLoader, weights: Mapping[str, str], fit: Path, reasons: dict[str, str]
 ) -> Iterator[tuple[str, Enhance]]:
-    """Settings that are not missing, ready for a fit's views; reasons of those that cannot be are added."""
+    """Enhancement functions by setting for a fit's views; reasons of failed settings are added to ``reasons``."""
     for setting in study.settings:
         if setting.name not in reasons:
             try:
@@ -136,19 +136,19 @@ def _firsts(
     device: torch.device,
     reasons: dict[str, str],
 ) -> Iterator[tuple[str, FirstCall]]:
-    """The first call of every setting on a view, which warms it up; reasons of those that fail are added."""
+    """The first call of every setting on a view, as warm-up; reasons of failed settings are added to ``reasons``."""
     compiled = {setting.name for setting in study.settings if setting.compiled}
-    for name, one in enhance.items():
+    for name, enhance_view in enhance.items():
         if name in reasons:
             continue
-        call = functools.partial(one, view)
+        call = functools.partial(enhance_view, view)
         images: list[Tensor] = []
         try:
             if study.finer:
-                call()  # draws photos, whose memory is not the setting's
+                call()  # loads the fine photos, whose memory is not the setting's
             compiling = _compiling(call, device) if name in compiled else None
-            peak = peak_memory(functools.partial(_kept, call, images), device)
-            yield name, FirstCall(call, images[0], peak / 1e6, compiling)
+            peak_bytes = peak_memory(functools.partial(_kept, call, images), device)
+            yield name, FirstCall(call, images[0], peak_bytes / 1e6, compiling)
         except Exception as error:
             if name not in compiled:
                 raise
@@ -160,7 +160,7 @@ def _kept(call: Callable[[], Tensor], images: list[Tensor]) -> None:
 
 
 def _compiling(call: Callable[[], object], device: torch.device) -> float:
-    """Seconds that a call takes beyond the next one."""
+    """Seconds of compilation: the time of a first call minus that of the second."""
     first, second = timed({"": call}, repeats=2, warm_up=0, device=device)[""].repeats
     return max(0.0, first - second) / 1e3
 
@@ -174,10 +174,10 @@ def _measured(
     device: torch.device,
     distances: Sequence[PerceptualDistance],
 ) -> Iterator[Record]:
-    calls = {name: one.call for name, one in firsts.items()}
-    # Measuring memory has given it back to the system: a round in turn takes it anew, as long use would have it.
-    warm = timed(calls, repeats=1, warm_up=0, device=device)
-    rounds = 1e3 * study.seconds / max(1e-6, sum(one.milliseconds for one in warm.values()))
+    calls = {name: first_call.call for name, first_call in firsts.items()}
+    # Measuring peak memory returned memory to the system: a warm-up round allocates it again, as in long use.
+    warm_up = timed(calls, repeats=1, warm_up=0, device=device)
+    rounds = 1e3 * study.seconds / max(1e-6, sum(first_call.milliseconds for first_call in warm_up.values()))
     repeats = max(1, min(study.repeats, int(rounds)))
     times = timed(calls, repeats, 0, device)
     (target,) = view.targets
@@ -185,19 +185,19 @@ def _measured(
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{PROTOCOL}; {device_label}: median and quartiles of {repeats} interleaved repeats after a warm-up, "
     protocol += f"views in memory, references chosen and aligned anew; peak memory {memory}"
-    for name, one in firsts.items():
+    for name, first_call in firsts.items():
         read: Callable[[], torch.Tensor] | None = target.read_fine_photo if study.finer else target.read_photo
         if read is None:
             raise InputError(fit, f"has no photo of {target.name}", "fit it again")
-        found = measure_pair(one.image, read(), distances)
-        size = (one.image.shape[-1], one.image.shape[-2])
+        measured = measure_pair(first_call.image, read(), distances)
+        size = (first_call.image.shape[-1], first_call.image.shape[-2])
         megapixels = size[0] * size[1] / 1e6
-        ends = times[name].quartiles
-        low, middle, high = (value / megapixels for value in (ends[0], times[name].milliseconds, ends[1]))
-        metrics = {**found.metrics, TIME: middle, LOW: low, HIGH: high, "peak_memory_mb": one.megabytes}
-        if one.compiling is not None:
-            metrics["compile_seconds"] = one.compiling
+        quartiles = times[name].quartiles
+        low, middle, high = (value / megapixels for value in (quartiles[0], times[name].milliseconds, quartiles[1]))
+        metrics = {**measured.metrics, TIME: middle, LOW: low, HIGH: high, "peak_memory_mb": first_call.megabytes}
+        if first_call.compiling is not None:
+            metrics["compile_seconds"] = first_call.compiling
         variant = f"{study.name}/{name}"
         yield Record(
-            KIND, fit.name, cell.scene, cell.splat, target.name, variant, metrics, found.reasons, size, protocol
+            KIND, fit.name, cell.scene, cell.splat, target.name, variant, metrics, measured.reasons, size, protocol
         )

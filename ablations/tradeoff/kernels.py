@@ -1,7 +1,8 @@
-"""The kernels of the numerics study: each computation in float64, and in every way that it is done or could be.
+"""The kernels of the numerics study: each computation in float64, and by every implementation and dtype.
 
-Each function gives cases as (name, the float64 reference, ways by name). Inputs are drawn once, in float64, and handed
-to every way in its own dtype: errors are those of input, arithmetic and method together.
+Each function yields cases as (name, the float64 reference, ways by name). A way is one implementation in one dtype.
+Inputs are drawn once, in float64, and converted to the dtype of each way: errors contain those of the rounded inputs,
+of the arithmetic and of the method.
 
 Axes: c channels, h height, w width.
 """
@@ -37,16 +38,18 @@ SIZE = (96, 128)
 """Height and width of images."""
 
 FINEST, SIDE = 512, 64
-"""Steps that the latent sampler is held against, and side of its crop."""
+"""Steps of the latent sampler's reference solution, and side of its crop."""
 
 
 def deformable(device: torch.device) -> Cases:
-    """Modulated deformable sampling: ours by grid_sample, and torchvision's operator."""
+    """Modulated deformable sampling: ours by grid_sample, and torchvision's operator, which is also the reference."""
     from torchvision.ops import deform_conv2d
 
-    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
+    generator, (height, width) = torch.Generator().manual_seed(0), SIZE
     shapes = (1, 32, height, width), (1, 72, height, width), (1, 36, height, width), (32, 32, 3, 3)
-    x, offset, mask, weight = (torch.randn(shape, generator=draw, dtype=torch.float64).to(device) for shape in shapes)
+    x, offset, mask, weight = (
+        torch.randn(shape, generator=generator, dtype=torch.float64).to(device) for shape in shapes
+    )
     offset, mask, weight = 3 * offset, mask.sigmoid(), weight / 17
 
     def ours(dtype: torch.dtype) -> Tensor:
@@ -62,9 +65,9 @@ def deformable(device: torch.device) -> Cases:
 
 
 def reprojection(device: torch.device) -> Cases:
-    """A photo warped through depth, depth smoothed, and depth searched, each compiled and by tensors.
+    """Warping a photo through depth, smoothing depth, and refining depth: each by compiled kernels and by tensors.
 
-    Half precision is computed on in single precision.
+    Inputs in half precision are computed in single precision.
     """
     views = plane(*SIZE)
     target, source = views.targets[0], views.references[0]
@@ -77,15 +80,15 @@ def reprojection(device: torch.device) -> Cases:
     def warped(dtype: torch.dtype, precise: torch.dtype, tensors: bool = False) -> Tensor:
         here, there = (Camera(c.K.to(precise), c.world_to_camera.to(precise), c.height, c.width) for c in cameras)
         z, image = (part.to(dtype) for part in inputs)
-        # The compiled kernels give no gradient: where one may be asked for, tensors compute.
+        # The compiled kernels have no backward pass: inputs that require a gradient are computed by tensors.
         return reproject(here, z.requires_grad_(tensors), there, image).colour.detach()
 
     ways = {f"grid_sample/{name}": partial(warped, dtype, torch.float32, True) for name, dtype in DTYPES.items()}
     if device.type == "cpu":
         ways |= {f"compiled/{name}": partial(warped, dtype, torch.float32) for name, dtype in DTYPES.items()}
     yield "reprojection", partial(warped, torch.float64, torch.float64), ways
-    draw = torch.Generator().manual_seed(0)
-    rough = inputs[0] * (1 + 0.01 * torch.randn(inputs[0].shape, generator=draw, dtype=torch.float64).to(device))
+    generator = torch.Generator().manual_seed(0)
+    rough = inputs[0] * (1 + 0.01 * torch.randn(inputs[0].shape, generator=generator, dtype=torch.float64).to(device))
 
     def smoothed(dtype: torch.dtype, tensors: bool = False) -> Tensor:
         return smooth_depth(rough.to(dtype).requires_grad_(tensors), inputs[1].to(dtype)).detach()
@@ -94,14 +97,17 @@ def reprojection(device: torch.device) -> Cases:
     if device.type == "cpu":
         ways["compiled/float32"] = partial(smoothed, torch.float32)
     yield "smoothing of depth", partial(smoothed, torch.float64), ways
-    image, others = target.read().double().to(device), [view for view in views.references if view.camera is not None]
+    image, others = (
+        target.read().double().to(device),
+        [view for view in views.references if view.camera is not None],
+    )
     photos = [photo().double().to(device) for view in others if (photo := view.read_photo) is not None]
-    around = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
+    all_cameras = [cameras[0], *(view.camera.to(device) for view in others if view.camera is not None)]
 
     def searched(dtype: torch.dtype, tensors: bool = False) -> Tensor:
-        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in around)
-        z, render, *seen = (part.to(dtype) for part in (rough, image, *photos))
-        sources = [Source(*source) for source in zip(there, seen, strict=True)]
+        here, *there = (Camera(c.K.to(dtype), c.world_to_camera.to(dtype), c.height, c.width) for c in all_cameras)
+        z, render, *cast_photos = (part.to(dtype) for part in (rough, image, *photos))
+        sources = [Source(*source) for source in zip(there, cast_photos, strict=True)]
         return refine_depth(here, z.requires_grad_(tensors), render, sources, smooth=False).detach()
 
     ways = {"tensors/float32": partial(searched, torch.float32, True)}
@@ -111,15 +117,15 @@ def reprojection(device: torch.device) -> Cases:
 
 
 def resampling(device: torch.device) -> Cases:
-    """Resizing by matrices and by interpolation, and blur: convolved, and by Fourier transform."""
-    draw, (height, width) = torch.Generator().manual_seed(0), SIZE
-    image = torch.rand(1, 3, height, width, generator=draw, dtype=torch.float64).to(device)
+    """Resizing by matrices and by interpolation, and blur by convolution and by Fourier transform."""
+    generator, (height, width) = torch.Generator().manual_seed(0), SIZE
+    image = torch.rand(1, 3, height, width, generator=generator, dtype=torch.float64).to(device)
     factor, phase = (torch.full((1,), value, dtype=torch.float64, device=device) for value in (2.3, 0.2))
     down, up = (torch.tensor([KINDS.index(kind)], device=device) for kind in ("bilinear", "bicubic"))
 
     def by_matrix(dtype: torch.dtype, positions: torch.dtype) -> Tensor:
-        of = factor.to(positions), phase.to(positions), down, up
-        rows, columns = (resampling_matrix(side, *of).to(dtype) for side in (height, width))
+        resampling_options = factor.to(positions), phase.to(positions), down, up
+        rows, columns = (resampling_matrix(side, *resampling_options).to(dtype) for side in (height, width))
         return rows @ image.to(dtype) @ columns.mT
 
     ways = {f"positions in float64/{name}": partial(by_matrix, dtype, torch.float64) for name, dtype in DTYPES.items()}
@@ -151,16 +157,16 @@ def resampling(device: torch.device) -> Cases:
 
 
 def latent(device: torch.device) -> Cases:
-    """The latent sampler by steps and by how they are spaced, against the same equation solved in 512 steps."""
+    """The latent sampler by number and spacing of steps, against a solution of the same equation in 512 steps."""
     model = load_model("simulator").model.eval().requires_grad_(False).to(device)
-    draw = torch.Generator().manual_seed(0)
+    generator = torch.Generator().manual_seed(0)
     image = F.interpolate(
-        torch.rand(1, 3, 16, 16, generator=draw, dtype=torch.float64), size=(SIDE, SIDE), mode="bicubic"
+        torch.rand(1, 3, 16, 16, generator=generator, dtype=torch.float64), size=(SIDE, SIDE), mode="bicubic"
     )
     rows, columns = cells(SIDE, SIDE)
     sizes = (1, model.design.vector), (1, model.design.grid, rows, columns)
-    start = Factors(*(torch.randn(size, generator=draw, dtype=torch.float64).to(device) for size in sizes))
-    own, manual = CosineSchedule(), image.clamp(0, 1).to(device)
+    initial_noise = Factors(*(torch.randn(size, generator=generator, dtype=torch.float64).to(device) for size in sizes))
+    cosine_schedule, manual = CosineSchedule(), image.clamp(0, 1).to(device)
     models = {
         dtype: copy.deepcopy(model.denoiser).to(dtype) for dtype in (torch.float64, torch.float32, torch.bfloat16)
     }
@@ -169,25 +175,29 @@ def latent(device: torch.device) -> Cases:
         features = models[dtype].features(manual.to(dtype))
 
         def predict(noisy: Factors, time: Tensor) -> Factors:
-            # The network knows times by its own schedule: it is told the one at which that has as much signal.
+            # The network takes times of its own (cosine) schedule: pass the one at which that has the same signal.
             signal = schedule.signal(time.double()).clamp(-1, 1)
-            known: Tensor = (
-                time if isinstance(schedule, CosineSchedule) else torch.acos(signal) * 2 / (math.pi * own.end)
+            network_time: Tensor = (
+                time
+                if isinstance(schedule, CosineSchedule)
+                else torch.acos(signal) * 2 / (math.pi * cosine_schedule.end)
             )
-            return models[dtype](noisy, known.to(dtype), features)
+            return models[dtype](noisy, network_time.to(dtype), features)
 
-        found = Sampler(steps)(predict, Factors(start.vector.to(dtype), start.grid.to(dtype)), schedule, ())
-        return torch.cat([found.vector.flatten(), found.grid.flatten()])
+        factors = Sampler(steps)(
+            predict, Factors(initial_noise.vector.to(dtype), initial_noise.grid.to(dtype)), schedule, ()
+        )
+        return torch.cat([factors.vector.flatten(), factors.grid.flatten()])
 
-    ways = {f"cosine/{n} steps": partial(sampled, torch.float32, own, n) for n in (1, 2, 4, 8, 16, 32)}
+    ways = {f"cosine/{n} steps": partial(sampled, torch.float32, cosine_schedule, n) for n in (1, 2, 4, 8, 16, 32)}
     ways |= {f"linear/{n} steps": partial(sampled, torch.float32, LinearSchedule(), n) for n in (1, 2, 4, 8, 16, 32)}
-    ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, own, n) for n in (4, 8, 16)}
-    ways["cosine in float64/256 steps"] = partial(sampled, torch.float64, own, FINEST // 2)
-    yield "latent sampler", partial(sampled, torch.float64, own, FINEST), ways
+    ways |= {f"cosine in bfloat16/{n} steps": partial(sampled, torch.bfloat16, cosine_schedule, n) for n in (4, 8, 16)}
+    ways["cosine in float64/256 steps"] = partial(sampled, torch.float64, cosine_schedule, FINEST // 2)
+    yield "latent sampler", partial(sampled, torch.float64, cosine_schedule, FINEST), ways
 
 
 def networks(device: torch.device) -> Cases:
-    """Shipped networks as a whole, on aligned references: autocast to each dtype."""
+    """Whole shipped networks on aligned references, with autocast to each dtype."""
     for name in ("lr_tiny", "lr_base"):
         pretrained = load_weights(name)
         network = pretrained.network.requires_grad_(False).to(device)
@@ -199,13 +209,13 @@ def networks(device: torch.device) -> Cases:
 
         def enhanced(dtype: torch.dtype, network: torch.nn.Module = network, inputs: object = inputs) -> Tensor:
             with torch.inference_mode(), torch.autocast(device.type, dtype, enabled=dtype != torch.float32):
-                found: Tensor = network(inputs)
-            return found
+                result: Tensor = network(inputs)
+            return result
 
         ways = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
         yield f"network {name}", partial(_twice, precise, exact), ways
 
 
 def _twice(network: torch.nn.Module, inputs: object) -> Tensor:
-    found: Tensor = network(inputs)
-    return found
+    result: Tensor = network(inputs)
+    return result

@@ -1,4 +1,4 @@
-"""Settings of the job tradeoff made ready to be called: weights found, enhancers built, networks compiled once."""
+"""Prepares the settings of the job tradeoff: finds weights, builds enhancers, compiles networks once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -30,18 +30,18 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 TRAIN = "let it be made: train_missing=true"
 
 Enhance = Callable[[RenderedSet], Float[Tensor, "3 _ _"]]
-"""The first target of a set, enhanced."""
+"""A function that returns the enhanced first target of a set."""
 
 
 @dataclass
 class SettingLoader:
-    """Makes settings ready to be called.
+    """Loads settings for measurement.
 
     Args:
         cfg: conf/tradeoff.yaml, composed.
-        device: where networks run.
-        folder: for the files of networks without weights.
-        runs: the suite's runs, where trainings are found.
+        device: device of the networks.
+        folder: for weights files of networks without trained weights.
+        runs: the suite's runs, which have the trainings.
     """
 
     cfg: DictConfig
@@ -57,7 +57,7 @@ class SettingLoader:
         """The weights of a setting.
 
         Raises:
-            InputError: they are not trained yet, or cannot be used here.
+            InputError: they are not trained yet, or the setting cannot be measured on this device.
         """
         if setting.only and setting.only != self.device.type:
             received = f"is measured on {setting.only} alone, and this device is {self.device.type}"
@@ -69,25 +69,25 @@ class SettingLoader:
             save_weights(path, NULL_NETWORKS[setting.network](), ReferenceConfig(references=0, candidates=0), {})
             return str(path)
         training, seed = _training(self.cfg, setting), int(self.cfg.scale.seeds[0])
-        found = find_run(with_effect(self.runs.train_job(training, setting.name, seed)), "train")
-        if not self.cfg.train_missing and (found is None or not found.done):
-            words = f"{' '.join(setting.train)} seed={seed}"
-            raise InputError(f"the training {words}", f"is not made yet at scale {self.cfg.scale.name}", TRAIN)
+        run = find_run(with_effect(self.runs.train_job(training, setting.name, seed)), "train")
+        if not self.cfg.train_missing and (run is None or not run.done):
+            overrides = f"{' '.join(setting.train)} seed={seed}"
+            raise InputError(f"the training {overrides}", f"is not made yet at scale {self.cfg.scale.name}", TRAIN)
         return self.runs.weights(training, setting.name, seed)
 
     def enhance(self, setting: Setting, weights: str, run: Path) -> Enhance:
-        """What a setting does to views of a run; nothing is computed yet.
+        """A function that enhances views of a run by a setting; nothing is computed yet.
 
         Args:
-            setting: how.
-            weights: of the setting.
-            run: the fit that the views are of.
+            setting: the setting.
+            weights: weights of the setting.
+            run: the fit that the views belong to.
 
         Raises:
-            InputError: the setting's overrides are refused, or its weights cannot be used.
+            InputError: the setting's overrides are invalid, or its weights cannot be used.
         """
-        planned = any(word.startswith("plan=") for word in setting.enhance)
-        job = composed("enhance", self.cfg, setting.enhance if planned else ("plan=full", *setting.enhance))
+        states_plan = any(word.startswith("plan=") for word in setting.enhance)
+        job = composed("enhance", self.cfg, setting.enhance if states_plan else ("plan=full", *setting.enhance))
         with open_dict(job):
             job.update({"weights": weights, "run": str(run)})
         enhancer, *_ = ready(job, self.device)
@@ -98,10 +98,10 @@ class SettingLoader:
                 enhancer.network.compile()
                 self._compiled[setting.name] = enhancer.network
             enhancer.network = self._compiled[setting.name]
-        rules = build(job.plan)
+        plan_rules = build(job.plan)
 
         def enhanced(view: RenderedSet) -> Float[Tensor, "3 _ _"]:
-            planner = None if rules.full else Planner(rules, enhancer.reference_config, view)
+            planner = None if plan_rules.full else Planner(plan_rules, enhancer.reference_config, view)
             image = next(enhancer(view, planner)).image
             return upsampled(image[None], 4)[0].clamp(0, 1) if setting.upscale else image
 
@@ -109,7 +109,7 @@ class SettingLoader:
 
 
 def _training(cfg: DictConfig, setting: Setting) -> Experiment:
-    """A table of one trained method, so that its training is found where the suite files it."""
+    """An experiment with one trained method, so that its training has the digest that the suite uses."""
     train = (*cfg.scale.trainings[setting.learns].train, *setting.train)
     methods = {setting.name: Method(title=setting.name, about="", role="", train=train)}
     table = TableDescription(

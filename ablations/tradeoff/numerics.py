@@ -1,4 +1,4 @@
-"""Error against run time of each kernel: dtypes and implementations against float64, timed in turn."""
+"""Measures error and run time of each kernel: every dtype and implementation against float64, timed in turn."""
 
 import math
 import time
@@ -21,12 +21,12 @@ KIND = "numerics"
 
 @dataclass(frozen=True)
 class Computation:
-    """One computation done in several ways.
+    """One computation with its implementations.
 
     Args:
-        name: what is computed, on what.
-        reference: the same in float64.
-        ways: by "implementation/dtype" (or whatever else is chosen), each called anew for every repeat.
+        name: what is computed.
+        reference: the computation in float64.
+        ways: functions by "implementation/dtype" (or another varied option); each is called once per repeat.
     """
 
     name: str
@@ -35,52 +35,52 @@ class Computation:
 
 
 def all_cases(device: torch.device) -> Iterator[Computation]:
-    """Every case, made when it is asked for."""
-    made = (rasterisers, deformable, reprojection, resampling, latent, networks)
-    for name, reference, ways in (case for kernel in made for case in kernel(device)):
+    """Yield every case; inputs are made lazily."""
+    kernels = (rasterisers, deformable, reprojection, resampling, latent, networks)
+    for name, reference, ways in (case for kernel in kernels for case in kernel(device)):
         yield Computation(name, reference, ways)
 
 
 def numeric_records(
     repeats: int, names: Sequence[str] | None, device: torch.device, console: Console, seconds: float = math.inf
 ) -> Iterator[Record]:
-    """One record a way: relative error, largest error, time with its quartiles; why, where there is none.
+    """One record per way: relative error, largest error, time with quartiles; the reason if a way fails.
 
     Args:
-        repeats: of each time, at most.
+        repeats: largest number of repeats of each time.
         names: of the cases; None for all.
         device: where to compute.
-        console: is told what is measured.
-        seconds: that the repeats of a case may take; of the last round, more.
+        console: prints progress.
+        seconds: time limit of the repeats of a case; the last round may exceed it.
 
     Raises:
-        InputError: there is no case of a name.
+        InputError: a name is unknown.
     """
-    known = []
+    case_names = []
     for case in all_cases(device):
-        known.append(case.name)
+        case_names.append(case.name)
         if names is None or case.name in names:
             console.print(case.name, highlight=False)
             yield from case_records(case, repeats, device, seconds)
-    refuse_unknown("numerics.cases", names, known)
+    refuse_unknown("numerics.cases", names, case_names)
 
 
 def case_records(case: Computation, repeats: int, device: torch.device, seconds: float = math.inf) -> Iterator[Record]:
-    """The records of one case; arguments as for `numeric_records`."""
-    true, spent = case.reference().double(), 0.0
+    """The records of one case; arguments as in `numeric_records`."""
+    reference, seconds_per_round = case.reference().double(), 0.0
     errors: dict[str, tuple[float, float]] = {}
     for way, call in case.ways.items():
         try:
             started = time.perf_counter()
-            found = call().double()
-            spent += time.perf_counter() - started
-            errors[way] = errors_of(found, true)
+            result = call().double()
+            seconds_per_round += time.perf_counter() - started
+            errors[way] = errors_of(result, reference)
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
             yield missing_record(way, reason, scene=case.name)
     calls = {way: partial(_called, case.ways[way]) for way in errors}
-    repeats = repeats if spent * repeats <= seconds else max(1, int(seconds / spent))
-    times = timed(calls, repeats, 0, device)  # each was called once already
+    repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
+    times = timed(calls, repeats, 0, device)  # no warm-up: each was called once above
     device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     protocol = (
         f"{device_label}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
@@ -94,11 +94,11 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
 
 
 def errors_of(found: Tensor, true: Tensor) -> tuple[float, float]:
-    """Relative root mean square error and largest absolute error; infinite where a value is not finite.
+    """Relative root mean square error and largest absolute error; infinite if a value is not finite.
 
     Args:
-        found: what was computed.
-        true: what it should be, of the same shape, not all zero.
+        found: the result.
+        true: the reference, of the same shape, not all zero.
     """
     difference = (found - true).nan_to_num(nan=torch.inf, posinf=torch.inf, neginf=torch.inf).abs()
     relative = (difference.square().mean() / true.square().mean()).sqrt()

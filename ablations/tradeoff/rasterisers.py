@@ -1,4 +1,4 @@
-"""The rasterisers of the numerics study: forward and backward in float64, by kernels, and by their plain twin.
+"""The rasterisers of the numerics study: forward and backward by kernels and by a reference, compared with float64.
 
 Axes: n Gaussians, h height, w width.
 """
@@ -20,11 +20,11 @@ from gaussian_enhancer.types import Camera, Gaussians, Render, identity_camera
 Draw = Callable[[Gaussians, Camera, Method], Render]
 
 COUNT, FEW = 200, (48, 64)
-"""Gaussians, and height and width of what is drawn of them: the plain twin takes every one to every pixel."""
+"""Number of Gaussians, and height and width of the image; small, as the reference evaluates all at every pixel."""
 
 
 def rasterisers(device: torch.device) -> Cases:
-    """Forward and backward of 3DGS, Mip-Splatting and 2DGS: compiled kernels (gsplat on CUDA), and their plain twin."""
+    """Forward and backward of 3DGS, Mip-Splatting and 2DGS: kernels (gsplat on CUDA), and a reference in PyTorch."""
     methods: tuple[Method, ...] = (ThreeDGS(), MipSplatting(), TwoDGS())
     for method in methods:
         splat = _cloud(2 if isinstance(method, TwoDGS) else 3, isinstance(method, MipSplatting)).to(device)
@@ -39,31 +39,31 @@ def rasterisers(device: torch.device) -> Cases:
 
 
 def _cloud(axes: int, smoothed: bool) -> Gaussians:
-    """Gaussians in front of a camera at the origin: anisotropic, of mixed opacity, SH degree 1."""
-    draw = torch.Generator().manual_seed(0)
+    """Random Gaussians in front of a camera at the origin: anisotropic, of mixed opacity, SH degree 1."""
+    generator = torch.Generator().manual_seed(0)
 
     def normal(*shape: int) -> Tensor:
-        return torch.randn(shape, generator=draw, dtype=torch.float64)
+        return torch.randn(shape, generator=generator, dtype=torch.float64)
 
     means = normal(COUNT, 3) * torch.tensor([0.8, 0.6, 0.6]) + torch.tensor([0.0, 0.0, 4.0])
-    scales, turns, opacities = 0.5 * normal(COUNT, axes) + math.log(0.08), normal(COUNT, 4), normal(COUNT)
+    scales, quaternions, opacities = 0.5 * normal(COUNT, axes) + math.log(0.08), normal(COUNT, 4), normal(COUNT)
     smoothing = torch.full((COUNT,), 0.01, dtype=torch.float64) if smoothed else None
-    return Gaussians(means, scales, turns, opacities, 0.3 * normal(COUNT, 4, 3), smoothing)
+    return Gaussians(means, scales, quaternions, opacities, 0.3 * normal(COUNT, 4, 3), smoothing)
 
 
 def _drawn(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
     """Colour and opacity of one view."""
     with torch.no_grad():
-        seen = draw(splat, _as(camera, splat.means.dtype), method)
-    return torch.cat([seen.colour, seen.alpha])
+        rendered = draw(splat, _as(camera, splat.means.dtype), method)
+    return torch.cat([rendered.colour, rendered.alpha])
 
 
 def _pulled(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
-    """The gradient of the summed square of the view's colours in all of the splat's parameters."""
+    """The gradient of the view's summed squared colours with respect to all parameters of the splat."""
     names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
     leaves = {name: getattr(splat, name).detach().requires_grad_() for name in names}
-    seen = draw(replace(splat, **leaves), _as(camera, splat.means.dtype), method)
-    seen.colour.square().sum().backward()
+    rendered = draw(replace(splat, **leaves), _as(camera, splat.means.dtype), method)
+    rendered.colour.square().sum().backward()
     return torch.cat([leaf.grad.double().flatten() for leaf in leaves.values() if leaf.grad is not None])
 
 

@@ -1,4 +1,4 @@
-"""The settings that the job tradeoff compares, as ``conf/curves`` states them."""
+"""Reads the settings that the job tradeoff compares from ``conf/curves``."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -25,15 +25,15 @@ class Setting:
 
     Args:
         name: "curve/setting".
-        weights: shipped name or file; empty where a network without weights or a training is named.
+        weights: shipped name or file of the weights; empty if ``network`` or ``train`` is given.
         network: one of `NULL_NETWORKS`, or empty.
-        train: overrides of the job train whose weights are used.
-        learns: which of the scale's trainings that is.
+        train: overrides of the job train that makes the weights.
+        learns: name of the scale's training that they extend.
         enhance: overrides of the job enhance.
-        warp: "none" leaves references where they are, whatever the weights were trained with.
-        upscale: enlarge bicubically at the end.
+        warp: "none" leaves references unwarped, whatever the weights were trained with; else empty.
+        upscale: upsample bicubically at the end.
         compiled: compile the network by torch.compile.
-        only: the one device that this can be measured on; empty for any.
+        only: the only device that this can be measured on; empty for any.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Setting:
 
     @property
     def can_be_asked_for(self) -> bool:
-        """Whether the job enhance can do just this from what the package ships."""
+        """Whether the job enhance can reproduce this setting with weights and overrides alone."""
         return bool(self.weights) and not (self.warp or self.upscale or self.compiled)
 
 
@@ -73,12 +73,12 @@ class TradeoffStudy:
     Args:
         name: its key.
         title: its heading.
-        cells: scenes, called "side/difficulty/scene".
-        settings: every curve's.
-        views: of each scene.
-        repeats: of each time, at most.
-        seconds: that all repeats on one view may take; of the last round, more.
-        finer: whether images are 4 times as fine as the renders.
+        cells: scenes, named "side/difficulty/scene".
+        settings: settings of all curves.
+        views: number of views per scene.
+        repeats: largest number of repeats of each time.
+        seconds: time limit of all repeats on one view; the last round may exceed it.
+        finer: whether images have 4 times the renders' resolution.
     """
 
     name: str
@@ -92,16 +92,16 @@ class TradeoffStudy:
 
 
 def read_studies(cfg: DictConfig) -> tuple[TradeoffStudy, ...]:
-    """The studies of a configuration, as far as the user asks for them.
+    """Read the studies of a configuration that the user selects.
 
     Raises:
-        InputError: one is unknown, or does not say what it must.
+        InputError: a study is unknown, or a setting is invalid.
     """
     curves = plain(cfg.curves)
     density = tuple(curves.pop("density"))
-    asked = tuple(curves) if cfg.studies is None else tuple(cfg.studies)
-    refuse_unknown("studies", asked, curves)
-    studies = [_study(name, curves[name], density) for name in asked]
+    selected = tuple(curves) if cfg.studies is None else tuple(cfg.studies)
+    refuse_unknown("studies", selected, curves)
+    studies = [_study(name, curves[name], density) for name in selected]
     views = sum(study.views * len(study.cells) for study in studies)
     return tuple(replace(study, seconds=60 * float(cfg.minutes) / max(1, views)) for study in studies)
 
@@ -110,10 +110,10 @@ def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> Tr
     settings = tuple(_settings(values["curves"]))
     finer = bool(values.get("finer"))
     cells = tuple(
-        StudyCell(f"{side}/{level}/{scene}", "3dgs", (*own, *density, *values.get("fit", ())), finer=finer)
+        StudyCell(f"{side}/{level}/{scene}", "3dgs", (*overrides, *density, *values.get("fit", ())), finer=finer)
         for side, levels in values["scenes"].items()
         for level, scenes in levels.items()
-        for scene, own in scenes.items()
+        for scene, overrides in scenes.items()
     )
     return TradeoffStudy(
         name, values["title"], cells, settings, int(values["views"]), int(values["repeats"]), finer=finer
@@ -122,10 +122,10 @@ def _study(name: str, values: Mapping[str, Any], density: tuple[str, ...]) -> Tr
 
 def _settings(curves: Mapping[str, Any]) -> Iterator[Setting]:
     for curve, common in curves.items():
-        shared = {key: value for key, value in common.items() if key != "settings"}
-        for name, own in common["settings"].items():
-            values = {**shared, **own}
-            if odd := set(values) - set(KEYS):
-                raise InputError(f"{curve}/{name}", f"has a key {sorted(odd)[0]!r}", f"use {', '.join(KEYS)}")
-            lists = {key: tuple(values[key]) for key in ("train", "enhance") if key in values}
-            yield Setting(f"{curve}/{name}", **{**values, **lists})
+        curve_values = {key: value for key, value in common.items() if key != "settings"}
+        for name, setting_values in common["settings"].items():
+            values = {**curve_values, **setting_values}
+            if unknown_keys := set(values) - set(KEYS):
+                raise InputError(f"{curve}/{name}", f"has a key {sorted(unknown_keys)[0]!r}", f"use {', '.join(KEYS)}")
+            tuples = {key: tuple(values[key]) for key in ("train", "enhance") if key in values}
+            yield Setting(f"{curve}/{name}", **{**values, **tuples})

@@ -1,4 +1,4 @@
-"""A setting's records of error and run time, summed up over views."""
+"""Summarises a setting's records of error and run time over views."""
 
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,7 +8,7 @@ from gaussian_enhancer.metrics.records import MISSING, Record
 from gaussian_enhancer.metrics.tradeoff import mean_squared
 
 TIME, LOW, HIGH = "milliseconds_per_megapixel", "lower_quartile", "upper_quartile"
-"""Metrics of a record of time: median and quartiles over repeats, milliseconds a megapixel of output."""
+"""Metrics of a timing record: median and quartiles over repeats, in milliseconds per megapixel of output."""
 
 
 @dataclass(frozen=True)
@@ -18,16 +18,16 @@ class SettingSummary:
     Args:
         curve: the method.
         setting: its setting.
-        milliseconds: a megapixel of output: median over views of the medians over repeats.
+        milliseconds: per megapixel of output: median over views of the medians over repeats.
         low: median over views of the lower quartile over repeats.
-        high: the same of the upper quartile.
+        high: median over views of the upper quartile over repeats.
         psnr: mean over views, dB.
-        dissimilarity: 1 - SSIM, mean over views.
-        perceptual: LPIPS by name, mean over views; without those that some view lacks.
-        memory: largest peak in megabytes; None where it was not measured.
-        compiling: seconds that compilation took; None where nothing was compiled.
+        dssim: 1 - SSIM, mean over views.
+        perceptual: LPIPS by name, mean over views; distances that a view lacks are left out.
+        memory: largest peak in megabytes; None if it was not measured.
+        compiling: largest time of compilation in seconds; None if nothing was compiled.
         views: number of views.
-        megapixels: of an output image, the median over views.
+        megapixels: of an output image, median over views.
     """
 
     curve: str
@@ -45,14 +45,14 @@ class SettingSummary:
 
     @property
     def name(self) -> str:
-        """Method and setting."""
+        """The name "curve/setting"."""
         return f"{self.curve}/{self.setting}"
 
     def error(self, metric: str) -> float | None:
-        """The error that a metric's name stands for.
+        """The error in a metric; None if it was not measured.
 
         Args:
-            metric: "mse" (of the mean PSNR: the geometric mean over views), "dissimilarity", or an LPIPS's name.
+            metric: "mse" (from the mean PSNR: the geometric mean over views), "dissimilarity", or the name of an LPIPS.
         """
         if metric == "mse":
             return mean_squared(self.psnr)
@@ -60,9 +60,9 @@ class SettingSummary:
 
 
 def summarised(records: Iterable[Record]) -> tuple[tuple[SettingSummary, ...], dict[str, str]]:
-    """Every setting over the views of its records, and why others are missing.
+    """Summarise every setting over its views; settings that cannot be summarised are returned with reasons.
 
-    A setting that lacks a view which another has is missing: its mean would be over other views.
+    A setting that lacks a view of another setting counts as missing, since its mean would be over different views.
 
     Args:
         records: kind "tradeoff" with `TIME`, psnr and ssim, or "missing"; ``variant`` is "curve/setting".
@@ -70,19 +70,21 @@ def summarised(records: Iterable[Record]) -> tuple[tuple[SettingSummary, ...], d
     Returns:
         Settings in the records' order, and reasons by "curve/setting".
     """
-    found: dict[str, list[Record]] = {}
+    records_by_setting: dict[str, list[Record]] = {}
     reasons: dict[str, str] = {}
     for record in records:
         if record.kind == MISSING:
             reasons.setdefault(record.variant, record.reasons["row"])
         else:
-            found.setdefault(record.variant, []).append(record)
-    every = {_place(record) for own in found.values() for record in own}
-    for name, own in found.items():
-        lacking = len(every - {_place(record) for record in own})
-        if lacking and name not in reasons:
-            reasons[name] = f"measured on {len(every) - lacking} of {len(every)} views"
-    return tuple(_summary(name, own) for name, own in found.items() if name not in reasons), reasons
+            records_by_setting.setdefault(record.variant, []).append(record)
+    all_views = {_place(record) for setting_records in records_by_setting.values() for record in setting_records}
+    for name, setting_records in records_by_setting.items():
+        missing_views = len(all_views - {_place(record) for record in setting_records})
+        if missing_views and name not in reasons:
+            reasons[name] = f"measured on {len(all_views) - missing_views} of {len(all_views)} views"
+    return tuple(
+        _summary(name, setting_records) for name, setting_records in records_by_setting.items() if name not in reasons
+    ), reasons
 
 
 def _place(record: Record) -> tuple[str, str, str]:
@@ -92,8 +94,8 @@ def _place(record: Record) -> tuple[str, str, str]:
 def _summary(name: str, records: Sequence[Record]) -> SettingSummary:
     curve, _, setting = name.partition("/")
     times = {key: statistics.median(_values(records, key)) for key in (TIME, LOW, HIGH)}
-    perceptual = {key for record in records for key in record.metrics if key.startswith("lpips")}
-    known = {key: _values(records, key) for key in sorted(perceptual)}
+    lpips_names = {key for record in records for key in record.metrics if key.startswith("lpips")}
+    lpips_values = {key: _values(records, key) for key in sorted(lpips_names)}
     return SettingSummary(
         curve,
         setting,
@@ -102,7 +104,7 @@ def _summary(name: str, records: Sequence[Record]) -> SettingSummary:
         times[HIGH],
         statistics.fmean(_values(records, "psnr")),
         1 - statistics.fmean(_values(records, "ssim")),
-        {key: statistics.fmean(values) for key, values in known.items() if len(values) == len(records)},
+        {key: statistics.fmean(values) for key, values in lpips_values.items() if len(values) == len(records)},
         max(_values(records, "peak_memory_mb"), default=None),
         max(_values(records, "compile_seconds"), default=None),
         len(records),

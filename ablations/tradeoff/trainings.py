@@ -1,4 +1,4 @@
-"""Validation error of trainings over wall-clock and over samples, from what they logged."""
+"""Validation error of trainings over wall-clock time and over samples, from their logs."""
 
 import json
 from collections.abc import Iterator
@@ -14,31 +14,31 @@ from gaussian_enhancer.runs.run import digest_of
 
 KIND = "training"
 CLOCK = "time/seconds"
-"""Column of the log: seconds that the steps so far took and waited for data, validations left out."""
+"""Column of the log: seconds of all steps so far, including waiting for data, without validations."""
 
 SPREAD = "seconds: the card's minutes, spread evenly over the steps, since this training logged none"
 
 
 def training_records(runs: Path, pattern: str, least_steps: int) -> Iterator[Record]:
-    """One record a validation of every finished training; trainings that say nothing leave one that says why.
+    """One record per validation of every finished training; a training without one has a record with the reason.
 
     Args:
         runs: folder of the runs.
         pattern: of the trainings' folder names.
-        least_steps: shorter trainings are trial runs and left out.
+        least_steps: shorter trainings are left out as trial runs.
 
     Raises:
-        InputError: a log or a card that is there cannot be read.
+        InputError: an existing log or card cannot be read.
     """
     folders = [path for path in sorted((runs / "train").glob(pattern)) if (path / "config.yaml").is_file()]
     configs = {path: DictConfig(OmegaConf.load(path / "config.yaml")) for path in folders}
-    long = {path: cfg for path, cfg in configs.items() if _steps(cfg) >= least_steps}
+    long_trainings = {path: cfg for path, cfg in configs.items() if _steps(cfg) >= least_steps}
     groups: dict[str, set[str]] = {}
-    for cfg in long.values():
+    for cfg in long_trainings.values():
         groups.setdefault(str(cfg.label), set()).add(_kind(cfg))
-    for path, cfg in long.items():
-        shared = len(groups[str(cfg.label)]) > 1
-        yield from _records(path, cfg, f"{cfg.label}, {_kind(cfg)}" if shared else str(cfg.label))
+    for path, cfg in long_trainings.items():
+        label_is_ambiguous = len(groups[str(cfg.label)]) > 1
+        yield from _records(path, cfg, f"{cfg.label}, {_kind(cfg)}" if label_is_ambiguous else str(cfg.label))
 
 
 def _steps(cfg: DictConfig) -> int:
@@ -46,7 +46,7 @@ def _steps(cfg: DictConfig) -> int:
 
 
 def _kind(cfg: DictConfig) -> str:
-    """The digest of what trainings that differ in their seed alone share."""
+    """The digest of a training's configuration without its seeds."""
     values = plain(cfg)
     if "loading" in values["data"]:
         values["data"]["loading"].pop("seed", None)
@@ -67,25 +67,28 @@ def _records(folder: Path, cfg: DictConfig, variant: str) -> Iterator[Record]:
         return
     minutes = _minutes(card)
     batch, steps = int(cfg.data.loading.batch_size), int(cfg.trainer.max_steps)
-    gains, similar, clock = (_points(curves.get(name)) for name in ("gain/psnr", "gain/ssim", CLOCK))
-    # A validation between steps is filed under the step before it, the one at the end is not: the later one counts.
+    gains, ssim_gains, seconds_by_step = (_points(curves.get(name)) for name in ("gain/psnr", "gain/ssim", CLOCK))
+    # A validation between steps is logged with the index of the step before it, the final one with the number of
+    # steps. Of two with equal numbers of finished steps, the later one is taken.
     for done, step in {min(steps, step + 1): step for step in sorted(gains)}.items():
-        logged = max((at for at in clock if at <= step), default=None)
-        seconds = 60 * minutes * done / steps if logged is None else clock[logged]
+        logged_step = max((at for at in seconds_by_step if at <= step), default=None)
+        seconds = 60 * minutes * done / steps if logged_step is None else seconds_by_step[logged_step]
         metrics: dict[str, float | None] = {
             "gain_psnr": gains[step],
             "samples": float(batch * done),
             "seconds": seconds,
         }
-        if step in similar:
-            metrics["gain_ssim"] = similar[step]
-        protocol = f"gains over the raw render of validation runs; {SPREAD if logged is None else 'seconds as logged'}"
+        if step in ssim_gains:
+            metrics["gain_ssim"] = ssim_gains[step]
+        protocol = (
+            f"gains over the raw render of validation runs; {SPREAD if logged_step is None else 'seconds as logged'}"
+        )
         place = (KIND, folder.name, "validation", "", str(int(done)), variant)
         yield Record(*place, metrics, protocol=protocol, seed=seed, sources=sources)
 
 
 def _points(curve: Curve | None) -> dict[float, float]:
-    """Value by step; of several at one step the last."""
+    """Value by step; the last of several at one step."""
     return {} if curve is None else dict(zip(curve.steps, curve.values, strict=True))
 
 

@@ -1,1 +1,1 @@
-"""The dashboard: a static page made from descriptions and records alone."""
+"""Makes the dashboard, a static page, from descriptions and records alone."""

@@ -1,4 +1,4 @@
-"""A folder of the suite's results: descriptions with their records, each record with its checksum."""
+"""Reads a folder of the suite's results: descriptions with their records, each record with its checksum."""
 
 import hashlib
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ KINDS = ("table", "figure")
 
 @dataclass(frozen=True)
 class Listed:
-    """A table and what was measured for it.
+    """A table's description with its records.
 
     Args:
         table: its description.
         records: its records, in the file's order.
         checksums: of each record, as its line states it.
-        digest: SHA-256 of the file of records; empty without one.
-        absent: why there are no records; empty where there are.
+        digest: SHA-256 of the file of records; empty if there is none.
+        absent: why there are no records; empty otherwise.
     """
 
     table: TableDescription
@@ -32,10 +32,10 @@ class Listed:
 
 
 def read_folder(folder: str | Path) -> tuple[Listed, ...]:
-    """Every table of a folder in the order of its numbers, then every figure, then what has no number.
+    """Read all tables of a folder by number, then all figures by number, then studies.
 
     Args:
-        folder: holds ``<name>.json`` and ``<name>.jsonl``.
+        folder: has files ``<name>.json`` and ``<name>.jsonl``.
 
     Raises:
         InputError: the folder is missing or holds no description, a file of records has no description, or a file
@@ -47,15 +47,17 @@ def read_folder(folder: str | Path) -> tuple[Listed, ...]:
     descriptions = sorted(root.glob("*.json"), key=lambda path: _number(path.stem))
     if not descriptions:
         raise InputError(root, "holds no description of a table", "make a table first: gaussian-enhancer tables")
-    lonely = sorted({p.stem for p in root.glob("*.jsonl")} - {p.stem for p in descriptions})
-    if lonely:
-        raise InputError(root / f"{lonely[0]}.jsonl", "has no description beside it", "make the table again")
+    without_description = sorted({p.stem for p in root.glob("*.jsonl")} - {p.stem for p in descriptions})
+    if without_description:
+        raise InputError(
+            root / f"{without_description[0]}.jsonl", "has no description beside it", "make the table again"
+        )
     return tuple(_listed(path) for path in descriptions)
 
 
 def all_records(listed: Sequence[Listed]) -> tuple[Record, ...]:
-    """The records of all tables; one that several tables hold comes once for each."""
-    return tuple(record for one in listed for record in one.records)
+    """The records of all tables; a record in several tables is repeated."""
+    return tuple(record for table_listing in listed for record in table_listing.records)
 
 
 def _listed(path: Path) -> Listed:
@@ -69,7 +71,7 @@ def _listed(path: Path) -> Listed:
 
 
 def _number(name: str) -> tuple[int, str, int]:
-    """``table_2`` before ``table_10``, tables before figures, and these before studies."""
+    """Sort key: ``table_2`` before ``table_10``, tables before figures, figures before studies."""
     head, _, tail = name.rpartition("_")
     numbered = tail.isdigit() and head in KINDS
     return (KINDS.index(head), head, int(tail)) if numbered else (len(KINDS), name, 0)

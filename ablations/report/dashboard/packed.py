@@ -1,7 +1,7 @@
-"""Everything that the page shows as one compact value: each record once, in columns, texts numbered.
+"""Packs all tables and records of the page into compact plain values: each record once, column by column.
 
-``records`` holds one list a field; fields that repeat are indices into ``pools``. ``tables`` point at records by
-index. What cannot be known here is stated with its reason, so that the page decides nothing.
+``records`` has one list per field; fields with repeated values hold indices into ``pools``. ``tables`` refer to records
+by index. Missing values are stated with their reasons, so that the page's script decides nothing.
 """
 
 import dataclasses
@@ -15,11 +15,11 @@ from gaussian_enhancer.metrics.records import MISSING, Record
 from gaussian_enhancer.report.quantities import Quantity, quantities
 
 POOLED = ("kind", "run", "scene", "splat", "view", "variant", "protocol", "commit", "machine", "time")
-"""Fields of a record that repeat; with them size, reasons and sources."""
+"""Fields of a record that are stored as indices into ``pools``, as are size, reasons and sources."""
 
 
 class NumberedValues:
-    """Values numbered in the order in which they came."""
+    """Assigns numbers to distinct values, in the order in which they are first seen."""
 
     def __init__(self) -> None:
         self.numbers: dict[Any, int] = {}
@@ -35,25 +35,27 @@ class NumberedValues:
 
 
 def packed_tables(listed: Sequence[Listed]) -> dict[str, Any]:
-    """Records, tables and metrics of a folder as plain values.
+    """Records, tables and metrics of a folder, as plain values for the page's script.
 
     Args:
         listed: the tables.
     """
-    places: dict[tuple[str, str], int] = {}
+    index_by_key: dict[tuple[str, str], int] = {}
     unique: list[tuple[str, Record]] = []
-    for one in listed:
-        for checksum, record in zip(one.checksums, one.records, strict=True):
+    for table_listing in listed:
+        for checksum, record in zip(table_listing.checksums, table_listing.records, strict=True):
             key = (checksum, record.time)
-            if key not in places:
-                places[key] = len(unique)
+            if key not in index_by_key:
+                index_by_key[key] = len(unique)
                 unique.append((checksum, record))
-    keys = {name for one in listed for name in one.table.metrics} | {name for _, r in unique for name in r.metrics}
+    keys = {name for table_listing in listed for name in table_listing.table.metrics} | {
+        name for _, r in unique for name in r.metrics
+    }
     metrics = quantities(keys)
     return {
         "metrics": [_metric(metric) for metric in metrics],
         **_columns(unique, [metric.key for metric in metrics]),
-        "tables": [_table(one, places) for one in listed],
+        "tables": [_table(table_listing, index_by_key) for table_listing in listed],
     }
 
 
@@ -62,7 +64,7 @@ def _metric(metric: Quantity) -> dict[str, Any]:
 
 
 def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> dict[str, Any]:
-    """The records field by field."""
+    """The records, field by field, with the pools of repeated values."""
     pools = {name: NumberedValues() for name in (*POOLED, "size", "reasons", "sources")}
     columns: dict[str, list[Any]] = {name: [] for name in (*pools, "seed", "checksum")}
     for checksum, record in unique:
@@ -81,10 +83,10 @@ def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> di
 
 
 def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]:
-    """A description with its lines; records by their place among all."""
+    """A table's description and lines; its records as indices into all records."""
     table, records = one.table, one.records
-    own = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
-    before, results = baselines(table, records), Results(table, records)
+    record_indices = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
+    baseline_indices, results = baselines(table, records), Results(table, records)
     blocks = NumberedValues()
     return {
         **{name: getattr(table, name) for name in ("name", "title", "kind", "about", "baseline", "finer", "scale")},
@@ -95,8 +97,8 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
         "datasets": {name: dataclasses.asdict(dataset) for name, dataset in table.datasets.items()},
         "absent": one.absent,
         "digest": one.digest,
-        "records": own,
-        "baseline_of": [[own[place] for place in places_] for places_ in before],
+        "records": record_indices,
+        "baseline_of": [[record_indices[place] for place in indices] for indices in baseline_indices],
         "block_of": [blocks.number(block_of(table, record)) for record in records],
         "blocks": blocks.values,
         "missing": sum(record.kind == MISSING for record in records),
@@ -106,12 +108,12 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
 
 
 def _described(method: dict[str, Any]) -> dict[str, Any]:
-    """A method's description without what it leaves open."""
+    """A method's description without empty values, except its title and role."""
     return {name: value for name, value in method.items() if value not in ("", (), False) or name in ("title", "role")}
 
 
 def _line(line: Line, metrics: Sequence[str]) -> dict[str, Any]:
-    """A line; its records by their place in the table."""
+    """A line; its records as indices into the table's records."""
     return {
         "block": line.block,
         "dataset": line.dataset,
@@ -123,5 +125,5 @@ def _line(line: Line, metrics: Sequence[str]) -> dict[str, Any]:
 
 
 def _number(number: Number) -> dict[str, Any]:
-    """A number without what is unknown."""
+    """A number without unknown values."""
     return {name: value for name, value in dataclasses.asdict(number).items() if value not in (None, ())}

@@ -1,4 +1,4 @@
-"""The dashboard's page: one file with all numbers and its script inside, pictures in a folder beside it."""
+"""Writes the dashboard's page: one file that contains all numbers and the script; pictures are in folders beside it."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -28,12 +28,12 @@ SCRIPTS = (
     "studies",
     "tabs",
 )
-"""The page's script in its order, one file a part, in ``report/templates/dashboard``."""
+"""The parts of the page's script, in order; each is one file in ``report/templates/dashboard``."""
 
 PACKAGE = "ablations.report"
 
 POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-"""Style and script are inside the page, pictures in a folder beside it."""
+"""Content security policy: style and script are inside the page, pictures in folders beside it."""
 
 
 def write_dashboard(
@@ -47,12 +47,12 @@ def write_dashboard(
     """Write the page.
 
     Args:
-        path: the HTML file; written whole or not at all.
+        path: the HTML file; written atomically.
         title: the page's title.
-        listed: tables and records.
+        listed: tables and their records.
         runs: the runs that the records name.
-        pictures: what lies beside the page.
-        studies: beside the tables, their diagrams beside the page.
+        pictures: pictures that were copied beside the page.
+        studies: further studies, whose diagrams were copied beside the page.
 
     Raises:
         InputError: the file cannot be written.
@@ -68,15 +68,15 @@ def document(
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> str:
-    """The page's HTML; arguments as for `write_dashboard`."""
+    """The page's HTML; arguments as in `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or ShownImages()).packed()}
     data["studies"] = [study.packed() for study in studies]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)
-    lacking = f" · {missing} of them of what is missing" if missing else ""
+    missing_note = f" · {missing} of them of what is missing" if missing else ""
     values = {
         "title": title,
-        "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{lacking}",
+        "subtitle": f"{_counted(len(listed), 'table')} · {_counted(len(records), 'record')}{missing_note}",
         "data": data,
         "package": PACKAGE,
         "policy": POLICY,

@@ -1,4 +1,4 @@
-"""Pictures beside the page: a few views of every scene before and after, each file once, at its original size."""
+"""Copies pictures beside the page: a few views of every scene before and after enhancement, in original resolution."""
 
 import hashlib
 import re
@@ -15,10 +15,10 @@ from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.metrics.records import Record
 
 LARGEST_COPY = 1_500_000
-"""Bytes up to which a picture is copied as it is; a larger one becomes a JPEG of quality 92."""
+"""Largest size in bytes of a picture that is copied unchanged; larger ones become JPEGs of quality 92."""
 
 PARTS = {"render": "renders", "photo": "gt"}
-"""What every enhanced run holds beside its enhanced images."""
+"""Folders of an enhanced run beside that of its enhanced images, by name of the image in `Shown.files`."""
 
 
 @dataclass
@@ -44,11 +44,11 @@ class Shown:
 
 @dataclass(frozen=True)
 class ShownImages:
-    """What the page can show, and what it cannot, with reasons.
+    """The pictures of the page, and the reasons of missing ones.
 
     Args:
         shown: views with files.
-        missing: reason by scene, splat and method in words.
+        missing: reason by a text of scene, splat and method.
     """
 
     shown: tuple[Shown, ...] = ()
@@ -62,60 +62,64 @@ class ShownImages:
 def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int = 2) -> ShownImages:
     """Copy a few views of every scene and splat from the enhanced runs that records name.
 
-    Of methods with several seeds the first is shown. Views are spread evenly over those that were measured.
+    Of a method with several seeds, the first seed is shown. Views are spread evenly over the measured ones.
 
     Args:
-        listed: tables and records.
-        runs: folder that holds the runs.
-        output: folder of the page; files go to ``images`` in it, named by their content.
-        most: views of each scene and splat.
+        listed: tables and their records.
+        runs: folder of the runs.
+        output: folder of the page; files are written to its subfolder ``images``, named by the hash of their content.
+        most: largest number of views per scene, splat and method.
 
     Raises:
         InputError: the folder cannot be written.
     """
     chosen = _chosen(listed, most)
-    shown: dict[tuple[str, str, str], Shown] = {}
+    views: dict[tuple[str, str, str], Shown] = {}
     missing: dict[str, str] = {}
     for (scene, splat, method), (title, records) in chosen.items():
-        place = f"{scene} · {splat} · {title}"
+        label = f"{scene} · {splat} · {title}"
         name = records[0].sources.get("enhance")
         if name is None:
-            missing[place] = "its records name no enhanced run"
+            missing[label] = "its records name no enhanced run"
             continue
         folder = runs / "enhance" / name
-        side = _side(folder)
-        if side is None:
-            missing[place] = f"the enhanced run {name} is not on this machine"
+        step_folder = _side(folder)
+        if step_folder is None:
+            missing[label] = f"the enhanced run {name} is not on this machine"
             continue
         for record in records:
-            view = shown.setdefault((scene, splat, record.view), Shown(scene, splat, record.view))
-            lacking = _add(view, method, title, side, record.view, output)
-            if lacking:
-                missing[f"{place} · {record.view}"] = lacking
-    kept = tuple(view for view in shown.values() if "render" in view.files and len(view.files) > 1)
-    return ShownImages(kept, missing)
+            shown_view = views.setdefault((scene, splat, record.view), Shown(scene, splat, record.view))
+            missing_file = _add(shown_view, method, title, step_folder, record.view, output)
+            if missing_file:
+                missing[f"{label} · {record.view}"] = missing_file
+    complete = tuple(
+        shown_view for shown_view in views.values() if "render" in shown_view.files and len(shown_view.files) > 1
+    )
+    return ShownImages(complete, missing)
 
 
 def _chosen(listed: Sequence[Listed], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
-    """Title and records to show, by scene, splat and method; methods of the same weights in two tables come once."""
-    found: dict[tuple[str, str, str], tuple[str, list[Record]]] = {}
-    for one in listed:
+    """Title and records to show, by scene, splat and method; a method in two tables with the same run is shown once."""
+    shown_records: dict[tuple[str, str, str], tuple[str, list[Record]]] = {}
+    for table_listing in listed:
         members: dict[tuple[str, str, str], list[Record]] = {}
-        for record in one.records:
-            method = one.table.methods.get(record.variant)
-            learnt = method is not None and bool(method.train or method.weights)
-            if record.kind == "quality" and record.view and learnt:
+        for record in table_listing.records:
+            method = table_listing.table.methods.get(record.variant)
+            has_weights = method is not None and bool(method.train or method.weights)
+            if record.kind == "quality" and record.view and has_weights:
                 members.setdefault((record.scene, record.splat, record.variant), []).append(record)
         for (scene, splat, method_name), records in members.items():
-            first = min(records, key=lambda record: -1 if record.seed is None else record.seed).seed
-            ours = sorted((r for r in records if r.seed == first), key=lambda record: record.view)
-            title = one.table.methods[method_name].title
+            first_seed = min(records, key=lambda record: -1 if record.seed is None else record.seed).seed
+            seed_records = sorted((r for r in records if r.seed == first_seed), key=lambda record: record.view)
+            title = table_listing.table.methods[method_name].title
             key = (scene, splat, method_name)
-            if key in found and found[key][1][0].sources.get("enhance") != ours[0].sources.get("enhance"):
-                key = (scene, splat, f"{one.table.name}/{method_name}")
-                title = f"{title} ({one.table.name})"
-            found.setdefault(key, (title, _spread(ours, most)))
-    return found
+            if key in shown_records and shown_records[key][1][0].sources.get("enhance") != seed_records[0].sources.get(
+                "enhance"
+            ):
+                key = (scene, splat, f"{table_listing.table.name}/{method_name}")
+                title = f"{title} ({table_listing.table.name})"
+            shown_records.setdefault(key, (title, _spread(seed_records, most)))
+    return shown_records
 
 
 def _spread(records: Sequence[Record], most: int) -> list[Record]:
@@ -125,30 +129,30 @@ def _spread(records: Sequence[Record], most: int) -> list[Record]:
 
 
 def _side(folder: Path) -> Path | None:
-    """The last step's folder of an enhanced run; None where it is not here."""
+    """The folder of an enhanced run's last step; None if it does not exist."""
     steps = [(int(m[1]), p) for p in folder.glob("test/ours_*") if (m := re.fullmatch(r"ours_(\d+)", p.name))]
     return max(steps)[1] if steps else None
 
 
 def _add(view: Shown, method: str, title: str, side: Path, name: str, output: Path) -> str:
-    """Copy a view's files; what it lacks, in words."""
-    sources = {what: side / part / name for what, part in PARTS.items() if what not in view.files}
+    """Copy a view's files; returns which file is missing, or an empty text."""
+    sources = {key: side / part / name for key, part in PARTS.items() if key not in view.files}
     sources[method] = side / "enhanced" / name
-    for what, source in sources.items():
+    for key, source in sources.items():
         if not source.is_file():
-            if what != "photo":
+            if key != "photo":
                 return f"{source.parent.name}/{name} is not in the enhanced run"
             continue
         file, size = _copied(source, output)
-        if what == method:
+        if key == method:
             view.methods[method] = title
-        view.files[what] = file
-        view.size = size if what == "render" else view.size
+        view.files[key] = file
+        view.size = size if key == "render" else view.size
     return ""
 
 
 def _copied(source: Path, output: Path) -> tuple[str, tuple[int, int]]:
-    """Address and size of a picture beside the page; a file that is there already is not written again."""
+    """Copy a picture beside the page unless it exists there; returns its address and its size in pixels."""
     content = source.read_bytes()
     name = hashlib.sha256(content).hexdigest()[:20]
     with Image.open(source) as picture:

@@ -1,4 +1,4 @@
-"""The runs that records come from: their settings and what their trainings logged, as far as they lie here."""
+"""Reads the runs that records name: their settings and the curves of their trainings, if they are on this machine."""
 
 import csv
 import json
@@ -13,7 +13,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 
 MOST_POINTS = 1000
-"""Points of a curve on the page; a longer one is thinned evenly, and the page says so."""
+"""Largest number of points of a curve on the page; longer curves are subsampled evenly, and the page says so."""
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Curve:
     """One logged quantity of a training.
 
     Args:
-        name: the log's column.
+        name: column of the log.
         steps: optimiser steps.
-        values: its values there.
-        logged: number of values in the log.
+        values: its values at these steps.
+        logged: number of finite values in the log.
     """
 
     name: str
@@ -40,9 +40,9 @@ class SourceRun:
     Args:
         job: the job that made it.
         name: its folder's name.
-        settings: its resolved configuration, one entry a value, by dotted path, as JSON.
-        curves: what it logged.
-        absent: why settings or curves are not there, by "settings" and "curves".
+        settings: values of its resolved configuration as JSON, by dotted path.
+        curves: its logged curves.
+        absent: why settings or curves are missing, by "settings" and "curves".
     """
 
     job: str
@@ -58,43 +58,43 @@ def source_runs(
     """Every run that a record names, in the order of job and name.
 
     Args:
-        runs: folder that holds the runs, ``<job>/<name>``.
+        runs: folder of the runs, ``<job>/<name>``.
         records: the records.
         configuration: reads a run's ``config.yaml``.
 
     Raises:
-        InputError: a configuration or a log that is there cannot be read.
+        InputError: an existing configuration or log cannot be read.
     """
     named = sorted({(job, name) for record in records for job, name in record.sources.items()})
     return tuple(_read(runs / job / name, job, name, configuration) for job, name in named)
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """A nested configuration by dotted path; a list of plain values is one value.
+    """Flatten a nested configuration to JSON values by dotted path; a list of plain values is one value.
 
     Args:
         values: the configuration.
-        prefix: path of ``values`` with its dot.
+        prefix: path of ``values`` with a dot at its end.
     """
-    found: dict[str, str] = {}
+    flattened: dict[str, str] = {}
     for key, value in values.items():
         if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
             value = {str(index): item for index, item in enumerate(value)}
         if isinstance(value, Mapping) and value:
-            found |= flat(value, f"{prefix}{key}.")
+            flattened |= flat(value, f"{prefix}{key}.")
         else:
-            found[f"{prefix}{key}"] = json.dumps(value, ensure_ascii=False, default=str)
-    return found
+            flattened[f"{prefix}{key}"] = json.dumps(value, ensure_ascii=False, default=str)
+    return flattened
 
 
 def read_curves(path: Path) -> tuple[Curve, ...]:
-    """The columns of a CSV log over its column ``step``; rows without a value, and values not finite, have no point.
+    """Read the columns of a CSV log as curves over its column ``step``; missing and non-finite values are left out.
 
     Args:
         path: ``metrics.csv`` as the CSV logger writes it.
 
     Raises:
-        InputError: it cannot be read, or holds what is no number.
+        InputError: it cannot be read, or contains a value that is not a number.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -110,13 +110,13 @@ def _curves(rows: Sequence[Mapping[str, str]]) -> tuple[Curve, ...]:
         points = [(float(row["step"]), float(row[name])) for row in rows if row.get(name) and row.get("step")]
         finite = sorted(point for point in points if math.isfinite(point[1]))
         if finite:
-            kept = _thinned(finite)
-            curves.append(Curve(name, tuple(x for x, _ in kept), tuple(y for _, y in kept), len(finite)))
+            thinned = _thinned(finite)
+            curves.append(Curve(name, tuple(x for x, _ in thinned), tuple(y for _, y in thinned), len(finite)))
     return tuple(curves)
 
 
 def packed_runs(runs: Sequence[SourceRun]) -> dict[str, Any]:
-    """Runs as plain values: paths and values of settings numbered, since most runs share most of them."""
+    """Runs as plain values for the page's script; settings are stored as indices, since runs share most of them."""
     keys, values = NumberedValues(), NumberedValues()
     packed = [
         {
@@ -135,16 +135,16 @@ def _read(folder: Path, job: str, name: str, configuration: Callable[[Path], Map
     absent: dict[str, str] = {}
     settings: dict[str, str] = {}
     curves: tuple[Curve, ...] = ()
-    where = "the run is not on this machine" if not folder.is_dir() else "the run kept none"
+    reason = "the run is not on this machine" if not folder.is_dir() else "the run kept none"
     if (folder / "config.yaml").is_file():
         settings = flat(configuration(folder / "config.yaml"))
     else:
-        absent["settings"] = where
+        absent["settings"] = reason
     log = folder / "log" / "metrics.csv"
     if log.is_file():
         curves = read_curves(log)
     if job.startswith("train") and not curves:
-        absent["curves"] = "its log holds no value" if log.is_file() else where
+        absent["curves"] = "its log holds no value" if log.is_file() else reason
     return SourceRun(job, name, settings, curves, absent)
 
 

@@ -1,4 +1,4 @@
-"""The studies beside the suite's tables: error over run time, stability, what a scene does not need."""
+"""The dashboard's studies beside the tables: error over run time, stability, and what plans leave out."""
 
 import html
 import re
@@ -33,7 +33,7 @@ NOTES = {
         "What a plan leaves out of each scene: the time that this saves, and what it costs.",
     ),
 }
-"""By study: the job that measures it, and how it is to be read."""
+"""By study: the job that measures it, and how to read it."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Diagram:
     """One diagram.
 
     Args:
-        title: its own, unescaped.
+        title: title of the SVG document, unescaped.
         file: address relative to the page.
     """
 
@@ -51,14 +51,14 @@ class Diagram:
 
 @dataclass(frozen=True)
 class StudyView:
-    """What the page shows of a study.
+    """The content of the page on one study.
 
     Args:
         name: the part of the page that shows it.
-        note: how it is to be read.
-        diagrams: beside the page.
+        note: how to read it.
+        diagrams: files beside the page.
         tables: by heading.
-        absent: why there is nothing to show; empty where there is.
+        absent: why there is nothing to show; empty otherwise.
     """
 
     name: str
@@ -68,42 +68,43 @@ class StudyView:
     absent: str = ""
 
     def packed(self) -> dict[str, Any]:
-        """The study as the page's script reads it."""
+        """The study as plain values for the page's script."""
         tables = [
             {"title": title, "columns": list(table.columns), "rows": table.to_numpy().tolist()}
             for title, table in (self.tables or {}).items()
         ]
-        return {**vars(self), "diagrams": [vars(one) for one in self.diagrams], "tables": tables}
+        return {**vars(self), "diagrams": [vars(diagram) for diagram in self.diagrams], "tables": tables}
 
 
 def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: PlanAims) -> StudyView:
-    """What the page shows of a study; its reason where nothing was measured.
+    """Read a study for the page; its ``absent`` states the reason if nothing was measured.
 
     Args:
         name: one of `NOTES`.
-        records: what the study's job has written.
-        diagrams: an SVG file, or a folder of some.
-        output: the page's folder, where they are copied to.
-        aims: what plans are held to.
+        records: the file of records of the study's job.
+        diagrams: an SVG file, or a folder of SVG files.
+        output: the page's folder, to which diagrams are copied.
+        aims: aims of the plans.
 
     Raises:
         InputError: records are damaged, or a file cannot be written.
     """
     if not records.is_file():
         return StudyView(name, "", absent=f"Nothing was measured where this page was made: {NOTES[name][0]}.")
-    found = read_records(records)
+    study_records = read_records(records)
     tables = {
         "tradeoff": _tradeoff_tables,
         "stability": _stability_tables,
         "plan": lambda own: _plan_tables(own, aims),
-    }[name](found)
+    }[name](study_records)
     files = sorted(diagrams.glob("*.svg")) if diagrams.is_dir() else [diagrams] if diagrams.is_file() else []
     return StudyView(name, NOTES[name][1], copy_diagrams(files, output), tables)
 
 
 def _tradeoff_tables(records: Sequence[Record]) -> dict[str, pd.DataFrame]:
     return {
-        f"{study}, {side} scenes": setting_table(summarised(own)[0]) for (study, side), own in by_side(records).items()
+        f"{study}, {side} scenes": setting_table(summarised(side_records)[0])
+        for (study, side), side_records in by_side(records).items()
     }
 
 
@@ -112,7 +113,7 @@ def _stability_tables(records: Sequence[Record]) -> dict[str, pd.DataFrame]:
     for record in records:
         if record.kind == CELL:
             families.setdefault(record.run, []).append(record)
-    return {family.capitalize(): count_table(own) for family, own in families.items()}
+    return {family.capitalize(): count_table(family_records) for family, family_records in families.items()}
 
 
 def _plan_tables(records: Sequence[Record], aims: PlanAims) -> dict[str, pd.DataFrame]:
@@ -124,21 +125,21 @@ def copy_diagrams(sources: Sequence[Path], output: Path) -> tuple[Diagram, ...]:
     """Copy SVG files beside the page.
 
     Args:
-        sources: files as jobs have written them; of two with one name the last is shown.
+        sources: files written by jobs; of two with the same name the last is shown.
         output: the page's folder.
 
     Raises:
         InputError: a file cannot be written.
     """
-    found = []
+    diagrams = []
     for path in sources:
         with whole_file(output / FOLDER / path.name) as temporary:
             shutil.copyfile(path, temporary)
-        found.append(Diagram(_title(path), f"{FOLDER}/{path.name}"))
-    return tuple(found)
+        diagrams.append(Diagram(_title(path), f"{FOLDER}/{path.name}"))
+    return tuple(diagrams)
 
 
 def _title(path: Path) -> str:
-    """The document's title; the file's name where it has none."""
+    """The title of an SVG document, else its file's name."""
     match = re.search(r"<svg[^>]*>\s*<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.S)
     return html.unescape(match[1]) if match else path.stem.replace("_", " ")

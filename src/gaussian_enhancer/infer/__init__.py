@@ -1,1 +1,1 @@
-"""Inference: the enhancer of a set, tiles, plan, temporal smoothing, presets and weights."""
+"""Inference: enhancement of sets of views, tiling, planning, temporal smoothing, presets and weights files."""

@@ -1,4 +1,4 @@
-"""Enhancing the views of a set, one after the other.
+"""Enhancement of the views of a set, one after another.
 
 Axes: b batch, h height, w width, H, W the same times the network's scale.
 """
@@ -42,15 +42,15 @@ class Enhanced:
     Args:
         name: the render's file name.
         image: of the render's size, or finer by the network's scale, [0, 1].
-        preparing: milliseconds that choosing, reading and warping references took.
-        enhancing: milliseconds that the network took.
+        preparing: milliseconds for choosing, reading and warping references.
+        enhancing: milliseconds for the network.
         references: names of the references that were used, best first. Where several regions were enhanced, those of
             the first.
         plan: which parts were enhanced; None where everything was.
-        unchanged: the image is the render as it was given: no reference shows anything of it, or the splat was fitted
-            to this view, and the render is nearer to its photo than the enhanced image.
-        coverage: how many references show each pixel of the render: their visibilities, summed; 0 where the plan passes
-            the render through. None unless `SetEnhancer` keeps it.
+        coverage: the sum of the references' visibilities at each pixel of the render; 0 where the plan passes the
+            render through. None unless ``keeps_coverage`` of `SetEnhancer` is set.
+        unchanged: whether the image is the input render, since no reference is visible in it, or since the splat was
+            fitted to this view and the render is closer to its photo than the enhanced image.
     """
 
     name: str
@@ -71,25 +71,26 @@ class SetEnhancer:
     Args:
         network: the enhancement network.
         reference_config: how references are chosen and aligned.
-        device: where the network runs; None is the processor.
-        precision: of the network's convolutions; "auto" is bfloat16 on processors and float16 on graphics cards
-            that compute in it, float32 elsewhere.
-        tile: side of the tiles that larger images are cut into, a multiple of 16. Super-resolution, which computes its
-            finer scales in parts of its own, takes tiles twice as large.
+        device: where the network runs; None is the CPU.
+        precision: of the network's convolutions; "auto" is float16 on CUDA devices, bfloat16 on CPUs that compute in
+            it, and float32 on other CPUs.
+        tile: side of the tiles that larger images are cut into, a multiple of 16. Super-resolution takes tiles twice as
+            large, since it splits its finer scales further itself.
         halo: width in pixels of the border of a tile that is computed and discarded, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
-        temporal_smoothing: for frames of a path: share of the change that each target takes over from the one before
-            it, in [0, 1) (`smoothed_over_time`). Super-resolution does not support it.
-        colour_clamping: side in pixels of the window to whose colours, the render's and the warped references', an
-            enhanced pixel is clamped (`clamp_to_references`); 0 sets no limit. Super-resolution, and references that
-            are not warped, set none.
-        colour_completion: where no reference is visible, put the smooth change of colour that visible pixels predict in
-            place of the network's own (`complete_change`). It works where colour_clamping does.
-        confidence: how much of the change to apply where (`ChangeConfidence`); None applies all of it. It works where
-            colour_clamping does.
-        pass_through: return the render of a view in which no reference is visible, at the render's own resolution. A
-            network that was trained with references and sees none can only guess.
-        keeps_coverage: return with each view how many references show each of its pixels.
+        temporal_smoothing: for frames of a path: share of the change that each target takes over from the previous
+            one, in [0, 1) (`smoothed_over_time`). Super-resolution does not support it.
+        colour_clamping: side in pixels of a window; each enhanced pixel is clamped to the colours of the render and of
+            the warped references in the window around it (`clamp_to_references`). 0 turns clamping off. It has no
+            effect on super-resolution, or where references are not warped.
+        colour_completion: where no reference is visible, replace the smooth part of the network's change by the one
+            that visible pixels predict (`complete_change`). It has no effect where colour_clamping has none by the
+            network or the warp.
+        confidence: predicts the shares of the change to apply; None applies all of it. It has no effect where
+            colour_clamping has none by the network or the warp.
+        pass_through: return the render itself where no reference is visible in a view. A network that was trained with
+            references can only guess without any. It has no effect on super-resolution.
+        keeps_coverage: return the coverage of each view by references as well (`Enhanced`).
 
     Raises:
         InputError: precision, strength, temporal_smoothing or colour_clamping is out of range.
@@ -147,33 +148,35 @@ class SetEnhancer:
     ) -> Iterator[Enhanced]:
         """Enhance each target of a set, in its order.
 
-        A target with the name and the camera of a reference is a view that the splat was fitted to. Photos of other
-        views make it worse where the fit has converged: its own photo tells whether the render stays as it is.
+        A target with the name and the camera of a reference is a view that the splat was fitted to. If the fit has
+        converged, photos of other views make such a view worse. Its render is kept where it is closer than the
+        enhanced image to the view's own photo.
 
         Args:
             rendered: targets and references.
-            planner: decides what a view does not need; None enhances every pixel with every reference.
-            pool: the set's references, where some are in memory already. A planner brings its own.
-            features: of these references, kept from an earlier call; without effect where references are warped.
+            planner: decides which regions and references of a view are left out; None enhances every pixel with the
+                references that the reference configuration chooses.
+            pool: the set's references, some of which may be in memory; ignored with a planner, which has a pool.
+            features: a cache of these references' features from an earlier call; no effect where references are warped.
 
         Raises:
             InputError: a view cannot be read, or has no camera or depth where alignment or smoothing needs it.
         """
-        before: PreviousChange | None = None
+        previous: PreviousChange | None = None
         pool = planner.pool if planner is not None else Pool(rendered.references) if pool is None else pool
-        fitted: dict[str, int] = {}
+        fitted_views: dict[str, int] = {}
         if self.reference_config.references and self.network.scale == 1:
-            fitted = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
-        for one, target in self._enhance_each(rendered, planner, pool, features):
-            number = fitted.get(one.name)
-            if number is not None and _better_as_rendered(target, one.image, pool, number):
-                one = dataclasses.replace(one, image=target.image.clamp(0, 1), unchanged=True)
-            if not self.temporal_smoothing or self._cannot_be_smoothed(one, target):
-                yield one
-                before = None
+            fitted_views = {view.name: i for i, view in enumerate(pool.views) if view.read_photo is not None}
+        for enhanced, target in self._enhance_each(rendered, planner, pool, features):
+            reference_index = fitted_views.get(enhanced.name)
+            if reference_index is not None and _better_as_rendered(target, enhanced.image, pool, reference_index):
+                enhanced = dataclasses.replace(enhanced, image=target.image.clamp(0, 1), unchanged=True)
+            if not self.temporal_smoothing or self._cannot_be_smoothed(enhanced, target):
+                yield enhanced
+                previous = None
                 continue
-            image, before = smoothed_over_time(one.image, target, before, self.temporal_smoothing)
-            yield dataclasses.replace(one, image=image)
+            image, previous = smoothed_over_time(enhanced.image, target, previous, self.temporal_smoothing)
+            yield dataclasses.replace(enhanced, image=image)
 
     def _enhance_each(
         self,
@@ -182,12 +185,12 @@ class SetEnhancer:
         pool: Pool,
         features: ReferenceFeatures | None,
     ) -> Iterator[tuple[Enhanced, Pixels]]:
-        """Enhance each target by itself; yield it with the target's pixels."""
+        """Enhance each target independently; yield it with the target's pixels."""
         if not rendered.targets:
             raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-        cached = None
+        feature_cache = None
         if isinstance(self.network, CachesReferences) and isinstance(self.reference_config.warp, Unwarped):
-            cached = ReferenceFeatures(self.network) if features is None else features
+            feature_cache = ReferenceFeatures(self.network) if features is None else features
         for view in rendered.targets:
             started = time.perf_counter()
             target = read_target(view)
@@ -195,50 +198,53 @@ class SetEnhancer:
             if planner is not None and plan is not None and plan.regions is not None:
                 yield self._enhance_regions(view, target, planner, plan, started), target
                 continue
-            chosen = None if planner is None or plan is None else planner.chosen(plan)
+            chosen_references = None if planner is None or plan is None else planner.chosen(plan)
             on_device = target.on(self.device)
-            aligned = self.reference_config.align(on_device, view, pool, chosen)
-            prepared = time.perf_counter()
+            aligned = self.reference_config.align(on_device, view, pool, chosen_references)
+            aligned_at = time.perf_counter()
             views = join(on_device, aligned)
-            image = self.enhance(views, aligned.names, cached)[0]
-            ended = time.perf_counter()
-            times = 1e3 * (prepared - started), 1e3 * (ended - prepared)
+            image = self.enhance(views, aligned.names, feature_cache)[0]
+            enhanced_at = time.perf_counter()
+            milliseconds = 1e3 * (aligned_at - started), 1e3 * (enhanced_at - aligned_at)
             coverage = aligned.visibility.sum(0).cpu() if self.keeps_coverage else None
-            yield Enhanced(view.name, image, *times, aligned.names, plan, coverage, self._passes_through(views)), target
+            yield (
+                Enhanced(view.name, image, *milliseconds, aligned.names, plan, coverage, self._passes_through(views)),
+                target,
+            )
 
     def _enhance_regions(
         self, view: RenderedView, target: Pixels, planner: Planner, plan: ViewPlan, started: float
     ) -> Enhanced:
-        """Enhance the planned regions of a view, each as an image of its own; the rest stays as it was rendered."""
+        """Enhance the planned regions of a view, each as a separate image; the rest stays as it was rendered."""
         height, width = plan.size
-        scale, chosen = self.network.scale, planner.chosen(plan)
-        unit = None if target.depth is None else depth_unit(target.depth[None])
+        scale, chosen_references = self.network.scale, planner.chosen(plan)
+        scene_depth_unit = None if target.depth is None else depth_unit(target.depth[None])
         image = upsampled(target.image[None], scale)[0].clamp(0, 1)
-        image = image.clone() if scale == 1 else image  # what was read may be kept by its reader
+        image = image.clone() if scale == 1 else image  # the reader may cache this tensor
         names: tuple[str, ...] = ()
-        enhancing, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
+        network_seconds, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
         for region in plan.regions or ():
             grown = region.grown(planner.rules.margin, height, width)
-            part = cut_pixels(target, grown).on(self.device)
+            crop = cut_pixels(target, grown).on(self.device)
             aligned = self.reference_config.align(
-                part, dataclasses.replace(view, camera=part.camera), planner.pool, chosen
+                crop, dataclasses.replace(view, camera=crop.camera), planner.pool, chosen_references
             )
-            prepared = time.perf_counter()
-            enhanced = self.enhance(join(part, aligned, unit), aligned.names)[0]
-            enhancing += time.perf_counter() - prepared
+            aligned_at = time.perf_counter()
+            enhanced = self.enhance(join(crop, aligned, scene_depth_unit), aligned.names)[0]
+            network_seconds += time.perf_counter() - aligned_at
             region.cut(image, scale).copy_(region.within(grown).cut(enhanced, scale))
             names = names or aligned.names
             if coverage is not None:
                 region.cut(coverage).copy_(region.within(grown).cut(aligned.visibility.sum(0).cpu()))
-        preparing = time.perf_counter() - started - enhancing
-        return Enhanced(view.name, image, 1e3 * preparing, 1e3 * enhancing, names, plan, coverage)
+        preparation_seconds = time.perf_counter() - started - network_seconds
+        return Enhanced(view.name, image, 1e3 * preparation_seconds, 1e3 * network_seconds, names, plan, coverage)
 
     def _passes_through(self, views: NetworkInput) -> bool:
-        """Whether views are returned as they are, since no reference shows anything of them."""
+        """Whether views are returned unchanged, since no reference is visible in them."""
         return self.pass_through and self.network.scale == 1 and not bool((views.visibility > 0).any())
 
     def _cannot_be_smoothed(self, one: Enhanced, target: Pixels) -> bool:
-        """Whether the plan leaves a view without references that lacks the camera or depth for them."""
+        """Whether a view has no camera or depth for smoothing, which the plan permits by using no references."""
         return one.plan is not None and one.plan.references == () and (target.camera is None or target.depth is None)
 
     @torch.inference_mode()
@@ -248,9 +254,12 @@ class SetEnhancer:
         """Run the network, in tiles where the image is large; the result is on the CPU, in [0, 1].
 
         Args:
-            views: what is known of the target.
-            names: of the references.
-            kept: features of references that are kept between targets; without effect where there are several tiles.
+            views: the network's input for the targets.
+            names: of the references; keys of the cache.
+            kept: a cache of reference features for several targets; no effect where the image needs several tiles.
+
+        Raises:
+            InputError: values are not finite or far out of range.
         """
         views = views.to(self.device)
         refuse_not_finite(views)
@@ -273,30 +282,30 @@ class SetEnhancer:
             if self.confidence is not None:
                 enhanced = self.confidence(enhanced, views)
         if self.strength < 1:
-            start = upsampled(views.render, self.network.scale)
-            enhanced = start + self.strength * (enhanced - start)
-        if self.network.scale > 1:  # no part of the input
+            upsampled_render = upsampled(views.render, self.network.scale)
+            enhanced = upsampled_render + self.strength * (enhanced - upsampled_render)
+        if self.network.scale > 1:  # the result shares no memory with the input
             return enhanced.clamp_(0, 1).cpu()
         return enhanced.clamp(0, 1).cpu()
 
 
 def _same_place(camera: Camera | None, other: Camera | None) -> bool:
-    """Whether two cameras are known and stand at the same place, turned alike."""
+    """Whether both cameras are known and have the same pose."""
     if camera is None or other is None:
         return False
     return torch.allclose(camera.world_to_camera.float(), other.world_to_camera.float(), rtol=1e-4, atol=1e-5)
 
 
 def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: Pool, number: int) -> bool:
-    """Whether the splat was fitted to a view, and its render is nearer than the enhanced image to its photo.
+    """Whether the splat was fitted to a view, and its render is closer than the enhanced image to its photo.
 
-    The photo is brought to the exposure of the render.
+    The measure is the mean squared error. The photo's exposure is matched to that of the render.
 
     Args:
-        target: the view's render.
-        enhanced: made of it.
+        target: pixels of the render.
+        enhanced: the enhanced image.
         pool: references.
-        number: of the one that has the view's name.
+        number: index of the reference that has the view's name.
     """
     if not _same_place(target.camera, pool.views[number].camera):
         return False
@@ -304,12 +313,12 @@ def _better_as_rendered(target: Pixels, enhanced: Float[Tensor, "3 h w"], pool: 
     photo = resize(fitted_photo.image, *render.shape[-2:]).to(render)
     if fitted_photo.exposure is not None:
         photo = apply_colour(photo, fitted_photo.exposure.to(photo))
-    before, after = ((image.to(photo) - photo).square().mean() for image in (render, enhanced))
-    return bool(before < after)
+    render_error, enhanced_error = ((image.to(photo) - photo).square().mean() for image in (render, enhanced))
+    return bool(render_error < enhanced_error)
 
 
 def choose_precision(precision: str, device: torch.device) -> torch.dtype:
-    """The type in which convolutions are computed.
+    """The data type in which convolutions are computed.
 
     Raises:
         InputError: the name is unknown.
@@ -321,5 +330,5 @@ def choose_precision(precision: str, device: torch.device) -> torch.dtype:
         raise InputError("precision", f"is {precision!r}", f"choose auto, {', '.join(names)}")
     if device.type == "cuda":
         return torch.float16
-    # Emulated bfloat16 is slower than float32, so only processors that have it use it.
+    # Emulated bfloat16 is slower than float32, so only CPUs with bfloat16 instructions use it.
     return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32

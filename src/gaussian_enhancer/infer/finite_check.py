@@ -1,4 +1,4 @@
-"""Refusing views with values that are not finite."""
+"""Check that views have finite values within range."""
 
 import dataclasses
 
@@ -8,16 +8,16 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import NetworkInput
 
 LARGEST = 1e3
-"""Colours are in [0, 1]; renders go beyond by little. Squares of much larger ones overflow half precision."""
+"""Largest accepted magnitude. Renders exceed [0, 1] only slightly; squares of much larger values overflow float16."""
 
 
 def refuse_not_finite(views: NetworkInput) -> None:
-    """Refuse views with numbers that are not finite or no colours, which a network would spread over the image.
+    """Refuse views with values that are not finite or too large, which a network would spread over the image.
 
     Depth that is not finite is allowed: it counts as unknown.
 
     Args:
-        views: what is known of the targets.
+        views: the network's input.
 
     Raises:
         InputError: colours, visibility or opacity are not finite or beyond 1000 somewhere.
@@ -34,5 +34,5 @@ def refuse_not_finite(views: NetworkInput) -> None:
 
 
 def _in_range(image: Tensor) -> bool:
-    least, largest = image.aminmax()  # one pass; NaN is neither
+    least, largest = image.aminmax()  # one pass; comparisons with NaN are false
     return float(least) >= -LARGEST and float(largest) <= LARGEST

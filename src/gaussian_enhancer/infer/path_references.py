@@ -1,4 +1,4 @@
-"""References for the frames of a path: few changes, since each change of a reference can be seen."""
+"""Choice of references for the frames of a path, with few changes, since each change is visible in the video."""
 
 from dataclasses import dataclass, field, fields
 
@@ -8,18 +8,18 @@ from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedView
 
 HYSTERESIS = 0.5
-"""A candidate of the frame before keeps its place until another costs less than this share of it."""
+"""A candidate of the previous frame is kept until another's cost is below this share of its cost."""
 
 
 @dataclass(frozen=True)
 class PathReferences(ReferenceConfig):
-    """Candidates of a frame are those of the frame before until others are clearly better.
+    """A reference configuration that keeps the previous frame's candidates until others are clearly better.
 
-    Frames are asked for in the order of the path. To go on in the middle of a path, ``kept`` is set to what it was.
+    Frames must be requested in the order of the path. To resume within a path, restore ``kept``.
 
     Args:
         hysteresis: factor on the cost of the previous candidates (`rank_references`); 1 chooses anew for each frame.
-        kept: names of the candidates of the frame before, nearest first; changes with every frame.
+        kept: names of the previous frame's candidates, nearest first; updated in place with every frame.
     """
 
     hysteresis: float = HYSTERESIS
@@ -27,20 +27,20 @@ class PathReferences(ReferenceConfig):
 
     @classmethod
     def of(cls, config: ReferenceConfig, hysteresis: float = HYSTERESIS) -> "PathReferences":
-        """A configuration with the choice for paths.
+        """Build the configuration for a path from one for single views.
 
         Args:
             config: how references are chosen and aligned for single views.
             hysteresis: see the class.
         """
-        return cls(**{one.name: getattr(config, one.name) for one in fields(ReferenceConfig)}, hysteresis=hysteresis)
+        return cls(**{item.name: getattr(config, item.name) for item in fields(ReferenceConfig)}, hysteresis=hysteresis)
 
     def nearest(self, target: Pixels, view: RenderedView, pool: Pool) -> tuple[int, ...]:
         """Indices of the pool's candidate references for the next frame, nearest first."""
         if not self.references:
             return ()
-        before = [index for index, one in enumerate(pool.views) if one.name in self.kept]
-        ranking = {"depth": target.depth, "kept": before, "hysteresis": self.hysteresis}
+        previous = [index for index, reference in enumerate(pool.views) if reference.name in self.kept]
+        ranking = {"depth": target.depth, "kept": previous, "hysteresis": self.hysteresis}
         ranked = rank_references(view, pool.views, self.candidates, **ranking)  # type: ignore[arg-type]
         self.kept[:] = [pool.views[index].name for index in ranked]
         return ranked

@@ -1,4 +1,4 @@
-"""Read all input before writing, so that a damaged file is found first."""
+"""Reading of all input before anything is written, so that damaged files are found first."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -19,13 +19,13 @@ def file_reads(
     """The reads that find damaged files before the first image is written.
 
     Targets are planned as they are read. Their candidate references are read and stay in memory; other references are
-    not read. Targets that are rendered from a splat are planned later, when they are enhanced.
+    not read. Targets that are rendered from a splat are planned when they are enhanced, unless ``rendering`` is set.
 
     Args:
         found: the validated input.
-        keep_photos: whether the targets' own photos are read, too.
+        keep_photos: whether the targets' own photos are read as well.
         planner: plans each target; None where nothing may be left out.
-        rendering: plan targets now that are rendered from a splat.
+        rendering: render and plan targets of a splat at once.
 
     Returns:
         Functions without arguments; each raises `InputError` where a file is damaged.
@@ -37,8 +37,8 @@ def file_reads(
         else:
             reads += _from_files([view.read_depth, view.read_alpha])
         reads += _from_files([view.read_photo, view.read_fine_photo]) if keep_photos else []
-    drawn = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
-    for view in found.rendered.references if drawn and found.reference_config.references else ():
+    any_from_splat = any(not isinstance(view.read, ReadPhoto) for view in found.rendered.targets)
+    for view in found.rendered.references if any_from_splat and found.reference_config.references else ():
         reads += _from_files([view.read_photo, view.read_depth, view.read, view.read_fine_photo])
     return reads
 

@@ -19,10 +19,10 @@ class Preset:
         name: "curve/setting".
         weights: name of the package's weights.
         enhance: overrides of the job ``enhance``.
-        milliseconds: median time a megapixel of output.
+        milliseconds: median time per megapixel of output.
         psnr: mean over validation views, dB.
-        machine: on which it was measured.
-        commit: of the code with which it was measured.
+        machine: the machine on which it was measured.
+        commit: of the code that was measured.
     """
 
     name: str
@@ -45,7 +45,7 @@ def write_presets(path: Path, presets: Sequence[Preset]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    write_text(path, json.dumps([asdict(one) for one in presets], indent=1, ensure_ascii=False) + "\n")
+    write_text(path, json.dumps([asdict(preset) for preset in presets], indent=1, ensure_ascii=False) + "\n")
 
 
 def read_presets(path: Path) -> tuple[Preset, ...]:
@@ -77,7 +77,7 @@ def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: f
 
     Args:
         presets: at least one, the fastest first.
-        budget: milliseconds an image.
+        budget: milliseconds per image.
         megapixels: of the image.
         speed: time on this machine divided by the recorded time; above 1 where this machine is slower.
 
@@ -87,8 +87,8 @@ def choose(presets: Sequence[Preset], budget: float, megapixels: float, speed: f
     Raises:
         InputError: no preset keeps within the budget.
     """
-    best = best_within((one.point for one in presets), budget / (megapixels * speed))
-    chosen = presets[0] if best is None else next(one for one in presets if one.name == best.name)
+    best = best_within((preset.point for preset in presets), budget / (megapixels * speed))
+    chosen = presets[0] if best is None else next(preset for preset in presets if preset.name == best.name)
     expected = chosen.milliseconds * megapixels * speed
     if best is None:
         received = f"is {budget:g}, and the fastest setting, {chosen.name}, takes {expected:.0f} ms for this size here"

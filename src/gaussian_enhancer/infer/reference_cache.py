@@ -16,14 +16,14 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class ReferenceFeatures:
-    """Keeps the features of the references that were used last, where references are not warped.
+    """Least-recently-used cache of reference features, for references that are not warped.
 
-    The key is the reference's name, the target's size, and whether its render and its finer photo are known. Names must
-    be unique: one cache serves one set of views.
+    The key is the reference's name, the target's size, and whether the reference's render and fine photo are known.
+    Names must be unique, so one cache serves one set of views.
 
     Args:
         network: the network, which encodes references.
-        capacity: number of references whose features are kept; one target never needs more than 8.
+        capacity: number of references whose features are kept, at least 8, which is the most that a target needs.
     """
 
     def __init__(self, network: CachesReferences, capacity: int = 24) -> None:
@@ -31,7 +31,7 @@ class ReferenceFeatures:
         self.kept: OrderedDict[tuple[object, ...], tuple[Tensor, ...]] = OrderedDict()
 
     def __call__(self, views: NetworkInput, names: Sequence[str]) -> tuple[Float[Tensor, "b r c _ _"], ...] | None:
-        """The features of a target's references, as the network's ``encode`` gives them; None without references.
+        """The features of a target's references, as the network's ``encode`` returns them; None without references.
 
         Args:
             views: the network's input for one target.
@@ -43,8 +43,8 @@ class ReferenceFeatures:
         return tuple(torch.cat(scale, dim=1) for scale in zip(*features, strict=True))
 
     def _features(self, views: NetworkInput, index: int, name: str) -> tuple[Float[Tensor, "b 1 c _ _"], ...]:
-        kinds = views.reference_renders is not None, views.fine_references is not None
-        key = (name, tuple(views.render.shape[-2:]), *kinds)
+        known_parts = views.reference_renders is not None, views.fine_references is not None
+        key = (name, tuple(views.render.shape[-2:]), *known_parts)
         if key not in self.kept:
             self.kept[key] = self.network.encode(_one_reference(views, index))
         self.kept.move_to_end(key)
@@ -54,7 +54,7 @@ class ReferenceFeatures:
 
 
 def _one_reference(views: NetworkInput, index: int) -> NetworkInput:
-    """The network's input with one reference and, of the target, its size alone."""
+    """The network's input with one reference, and without the target's depth and opacity."""
 
     def one(images: Tensor | None) -> Tensor | None:
         return None if images is None else images[:, index : index + 1]

@@ -15,7 +15,7 @@ from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.types import Region
 
 BLOCK = 16
-"""Side of a block in pixels: networks halve their grid at multiples of it, so that a cut moves no pixel's phase."""
+"""Side of a block in pixels. Crops at its multiples keep each pixel's position in the networks' downsampling grids."""
 
 
 def background_blocks(
@@ -38,14 +38,14 @@ def background_blocks(
 def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int) -> tuple[Region, ...]:
     """Cover all blocks that need work by rectangles.
 
-    A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows and columns without a needed block where
-    the parts with their margins have less than four fifths of the whole's area with its margin.
+    A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows or columns that contain no needed block,
+    if the parts with their margins have less than four fifths of the area of the whole with its margin.
 
     Args:
         needed: blocks that need work.
         height: of the image, in pixels.
         width: of the image, in pixels.
-        margin: width in pixels of the border around a region that is computed as well.
+        margin: width in pixels of the border around a region that is computed with it.
     """
 
     def pixels(box: tuple[int, int, int, int]) -> Region:
@@ -56,15 +56,15 @@ def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int
         return sum(pixels(box).grown(margin, height, width).area for box in boxes)
 
     def divided(box: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
-        inside = mask[box[0] : box[2], box[1] : box[3]]
+        box_mask = mask[box[0] : box[2], box[1] : box[3]]
         for axis in (1, 0):
-            runs = list(_runs(np.asarray(inside.any(axis))))
-            if len(runs) < 2:
+            filled_runs = list(_runs(np.asarray(box_mask.any(axis))))
+            if len(filled_runs) < 2:
                 continue
             offset = box[1 - axis]
             strips = [
                 (offset + a, box[1], offset + b, box[3]) if axis else (box[0], offset + a, box[2], offset + b)
-                for a, b in runs
+                for a, b in filled_runs
             ]
             parts = [part for strip in strips for part in divided(_tight_box(mask, strip))]
             if cost(parts) < 0.8 * cost([box]):
@@ -81,7 +81,7 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
     """Crop a target and its camera to a region.
 
     Args:
-        target: render, and depth and opacity of its size where they are known.
+        target: render, with depth and opacity of the same size where they are known.
         region: the part that is kept.
     """
     return replace(
@@ -94,13 +94,13 @@ def cut_pixels(target: Pixels, region: Region) -> Pixels:
 
 
 def _runs(filled: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and last (exclusive) index of each run of True."""
+    """Start and end (exclusive) of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], filled.astype(np.int8), [0]])))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _tight_box(mask: np.ndarray, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-    """The bounding box of what is True within a box, where something is."""
-    inside = mask[box[0] : box[2], box[1] : box[3]]
-    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    """The bounding box of the True entries within a box, which must contain at least one."""
+    box_mask = mask[box[0] : box[2], box[1] : box[3]]
+    rows, columns = np.flatnonzero(box_mask.any(1)), np.flatnonzero(box_mask.any(0))
     return box[0] + int(rows[0]), box[1] + int(columns[0]), box[0] + int(rows[-1]) + 1, box[1] + int(columns[-1]) + 1
