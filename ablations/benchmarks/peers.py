@@ -101,7 +101,9 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
             yield from measured(cfg, device, Path(folder), console)
 
     parts = () if cfg.records_only else ("all",)
-    return Study(parts, measure, ("kind", "scene", "variant"), whole=True, report=lambda: reported(cfg, console))
+    return Study(
+        parts, measure, ("kind", "scene", "variant"), replaces_file=True, report=lambda: reported(cfg, console)
+    )
 
 
 run = job(study)

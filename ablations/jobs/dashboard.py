@@ -14,7 +14,7 @@ from ablations.report.dashboard.page import write_dashboard
 from ablations.report.dashboard.pictures import ShownImages, copy_pictures
 from ablations.report.dashboard.runs import source_runs
 from ablations.report.dashboard.studies import read_study
-from ablations.suite.evaluation import composed
+from ablations.suite.evaluation import compose_checked
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_yaml
@@ -44,7 +44,7 @@ def run(cfg: DictConfig) -> float | None:
     pictures = copy_pictures(listed, runs, output, views) if views > 0 else ShownImages()
     title = cfg.title or f"GaussianEnhancer suite · {folder.name}"
     path = output / "dashboard.html"
-    aims = aims_of(composed("plan_study", cfg, ()))
+    aims = aims_of(compose_checked("plan_study", cfg, ()))
     studies = [
         read_study(str(name), Path(one.records), Path(one.diagrams), output, aims) for name, one in cfg.studies.items()
     ]

@@ -62,9 +62,9 @@ def remade(source: Path, folder: Path) -> list[Path]:
         for job, *overrides in JOBS:
             importlib.import_module(f"{package_of(job)}.{job}").run(compose(job, overrides))
         write_text("docs/reliability.md", read_page(RESULTS))
-        write_text(video.PAGE, video.filled(video.PAGE.read_text(encoding="utf-8"), RESULTS))
+        write_text(video.PAGE, video.fill_page(video.PAGE.read_text(encoding="utf-8"), RESULTS))
         front = (source / README).read_text(encoding="utf-8")
-        write_text(README, readme.inserted(front, readme.text(read_records(readme.RECORDS))))
+        write_text(README, readme.insert_between_marks(front, readme.text(read_records(readme.RECORDS))))
     finally:
         os.chdir(before)
     made = [README, *sorted(path.relative_to(folder) for path in (folder / DOCS).rglob("*") if path.is_file())]

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ablations.report.plan_study import KIND, RATIOS, PlanAims, PlanScenes, plan_plot, plan_study_page
 from ablations.study.engine import Study, job
-from ablations.suite.evaluation import StudyCell, composed, fitted_cell
+from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
@@ -152,7 +152,10 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
     rendered = read_run(fit)
     rendered = replace(rendered, targets=rendered.targets[:: cell.every])
     device, pretrained = start(cfg.runtime), load_weights(cfg.weights)
-    rules = {str(name): build(composed("enhance", cfg, overrides).plan) for name, overrides in cfg.worlds.plans.items()}
+    rules = {
+        str(name): build(compose_checked("enhance", cfg, overrides).plan)
+        for name, overrides in cfg.worlds.plans.items()
+    }
     outcomes: dict[str, PlanOutcome] = {}
 
     def enhance(name: str) -> None:

@@ -46,7 +46,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[tuple[str, str, StudyC
         () if cfg.records_only else parts,
         lambda part: _measured(cfg, *part),
         ("variant", "scene", "splat"),
-        whole=True,
+        replaces_file=True,
         report=lambda: _reported(cfg),
     )
 

@@ -13,9 +13,9 @@ from ablations.report.stability import matrix_plot, order_plot, stability_page
 from ablations.stability.case import Case
 from ablations.stability.catalogue import catalogue
 from ablations.stability.judge import FAILED, KIND
-from ablations.stability.order import measured_order
+from ablations.stability.order import order_records
 from ablations.stability.sampler import SCHEDULES
-from ablations.stability.watched import measured
+from ablations.stability.watched import matrix_records
 from ablations.study.engine import Study, job
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
@@ -35,7 +35,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     threads = cfg.runtime.threads or os.cpu_count() or 1
     steps, finest = tuple(cfg.order.steps), int(cfg.order.finest)
     parts = {name: partial(_told, own, threads) for name, own in families.items()}
-    parts |= {f"order of {name}": partial(measured_order, name, steps, finest) for name in SCHEDULES}
+    parts |= {f"order of {name}": partial(order_records, name, steps, finest) for name in SCHEDULES}
     report = partial(_reported, Path(cfg.records), Path(cfg.markdown))
     chosen = () if cfg.records_only else tuple(parts)
     return Study(chosen, lambda name: parts[name](), ("kind", "scene"), option="families", report=report)
@@ -47,7 +47,7 @@ run = job(study)
 def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
     """The cells of cases, each failure named as it comes."""
     console = Console(stderr=True)
-    for record in measured(cases, threads=threads):
+    for record in matrix_records(cases, threads=threads):
         if record.variant == FAILED:
             outcome = f"{record.scene} {record.splat} {record.view}: {record.reasons['outcome']}"
             print_line(console, outcome)

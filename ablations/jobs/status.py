@@ -5,9 +5,9 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from ablations.suite.descriptions import asked_names, experiment
+from ablations.suite.descriptions import asked_names, read_experiment
 from ablations.suite.method_runs import with_backbones
-from ablations.suite.plan import planned
+from ablations.suite.plan import plan_runs
 from gaussian_enhancer.errors import refuse_unknown
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.status import NAMES, State, state_of
@@ -41,5 +41,5 @@ def _begun(runs: Path) -> Iterator[tuple[str, str, State]]:
 def _needed(cfg: DictConfig) -> Iterator[tuple[str, str, State]]:
     """Every run that tables need."""
     cfg = with_backbones(cfg)
-    for step in planned(cfg, [experiment(name, cfg.scale) for name in asked_names(cfg.table)]):
+    for step in plan_runs(cfg, [read_experiment(name, cfg.scale) for name in asked_names(cfg.table)]):
         yield step.work.job, step.name, step.state

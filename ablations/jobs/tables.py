@@ -15,12 +15,12 @@ from ablations.realism.real_crops import KINDS, crops, worst
 from ablations.report.grids import PHOTO, Box, write_grid
 from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import SceneGroup, read_description, write_description
-from ablations.suite.cluster import made_ahead
+from ablations.suite.cluster import make_runs_ahead
 from ablations.suite.costs import cost_records
-from ablations.suite.descriptions import Experiment, asked_names, experiment, known_names
+from ablations.suite.descriptions import Experiment, asked_names, known_names, read_experiment
 from ablations.suite.evaluation import StudyCell, check_same_views
 from ablations.suite.method_runs import Runs, with_backbones
-from ablations.suite.plan import planned, told
+from ablations.suite.plan import format_plan, plan_runs
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
@@ -45,13 +45,13 @@ def run(cfg: DictConfig) -> None:
     """
     cfg = with_backbones(cfg)
     require(cfg)
-    experiments = [experiment(name, cfg.scale) for name in asked_names(cfg.table)]
+    experiments = [read_experiment(name, cfg.scale) for name in asked_names(cfg.table)]
     if cfg.dry_run:
-        print(told(planned(cfg, experiments)))
+        print(format_plan(plan_runs(cfg, experiments)))
         return
     console, folder, runs = Console(stderr=True), Path(cfg.results) / cfg.scale.name, Runs(cfg)
     if not cfg.records_only:
-        runs.failures |= made_ahead(cfg, experiments, console)
+        runs.failures |= make_runs_ahead(cfg, experiments, console)
     for one in experiments:
         console.rule(f"{one.table.name}: {one.table.title}", align="left")
         if not cfg.records_only:

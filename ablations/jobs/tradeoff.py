@@ -21,7 +21,7 @@ from ablations.tradeoff.interleaved import study_records
 from ablations.tradeoff.methods import SettingLoader
 from ablations.tradeoff.numerics import numeric_records
 from ablations.tradeoff.settings import TradeoffStudy, read_studies
-from ablations.tradeoff.summary import summarised
+from ablations.tradeoff.summary import summarise
 from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
@@ -53,7 +53,7 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     compared = read_studies(cfg)
     measure = partial(measured, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
-    made = [Study((kind,), measure, records=written(cfg) / f"{kind}.jsonl", whole=True) for kind in kinds]
+    made = [Study((kind,), measure, records=written(cfg) / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
     return [*made, Study((), measure, report=lambda: reported(cfg, compared, asked))]
 
 
@@ -116,12 +116,12 @@ def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tupl
         InputError: none was measured.
     """
     settings = {f"{OFFERING}/{own.name}": own for one in studies if one.name == OFFERING for own in one.settings}
-    able = {name for name, one in settings.items() if one.can_be_asked_for}
+    able = {name for name, one in settings.items() if one.reproducible_by_enhance}
     own = [record for record in records if record.variant in able and record.scene.startswith(CHOOSING)]
     if not own:
         raise InputError("settings", "have no record to be made from", "gaussian-enhancer tradeoff kind=quality")
     presets = []
-    for one in summarised(replace(record, variant=record.variant.removeprefix(f"{OFFERING}/")) for record in own)[0]:
+    for one in summarise(replace(record, variant=record.variant.removeprefix(f"{OFFERING}/")) for record in own)[0]:
         setting = settings[f"{OFFERING}/{one.name}"]
         found = (setting.weights, setting.enhance, one.milliseconds, one.psnr, own[0].machine, own[0].commit)
         presets.append(Preset(one.name, *found))

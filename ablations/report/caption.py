@@ -5,14 +5,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ablations.study.description import TableDescription
-from ablations.study.statistics import FEWEST
+from ablations.study.statistics import MIN_UNITS
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 KINDS = {
     "quality": (
         "Means over scenes of the means over their seeds and views. Gains are over the first method, on the same "
         "scenes, seeds and views, with a 95 % bootstrap interval (BCa) that draws scenes, or the views of each scene "
-        f"where there are fewer than {FEWEST} scenes; there is none below {FEWEST} views. p: two-sided "
+        f"where there are fewer than {MIN_UNITS} scenes; there is none below {MIN_UNITS} views. p: two-sided "
         "sign-flip test of the gains, corrected by Holm over all methods and blocks of a column"
     ),
     "repeats": (
@@ -34,17 +34,17 @@ def caption(table: TableDescription, records: Sequence[Record]) -> str:
     """
     sentences = [table.title]
     sentences += [f"Scale: {table.scale}"] if table.scale else []
-    sentences += _whose(table, records)
+    sentences += _system_sentences(table, records)
     sentences += [stand_in(d.stand_in, d.title) for d in table.datasets.values() if d.stand_in]
     if table.kind == "cost":
-        machines = stated(record.machine for record in records if record.kind == "cost")
+        machines = distinct_values(record.machine for record in records if record.kind == "cost")
         sentences += [f"Measured on {'; '.join(machines)}"] if machines else ["Measured on no machine yet"]
         if any("no GPU" in machine for machine in machines):
             sentences.append("These are CPU times and the memory of a process: the machine has no GPU")
     return " ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 
-def _whose(table: TableDescription, records: Sequence[Record]) -> list[str]:
+def _system_sentences(table: TableDescription, records: Sequence[Record]) -> list[str]:
     """Sentences on which rows are the paper's system and which are ours, and on the paper's rows that are missing."""
     if not any(method.mode for method in table.methods.values()):
         return []
@@ -76,7 +76,7 @@ def reading(table: TableDescription, units: Sequence[str], alone: bool = False) 
     if units:
         text += f", on means by {' or by '.join(units)}"
     if "view" in units:
-        text += f" (by view where fewer than {FEWEST} scenes and seeds could tell nothing)"
+        text += f" (by view where fewer than {MIN_UNITS} scenes and seeds could tell nothing)"
     single_scene = " A block has one scene: its intervals and tests speak of that scene alone." if alone else ""
     bold = "" if table.kind == "repeats" else " Bold: best of a column in its block."
     paper = " The paper's numbers stand beside ours; a dash where it has none." if table.paper else ""
@@ -95,9 +95,9 @@ def sources(folder: Path, table: TableDescription, records: Sequence[Record]) ->
     path = folder / f"{table.name}.jsonl"
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file of records beside this one"
     lines = {
-        "protocol": "; ".join(stated(record.protocol for record in records)),
-        "commits": ", ".join(stated(record.commit for record in records)),
-        "machines": "; ".join(stated(record.machine for record in records)),
+        "protocol": "; ".join(distinct_values(record.protocol for record in records)),
+        "commits": ", ".join(distinct_values(record.commit for record in records)),
+        "machines": "; ".join(distinct_values(record.machine for record in records)),
         "measured": f"{times[0]} to {times[-1]}" if times else "",
         "records": f"{len(records)} in {table.name}.jsonl",
         "sha256 of the records": digest,
@@ -105,6 +105,6 @@ def sources(folder: Path, table: TableDescription, records: Sequence[Record]) ->
     return tuple((label, text or "not stated") for label, text in lines.items())
 
 
-def stated(values: Iterable[str]) -> list[str]:
+def distinct_values(values: Iterable[str]) -> list[str]:
     """The distinct non-empty values, sorted."""
     return sorted({value for value in values if value})

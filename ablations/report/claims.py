@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from ablations.study.aims import better
+from ablations.study.aims import improvement_sign
 from ablations.study.description import FAITHFUL, TableDescription
 from ablations.study.lines import table_lines
 from ablations.study.rendered_table import SPLATS
@@ -43,7 +43,7 @@ class Claim:
         return VERDICTS[False if False in outcomes else None if None in outcomes or not outcomes else True]
 
     @property
-    def counted(self) -> str:
+    def counts_text(self) -> str:
         """The numbers of comparisons as claimed, against and open, as text."""
         outcomes = [outcome for outcome, _ in self.findings]
         against, undecided = outcomes.count(False), outcomes.count(None)
@@ -60,38 +60,38 @@ def claims(tables: Sequence[Results]) -> tuple[Claim, ...]:
     return (
         Claim(
             "SSIF is ahead of SIF (table 10: GE with SSIF over GE)",
-            tuple(_over(by_name, ("table_10",), "ge_ssif", ["ge"])),
+            tuple(_compare_methods(by_name, ("table_10",), "ge_ssif", ["ge"])),
         ),
         Claim(
             "SSIF gives more PSNR than TSDS does (table 10: GE with SSIF over GE with TSDS)",
-            tuple(_over(by_name, ("table_10",), "ge_ssif", ["ge_tsds"], _psnr)),
+            tuple(_compare_methods(by_name, ("table_10",), "ge_ssif", ["ge_tsds"], _psnr)),
         ),
         Claim(
             "TSDS helps SSIM and LPIPS (table 10: GE with TSDS over GE)",
-            tuple(_over(by_name, ("table_10",), "ge_tsds", ["ge"], _structure)),
+            tuple(_compare_methods(by_name, ("table_10",), "ge_tsds", ["ge"], _structure)),
         ),
         Claim(
             "GE++ is ahead of every other method (tables 2, 4, 5 and 10)",
-            tuple(_over(by_name, ("table_2", "table_4", "table_5", "table_10"), "gepp")),
+            tuple(_compare_methods(by_name, ("table_2", "table_4", "table_5", "table_10"), "gepp")),
         ),
         Claim(
             "GE is ahead of GE++ in PSNR on simple objects (table 6, the splats for which the paper has it so)",
-            tuple(_over(by_name, ("table_6",), "ge", ["gepp"], _psnr, as_printed=True)),
+            tuple(_compare_methods(by_name, ("table_6",), "ge", ["gepp"], _psnr, as_printed=True)),
         ),
         Claim("Standard deviations over runs are as small as the paper's (tables 7 to 9)", tuple(_deviations(by_name))),
         Claim(
             "SR is ahead of GE++ (LR) and bicubic enlargement (table 1)",
-            tuple(_over(by_name, ("table_1",), "gepp_sr", ["gepp_lr_bicubic"])),
+            tuple(_compare_methods(by_name, ("table_1",), "gepp_sr", ["gepp_lr_bicubic"])),
         ),
     )
 
 
-def _over(
+def _compare_methods(
     by_name: Mapping[str, Results],
     names: Sequence[str],
     method: str,
     others: Sequence[str] | None = None,
-    asked: Callable[[str], bool] | None = None,
+    metric_filter: Callable[[str], bool] | None = None,
     as_printed: bool = False,
 ) -> Iterator[Finding]:
     """Compare a method with others in tables.
@@ -101,7 +101,7 @@ def _over(
         names: names of the tables.
         method: the paper's name of the method.
         others: the paper's names of the methods it is compared with; None for the baseline and all others of the paper.
-        asked: selects metrics; None for all.
+        metric_filter: selects metrics; None for all.
         as_printed: leave out comparisons in which the paper's own numbers do not support the claim.
     """
     for name in names:
@@ -109,19 +109,19 @@ def _over(
             yield None, f"{name} was not made"
             continue
         results = by_name[name]
-        method_row, compared_rows = FAITHFUL + method, _others(results.study, method, others)
+        method_row, compared_rows = FAITHFUL + method, _compared_methods(results.study, method, others)
         missing_rows = [row for row in (method_row, *compared_rows) if row not in results.study.methods]
         if missing_rows:
             yield None, f"{name} has no method {missing_rows[0]}"
             continue
         for block in results.blocks:
             for other in compared_rows:
-                for metric in filter(asked, results.study.metrics):
-                    if not as_printed or _printed(results.study, block, method_row, other, metric):
+                for metric in filter(metric_filter, results.study.metrics):
+                    if not as_printed or _paper_agrees(results.study, block, method_row, other, metric):
                         yield _difference(results, block, method_row, other, metric)
 
 
-def _others(table: TableDescription, method: str, others: Sequence[str] | None) -> list[str]:
+def _compared_methods(table: TableDescription, method: str, others: Sequence[str] | None) -> list[str]:
     """The rows that a method of the paper is compared with: the named ones, else the baseline and all of the paper."""
     if others is not None:
         return [FAITHFUL + other for other in others]
@@ -137,10 +137,10 @@ def _difference(results: Results, block: str, method: str, other: str, metric: s
     if not gains.values:
         return None, f"{context}: missing"
     low, high = interval(gains)
-    ends = sorted((better(metric) * low, better(metric) * high))
-    outcome = None if not gains.whole else True if ends[0] > 0 else False if ends[1] < 0 else None
+    ends = sorted((improvement_sign(metric) * low, improvement_sign(metric) * high))
+    outcome = None if not gains.complete else True if ends[0] > 0 else False if ends[1] < 0 else None
     missing_note = (
-        "" if gains.whole else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
+        "" if gains.complete else f", {len(gains.missing)} of {len(gains.missing) + len(gains.values)} cells missing"
     )
     interval_text = "" if math.isnan(low) else f" [{low:+.4f}, {high:+.4f}]"
     return outcome, f"{context} {gains.mean():+.4f}{interval_text}{missing_note}"
@@ -173,7 +173,7 @@ def _deviations(by_name: Mapping[str, Results]) -> Iterator[Finding]:
                         )
 
 
-def _printed(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:
+def _paper_agrees(table: TableDescription, block: str, method: str, other: str, metric: str) -> bool:
     """Whether a method is better than another in the paper's numbers; True if the paper has none."""
     cells = table.paper.get(block, {})
     method_values, other_values = cells.get(method), cells.get(other)
@@ -181,7 +181,7 @@ def _printed(table: TableDescription, block: str, method: str, other: str, metri
     return (
         method_values is None
         or other_values is None
-        or better(metric) * (method_values[column] - other_values[column]) > 0
+        or improvement_sign(metric) * (method_values[column] - other_values[column]) > 0
     )
 
 

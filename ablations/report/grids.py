@@ -64,7 +64,7 @@ def write_grid(
     given_boxes = boxes or {}
     lines = [_line(scene, table.baseline, columns, images, height, share, given_boxes.get(scene)) for scene in scenes]
     with whole_file(path) as temporary:
-        _assembled(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
+        _assemble_grid(lines, scenes, ["view", *columns.values()]).save(temporary, "PNG")
     return path
 
 
@@ -145,7 +145,7 @@ def _missing(size: tuple[int, int]) -> Picture:
     return tile
 
 
-def _assembled(lines: Sequence[Sequence[Picture]], names: Sequence[str], titles: Sequence[str]) -> Picture:
+def _assemble_grid(lines: Sequence[Sequence[Picture]], names: Sequence[str], titles: Sequence[str]) -> Picture:
     """The grid of tiles, with a title above each column and the scene's name above each row."""
     widths = [max(line[column].width for line in lines) for column in range(len(titles))]
     lefts = [GAP + sum(widths[:column]) + GAP * column for column in range(len(titles))]

@@ -113,7 +113,7 @@ def parts_of(record: Record) -> dict[str, float]:
     return {name: value for name, value in milliseconds.items() if value is not None}
 
 
-def shares(record: Record | None) -> str:
+def slowest_parts(record: Record | None) -> str:
     """The four slowest parts of the pipeline, without reading, with their shares of the time as text."""
     if record is None:
         return ""
@@ -121,6 +121,10 @@ def shares(record: Record | None) -> str:
     total = sum(parts.values()) or 1.0
     slowest = sorted(parts.items(), key=lambda one: -one[1])[:4]
     return ", ".join(f"{name} {value / total:.0%}" for name, value in slowest)
+
+
+def _largest(records: Sequence[Record]) -> Record | None:
+    return max(records, key=lambda record: record.size, default=None)
 
 
 def _metric(record: Record | None, name: str) -> float | None:
@@ -139,7 +143,7 @@ def _operations(sources: Sources, name: str) -> float | None:
     return records[0].metrics["giga_multiply_adds_per_megapixel"] if records else None
 
 
-def _cold(sources: Sources, name: str) -> float | None:
+def _startup_time(sources: Sources, name: str) -> float | None:
     records = sources.of(COLD, name)
     return records[0].metrics["milliseconds"] if records else None
 
@@ -150,7 +154,7 @@ def _pipeline_target(part: str, limit: float, unit: str, name: str, size: tuple[
 
     if metric == "peak_memory_mb":
         return Target(part, limit, unit, lambda s: _metric(record(s), metric), lambda _: "decoded images and features")
-    return Target(part, limit, unit, lambda s: _metric(record(s), metric), lambda s: shares(record(s)))
+    return Target(part, limit, unit, lambda s: _metric(record(s), metric), lambda s: slowest_parts(record(s)))
 
 
 def _peer_target(name: str, limit: float) -> Target:
@@ -182,12 +186,12 @@ TARGETS = (
     _pipeline_target("memory above imports, 1 megapixel", 600.0, "MB", "lr_tiny", VIEW, "peak_memory_mb"),
     _pipeline_target("memory above imports, 16 megapixels", 1500.0, "MB", "sr_tiny", SR_VIEW, "peak_memory_mb"),
     Target(
-        "start of `enhance` to its first image", 2000.0, "ms", lambda s: _cold(s, COMMAND),
-        lambda s: f"`import torch` alone takes {number(_cold(s, IMPORTS) or 0.0)} ms",
+        "start of `enhance` to its first image", 2000.0, "ms", lambda s: _startup_time(s, COMMAND),
+        lambda s: f"`import torch` alone takes {number(_startup_time(s, IMPORTS) or 0.0)} ms",
     ),
     Target(
         "largest over least time a megapixel, from 0.25 megapixels on", 1.1, "", _growth,
-        lambda s: f"at the largest size: {shares(max(s.of(PIPELINE, 'lr_tiny'), key=lambda r: r.size, default=None))}",
+        lambda s: f"at the largest size: {slowest_parts(_largest(s.of(PIPELINE, 'lr_tiny')))}",
     ),
     _peer_target("NAFNet-w32", 15.0),
     _peer_target("Restormer", 50.0),
@@ -298,12 +302,12 @@ def _network_line(one: Record, rates: Mapping[str, float]) -> tuple[str, ...]:
         number(1e3 * values["giga_multiply_adds_per_megapixel"] / rate),
         number(1e3 * values["gigabytes_per_megapixel"] / rates["copy"]),
         number(values["yardsticks"]),
-        _with_ends(values, "times_ours"),
+        _with_interval(values, "times_ours"),
         number(values["peak_memory_mb"]) if "peak_memory_mb" in values else "",
     )
 
 
-def _with_ends(values: Mapping[str, float], name: str) -> str:
+def _with_interval(values: Mapping[str, float], name: str) -> str:
     if name not in values:
         return ""
     return f"{number(values[name])} [{number(values[f'{name}_low'])}, {number(values[f'{name}_high'])}]"
@@ -405,7 +409,7 @@ def _tried_lines(found: Sequence[Record]) -> Iterator[Sequence[str]]:
     for record in found:
         values = {name: value for name, value in record.metrics.items() if value is not None}
         before, after = (f"{number(values[name])} ms" for name in ("before", "after"))
-        yield record.variant, record.view, before, after, _with_ends(values, "times"), record.splat
+        yield record.variant, record.view, before, after, _with_interval(values, "times"), record.splat
 
 
 def _cards(sources: Sources) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ablations.study.aims import VERDICTS, better, losses
+from ablations.study.aims import VERDICTS, improvement_sign, ranked_losses
 from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import bar_panels
@@ -68,14 +68,14 @@ class PlanCost:
         return self.own.metrics.get(RATIOS[0])
 
     @property
-    def between(self) -> tuple[float, float]:
+    def ratio_interval(self) -> tuple[float, float]:
         """The interval of the speed-up; [0, infinity] if it was not measured."""
         low, high = (self.own.metrics.get(name) for name in RATIOS[1:])
         return (0.0 if low is None else low), (math.inf if high is None else high)
 
     def verdicts(self, aims: PlanAims) -> tuple[bool | None, bool]:
         """Whether the aims of time and of error are met; None for time if the interval contains the required ratio."""
-        least, (low, high) = aims.faster if self.own.metrics.get("background") else aims.slower, self.between
+        least, (low, high) = aims.faster if self.own.metrics.get("background") else aims.slower, self.ratio_interval
         fast = True if low >= least else False if high < least else None
         return fast, self.lost["psnr"] <= aims.allowed
 
@@ -97,7 +97,7 @@ class PlanScenes:
     aims: PlanAims
 
     @cached_property
-    def whole(self) -> dict[tuple[str, str], Record]:
+    def scene_records(self) -> dict[tuple[str, str], Record]:
         """The records of whole scenes, by scene and plan."""
         return {(record.scene, record.variant): record for record in self.records if record.kind == KIND}
 
@@ -113,25 +113,31 @@ class PlanScenes:
 
     def plans(self) -> tuple[str, ...]:
         """All plans except the baseline, in the order of the records."""
-        return tuple(dict.fromkeys(plan for _, plan in self.whole if plan != self.aims.baseline))
+        return tuple(dict.fromkeys(plan for _, plan in self.scene_records if plan != self.aims.baseline))
 
     def costs(self, plan: str = "") -> tuple[PlanCost, ...]:
         """Savings and losses of a plan (by default the shown one) on every scene that it was measured on."""
         return tuple(self._costs(plan or self.aims.shown))
 
     def _costs(self, plan: str) -> Iterator[PlanCost]:
-        for (scene, name), plan_record in self.whole.items():
-            baseline_record = self.whole.get((scene, self.aims.baseline))
+        for (scene, name), plan_record in self.scene_records.items():
+            baseline_record = self.scene_records.get((scene, self.aims.baseline))
             if name != plan or baseline_record is None:
                 continue
             pairs = tuple(pair for pair in self.results.pairs if pair[0] == scene)
             gains = {metric: self.results.sample(pairs, plan, metric, self.aims.baseline) for metric in METRICS}
             mean_losses = {
-                metric: -better(metric) * sample.mean() + 0.0 for metric, sample in gains.items() if sample.values
+                metric: -improvement_sign(metric) * sample.mean() + 0.0
+                for metric, sample in gains.items()
+                if sample.values
             }
             worst_loss = (
                 next(
-                    (frame_loss.loss for frame_loss in losses(self.results, plan, "psnr") if frame_loss.pair in pairs),
+                    (
+                        frame_loss.loss
+                        for frame_loss in ranked_losses(self.results, plan, "psnr")
+                        if frame_loss.pair in pairs
+                    ),
                     math.nan,
                 )
                 + 0.0
@@ -189,7 +195,7 @@ def _cost_line(cost: PlanCost, aims: PlanAims) -> tuple[str, ...]:
         cost.scene,
         f"{cost.own.size[0]}x{cost.own.size[1]}",
         f"{baseline_metrics['milliseconds']:.0f} → {plan_metrics['milliseconds']:.0f}",
-        "" if cost.ratio is None else f"{cost.ratio:.2f} ({cost.between[0]:.2f} to {cost.between[1]:.2f})",
+        "" if cost.ratio is None else "{:.2f} ({:.2f} to {:.2f})".format(cost.ratio, *cost.ratio_interval),
         f"{baseline_metrics['peak_memory_mb']:.0f} → {plan_metrics['peak_memory_mb']:.0f}",
         *(f"{cost.lost[name]:+.{d}f}" if name in cost.lost else "" for name, d in DECIMALS.items()),
         f"{cost.worst:+.3f}",
@@ -216,7 +222,7 @@ def _parts(scenes: PlanScenes) -> Iterator[str]:
             yield "".join(map(_left_out, costs))
     missing = [f"- {record.scene}: {record.reasons['row']}\n" for record in scenes.records if record.kind == MISSING]
     yield "Missing:\n\n" + "".join(missing) if missing else "Nothing is missing.\n"
-    scene_records = list(scenes.whole.values())
+    scene_records = list(scenes.scene_records.values())
     if scene_records:
         machines = "; ".join(sorted({record.machine for record in scene_records}))
         protocols = "; ".join(sorted({record.protocol for record in scene_records}))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ablations.study import sections
-from ablations.study.aims import Aims, by_role
+from ablations.study.aims import Aims, methods_of_role
 from ablations.study.markdown import markdown
 from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
@@ -45,7 +45,7 @@ def _parts(table: QualityTable) -> list[str]:
     """A table's sections: methods, aims, scenes, frames made worse, scene-splat pairs, missing values."""
     results, study = table.results, table.results.study
     parts = [f"## {study.title}\n", f"{study.about.strip()}\n", sections.methods_list(results)]
-    if by_role(results, "ours"):
+    if methods_of_role(results, "ours"):
         parts += ["### Aims\n", markdown(sections.aims_table(results, table.aims))]
     parts += ["### By scene\n", READING, markdown(sections.scene_table(results))]
     if table.aims.allowed:

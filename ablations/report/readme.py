@@ -47,12 +47,12 @@ def text(records: Sequence[Record]) -> str:
     return f"{HEAD}{''.join(lines)}\n{_worst(enhanced_views)}\n"
 
 
-def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
+def insert_between_marks(page: str, new_text: str, begin: str = BEGIN, name: str | Path = "README.md") -> str:
     """Replace the text between two marks of a page.
 
     Args:
         page: text of the page.
-        made: the new text between the marks.
+        new_text: the new text between the marks.
         begin: the first mark; `END` is the second.
         name: of the page, for errors.
 
@@ -63,7 +63,7 @@ def inserted(page: str, made: str, begin: str = BEGIN, name: str | Path = "READM
     _, end_mark, after = after_begin.partition(END)
     if not begin_mark or not end_mark:
         raise InputError(name, "has no place for its figures", f"put {begin} and {END} around them")
-    return f"{before}{begin}\n{made}{END}{after}"
+    return f"{before}{begin}\n{new_text}{END}{after}"
 
 
 def _worst(found: pd.DataFrame) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN
-from ablations.study.markdown import frame, markdown, plain
+from ablations.study.markdown import escape_markdown, frame, markdown
 from gaussian_enhancer.metrics.records import Record, read_records
 
 Row = Mapping[str, Any]
@@ -80,18 +80,18 @@ def reliability_page(
     }
     counts = [
         ("damaged files", *_counts((row["cases"], row["verdict"] in ("refused", "right")) for row in damaged)),
-        ("inputs guided by coverage", *_guided(coverage)),
-        ("kills", *_counts(map(_one, kinds["kill"]))),
-        ("two processes on one folder", *_counts(map(_one, kinds["two processes"]))),
-        ("full disk", *_counts(map(_one, kinds["full disk"]))),
+        ("inputs guided by coverage", *_coverage_counts(coverage)),
+        ("kills", *_counts(map(_count_case, kinds["kill"]))),
+        ("two processes on one folder", *_counts(map(_count_case, kinds["two processes"]))),
+        ("full disk", *_counts(map(_count_case, kinds["full disk"]))),
         ("extreme numbers", *_counts((1, cell.variant != FAILED) for cell in cells)),
     ]
     counts = [line if line[1] != "0" else (line[0], "not run yet", "", "") for line in counts]
     parts = ["# Reliability\n", ABOUT, "## In short\n", _table(("class", "tried", "handled", "failed"), counts)]
     parts += ["## Damaged files\n", FUZZ, _readers(damaged)]
-    parts += ["## Damaged files, guided by coverage\n", COVERAGE, _covered(coverage)]
+    parts += ["## Damaged files, guided by coverage\n", COVERAGE, _coverage_table(coverage)]
     parts += ["## Kills\n", KILL, _by_signal(kinds["kill"])]
-    parts += ["## Two processes on one folder\n", TWO, _two(kinds["two processes"])]
+    parts += ["## Two processes on one folder\n", TWO, _two_process_table(kinds["two processes"])]
     parts += ["## Full disk\n", FULL, _by_job(kinds["full disk"])]
     parts += ["## Extreme numbers\n", STABILITY, _families(cells)]
     parts += ["## What has failed\n", _failed(fuzz, coverage, kills, cells)]
@@ -118,7 +118,7 @@ def _rows(path: Path) -> list[Row]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
-def _one(row: Row) -> tuple[int, bool]:
+def _count_case(row: Row) -> tuple[int, bool]:
     return 1, row["verdict"] == "handled"
 
 
@@ -130,7 +130,7 @@ def _counts(cases: Iterable[tuple[int, bool]]) -> tuple[str, str, str]:
     return tuple(f"{number:,}" for number in (totals.total(), totals[True], totals[False]))  # type: ignore[return-value]
 
 
-def _guided(coverage: Sequence[Row]) -> tuple[str, str, str]:
+def _coverage_counts(coverage: Sequence[Row]) -> tuple[str, str, str]:
     """Totals of coverage-guided fuzzing; each run ends at its first bad input, so at most one of its inputs failed."""
     tried, failed = sum(row["inputs"] for row in coverage), sum(row["verdict"] == "failed" for row in coverage)
     return f"{tried:,}", f"{tried - failed:,}", f"{failed:,}"
@@ -151,7 +151,7 @@ def _readers(damaged: Sequence[Row]) -> str:
     return _table(("reader", "refused", "read", "wrong", "crashed"), lines)
 
 
-def _covered(coverage: Sequence[Row]) -> str:
+def _coverage_table(coverage: Sequence[Row]) -> str:
     lines = [
         (f"`{row['reader']}`", f"`{row['file']}`", f"{row['seconds']}", f"{row['inputs']:,}", f"{row['edges']:,}")
         for row in coverage
@@ -166,12 +166,18 @@ def _by_signal(kills: Sequence[Row]) -> str:
         signal_rows = [row for row in kills if (row["job"], row["signal"]) == (job, signal)]
         writes = sum("write" in row["moment"] for row in signal_rows)
         lines.append(
-            (f"`{job}`", signal, str(writes), str(len(signal_rows) - writes), *_counts(map(_one, signal_rows))[1:])
+            (
+                f"`{job}`",
+                signal,
+                str(writes),
+                str(len(signal_rows) - writes),
+                *_counts(map(_count_case, signal_rows))[1:],
+            )
         )
     return _table(("job", "signal", "at a write", "at any time", "handled", "failed"), lines)
 
 
-def _two(rows: Sequence[Row]) -> str:
+def _two_process_table(rows: Sequence[Row]) -> str:
     lines = [(f"`{row['job']}`", row["moment"], row["how"], row["verdict"]) for row in rows]
     return _table(("job", "the second runs", "what it did", "verdict"), lines)
 
@@ -179,7 +185,7 @@ def _two(rows: Sequence[Row]) -> str:
 def _by_job(rows: Sequence[Row]) -> str:
     jobs = list(dict.fromkeys(row["job"] for row in rows))
     rows_by_job = {job: [row for row in rows if row["job"] == job] for job in jobs}
-    lines = [(f"`{job}`", *_counts(map(_one, rows_by_job[job])), _named(rows_by_job[job])) for job in jobs]
+    lines = [(f"`{job}`", *_counts(map(_count_case, rows_by_job[job])), _named(rows_by_job[job])) for job in jobs]
     return _table(("job", "sorts of files", "handled", "failed", "which"), lines)
 
 
@@ -212,7 +218,10 @@ def _failed(fuzz: Sequence[Row], coverage: Sequence[Row], kills: Sequence[Row], 
         for cell in cells
         if cell.variant == FAILED
     ]
-    return "".join(f"- {plain(case)}: {verdict}; {plain(detail)}\n" for case, verdict, detail in lines) or "Nothing.\n"
+    return (
+        "".join(f"- {escape_markdown(case)}: {verdict}; {escape_markdown(detail)}\n" for case, verdict, detail in lines)
+        or "Nothing.\n"
+    )
 
 
 def _sources(cells: Sequence[Record]) -> str:

@@ -71,7 +71,7 @@ def stability_page(records: Sequence[Record], cases: Sequence[Case], figures: Ma
         ]
     if order:
         parts += ["## Order of the latent sampler\n", _order(order, figures["order"])]
-    parts += ["## What was refused, and what has failed\n", _said(cells)]
+    parts += ["## What was refused, and what has failed\n", _refusals_and_failures(cells)]
     parts += [
         "## Faults found and fixed\n",
         _FAULTS,
@@ -133,7 +133,7 @@ def count_table(cells: Sequence[Record]) -> pd.DataFrame:
     return frame(("precision", *headings), rows)
 
 
-def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
+def _matrix(cells: Sequence[Record], cases_by_name: Mapping[str, Case]) -> str:
     """One line per case: outcomes of forward and backward in each precision, and the errors of float32."""
     by_place = {(record.scene, record.splat, record.view): record for record in cells}
     rows = []
@@ -143,7 +143,7 @@ def _matrix(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
             pass_records = (by_place.get((name, precision.name, direction)) for direction in PASSES)
             outcomes.append(" ".join("·" if record is None else SYMBOLS[outcome_of(record)] for record in pass_records))
         errors = (by_place.get((name, "float32", direction)) for direction in PASSES)
-        about = known[name].about if name in known else ""
+        about = cases_by_name[name].about if name in cases_by_name else ""
         rows.append(
             (f"`{name}`", about, *outcomes, *("" if r is None else _number(r.metrics["error"]) for r in errors))
         )
@@ -155,22 +155,23 @@ def _number(value: float | None) -> str:
     return "" if value is None else "0" if value == 0 else f"{value:.1e}"
 
 
-def _reasons(cells: Sequence[Record], known: Mapping[str, Case]) -> str:
+def _reasons(cells: Sequence[Record], cases_by_name: Mapping[str, Case]) -> str:
     """The family's tolerances with their reasons."""
     lines: dict[str, list[str]] = {}
     for name in dict.fromkeys(record.scene for record in cells):
-        case = known.get(name)
+        case = cases_by_name.get(name)
         if case is None:
             continue
         limits = "; ".join(f"{p} {_limits(pair)}" for p, pair in case.tolerance.items())
         lines.setdefault(f"{limits}{f' ({case.why})' if case.why else ''}", []).append(name)
     items = (
-        f"- {names}: {tolerances}\n" for tolerances, names in _named(lines, len(dict.fromkeys(r.scene for r in cells)))
+        f"- {names}: {tolerances}\n"
+        for tolerances, names in _group_names(lines, len(dict.fromkeys(r.scene for r in cells)))
     )
     return "Tolerances, result and gradient:\n\n" + "".join(items)
 
 
-def _named(lines: Mapping[str, Sequence[str]], count: int) -> list[tuple[str, str]]:
+def _group_names(lines: Mapping[str, Sequence[str]], count: int) -> list[tuple[str, str]]:
     return [
         (w, "all" if len(names) == count else ", ".join(f"`{name}`" for name in names)) for w, names in lines.items()
     ]
@@ -196,7 +197,7 @@ def _order(records: Sequence[Record], figure: str) -> str:
     return "\n".join([about, f"![Error over steps]({figure})\n", markdown(frame(headings, rows))])
 
 
-def _said(cells: Sequence[Record]) -> str:
+def _refusals_and_failures(cells: Sequence[Record]) -> str:
     """Every reason of a refusal or failure, with its cells."""
     places_by_reason: dict[tuple[str, str], list[str]] = {}
     for record in cells:

@@ -7,11 +7,11 @@ from typing import Any
 
 import pandas as pd
 
-from ablations.report.caption import caption, reading, sources, stated
+from ablations.report.caption import caption, distinct_values, reading, sources
 from ablations.report.claims import Claim, claims
 from ablations.study import latex
 from ablations.study.description import TableDescription
-from ablations.study.markdown import frame, markdown, plain
+from ablations.study.markdown import escape_markdown, frame, markdown
 from ablations.study.rendered_table import Cell, RenderedTable, StudyTable
 from ablations.study.results import Results
 from gaussian_enhancer.errors import InputError
@@ -55,15 +55,19 @@ def page(folder: Path, table: StudyTable, rendered: RenderedTable, records: Sequ
         records: the table's records.
     """
     study = table.study
-    parts = [f"# {plain(study.title)}\n", f"{plain(caption(study, records))}\n", f"{study.about.strip()}\n"]
+    parts = [
+        f"# {escape_markdown(study.title)}\n",
+        f"{escape_markdown(caption(study, records))}\n",
+        f"{study.about.strip()}\n",
+    ]
     parts += [_picture(folder, study)] if study.kind == "images" else []
     for title, block in rendered.blocks:
-        parts += [f"## {plain(title)}\n"] if title else []
+        parts += [f"## {escape_markdown(title)}\n"] if title else []
         parts.append(markdown(block.map(_cell)))
     parts += [f"{_reading(table)}\n", "## Methods\n", _methods(study)]
-    notes = "".join(f"- [{number}] {plain(note)}\n" for number, note in enumerate(rendered.notes, 1))
-    parts += ["## Missing\n", notes or "Nothing.\n", *_outside(table), "## Where the numbers come from\n"]
-    parts.append("".join(f"- {label}: {plain(text)}\n" for label, text in sources(folder, study, records)))
+    notes = "".join(f"- [{number}] {escape_markdown(note)}\n" for number, note in enumerate(rendered.notes, 1))
+    parts += ["## Missing\n", notes or "Nothing.\n", *_uncovered_note(table), "## Where the numbers come from\n"]
+    parts.append("".join(f"- {label}: {escape_markdown(text)}\n" for label, text in sources(folder, study, records)))
     return "\n".join(parts)
 
 
@@ -83,11 +87,14 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
     """
     if not studies:
         raise InputError("summary", "has no table", "make a table first: gaussian-enhancer tables")
-    scales = ", ".join(stated(study.scale for study, _ in studies))
+    scales = ", ".join(distinct_values(study.scale for study, _ in studies))
     results = [Results(study, records) for study, records in studies]
-    lines = [_indexed(study_results, records) for study_results, (_, records) in zip(results, studies, strict=True)]
+    lines = [_index_line(study_results, records) for study_results, (_, records) in zip(results, studies, strict=True)]
     judged_claims = claims(results)
-    stand_ins = stated(f"{d.stand_in} for {d.title}" for s, _ in studies for d in s.datasets.values() if d.stand_in)
+    verdicts = [(claim.text, claim.verdict, claim.counts_text) for claim in judged_claims]
+    stand_ins = distinct_values(
+        f"{d.stand_in} for {d.title}" for s, _ in studies for d in s.datasets.values() if d.stand_in
+    )
     parts = [
         f"# Results at scale {scales}\n" if scales else "# Results\n",
         markdown(frame(("table", "title", "cells", "missing methods", "records", "commits"), lines)),
@@ -96,22 +103,22 @@ def summary_page(studies: Sequence[tuple[TableDescription, Sequence[Record]]]) -
         "95 % bootstrap interval leaves out zero; a claim holds "
         "where all of its differences do, does not where one goes the other way, and is undecided else or where cells "
         "are missing.\n",
-        markdown(frame(("claim", "verdict", "comparisons"), [(c.text, c.verdict, c.counted) for c in judged_claims])),
-        *map(_behind, judged_claims),
+        markdown(frame(("claim", "verdict", "comparisons"), verdicts)),
+        *map(_claim_section, judged_claims),
     ]
     if stand_ins:
-        parts += ["## Stand-ins\n", "".join(f"- {plain(text)}\n" for text in stand_ins)]
+        parts += ["## Stand-ins\n", "".join(f"- {escape_markdown(text)}\n" for text in stand_ins)]
     return "\n".join(parts)
 
 
-def _behind(claim: Claim) -> str:
+def _claim_section(claim: Claim) -> str:
     """A claim with all of its comparisons, as Markdown."""
     outcome_texts = {True: "as claimed", False: "against", None: "open"}
-    lines = (f"- {outcome_texts[outcome]}: {plain(text)}\n" for outcome, text in claim.findings)
+    lines = (f"- {outcome_texts[outcome]}: {escape_markdown(text)}\n" for outcome, text in claim.findings)
     return f"### {claim.text}: {claim.verdict}\n\n{''.join(lines)}"
 
 
-def _indexed(results: Results, records: Sequence[Record]) -> tuple[str, ...]:
+def _index_line(results: Results, records: Sequence[Record]) -> tuple[str, ...]:
     """A study's line in the index. A cell is one metric of one method in one scene and block, with one seed."""
     study = results.study
     places = [
@@ -122,11 +129,11 @@ def _indexed(results: Results, records: Sequence[Record]) -> tuple[str, ...]:
         sum(map(len, mappings)) for mappings in zip(*((s.values, s.missing) for s in samples), strict=True)
     )
     missing_records = sum(record.kind == MISSING for record in records)
-    commits = ", ".join(stated(record.commit for record in records))
+    commits = ", ".join(distinct_values(record.commit for record in records))
     link = f"[{study.name}]({study.name}.md)"
     return (
         link,
-        plain(study.title),
+        escape_markdown(study.title),
         f"{present} of {present + missing}",
         str(missing_records),
         str(len(records)),
@@ -173,45 +180,53 @@ def _latex(folder: Path, table: StudyTable, rendered: RenderedTable, records: Se
     study = table.study
     picture = f"{study.name}.png" if study.kind == "images" and (folder / f"{study.name}.png").is_file() else ""
     lines = [f"{label}: {text}." for label, text in sources(folder, study, records)]
-    remarks = [_reading(table), *(part.strip() for part in _outside(table)), *lines]
-    return latex.document(rendered, study.name, caption(study, records), remarks, picture)
+    remarks = [_reading(table), *(part.strip() for part in _uncovered_note(table)), *lines]
+    return latex.latex_float(rendered, study.name, caption(study, records), remarks, picture)
 
 
 def _reading(table: StudyTable) -> str:
     scenes = max((number.scenes for line in table.lines for number in line.numbers.values()), default=0)
-    units = stated(test.unit for test in table.tests.values())
+    units = distinct_values(test.unit for test in table.tests.values())
     return reading(table.study, units, alone=scenes == 1 and table.study.kind != "cost")
 
 
-def _outside(table: StudyTable) -> list[str]:
+def _uncovered_note(table: StudyTable) -> list[str]:
     """A sentence on records that the description does not cover, which are in no number; none if there are none."""
-    uncovered = table.results.outside
+    uncovered = table.results.uncovered_records
     if not uncovered:
         return []
     seeds = ["without a seed" if record.seed is None else f"seed {record.seed}" for record in uncovered]
     record_seeds = zip(uncovered, seeds, strict=True)
-    places = stated(" ".join(filter(None, (r.kind, r.scene, r.splat, r.variant, seed))) for r, seed in record_seeds)
+    places = distinct_values(
+        " ".join(filter(None, (r.kind, r.scene, r.splat, r.variant, seed))) for r, seed in record_seeds
+    )
     count = len(uncovered)
     return [f"{count} records are of what the table does not ask for, and are in no number: {', '.join(places)}.\n"]
 
 
 def _picture(folder: Path, study: TableDescription) -> str:
     name = f"{study.name}.png"
-    return f"![{plain(study.title)}]({name})\n" if (folder / name).is_file() else f"The grid `{name}` is missing.\n"
+    return (
+        f"![{escape_markdown(study.title)}]({name})\n"
+        if (folder / name).is_file()
+        else f"The grid `{name}` is missing.\n"
+    )
 
 
 def _methods(study: TableDescription) -> str:
     """A list of the methods: what each one is, its weights and its overrides."""
     lines = []
     for name, method in study.methods.items():
-        parts = [plain(method.about), f"weights `{method.weights}`" if method.weights else ""]
+        parts = [escape_markdown(method.about), f"weights `{method.weights}`" if method.weights else ""]
         parts += [f"`{' '.join(overrides)}`" for overrides in (method.train, method.enhance) if overrides]
-        lines.append(f"- {plain(method.title)} (`{name}`): {'; '.join(filter(None, parts)) or 'as it came'}\n")
+        lines.append(
+            f"- {escape_markdown(method.title)} (`{name}`): {'; '.join(filter(None, parts)) or 'as it came'}\n"
+        )
     return "".join(lines)
 
 
 def _cell(cell: Cell) -> str:
-    text = f"**{cell.text}**" if cell.best else plain(cell.text)
+    text = f"**{cell.text}**" if cell.best else escape_markdown(cell.text)
     return f"{text} {''.join(f'[{number}]' for number in cell.notes)}".strip()
 
 

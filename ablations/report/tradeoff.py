@@ -42,8 +42,8 @@ def write_pages(
                 parts.append(f"![{KINDS[kind]}: {name}]({link}/{name}.svg)\n")
         parts.append(sources(records[kind], f"{link}/{kind}.jsonl", between="; or "))
     for name, diagram in diagrams.items():
-        yield _written(folder / name, diagram)
-    yield _written(page, "\n".join(parts))
+        yield _write_file(folder / name, diagram)
+    yield _write_file(page, "\n".join(parts))
 
 
 HEAD = """# Error against run time
@@ -60,6 +60,6 @@ KINDS = {
 }
 
 
-def _written(path: Path, text: str) -> Path:
+def _write_file(path: Path, text: str) -> Path:
     write_text(path, text)
     return path

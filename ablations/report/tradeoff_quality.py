@@ -7,7 +7,7 @@ import pandas as pd
 
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
-from ablations.tradeoff.summary import SettingSummary, summarised
+from ablations.tradeoff.summary import SettingSummary, summarise
 from gaussian_enhancer.metrics.comparison import written
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.metrics.tradeoff import Point, best_within, beyond_best, cheapest_within, front
@@ -46,29 +46,29 @@ are shown.
 
 
 def quality_parts(
-    records: Sequence[Record], titles: Mapping[str, str], asked: TradeoffLimits
+    records: Sequence[Record], titles: Mapping[str, str], limits: TradeoffLimits
 ) -> Iterator[tuple[str, str, str]]:
     """Yield parts of the page, by study and side: text, name of a diagram, and the diagram; both may be empty.
 
     Args:
         records: of the kind quality.
         titles: of the studies.
-        asked: limits by which settings are chosen.
+        limits: limits by which settings are chosen.
     """
     yield READING, "", ""
-    for (study, side), study_records in by_side(records).items():
-        groups = {group: summarised(settings) for group, settings in grouped(study_records).items()}
+    for (study, side), study_records in group_by_side(records).items():
+        groups = {group: summarise(settings) for group, settings in group_by_difficulty(study_records).items()}
         title = titles.get(study, study)
         yield f"### {title}: {side} scenes\n\n{_scenes(study_records)}\n", "", ""
         diagram = work_precision(f"{title}, {side} scenes", list(_panels(groups)), len(groups))
-        yield _choices(groups, asked), f"{study}_{side}", diagram
+        yield _choices(groups, limits), f"{study}_{side}", diagram
         settings, reasons = groups[ALL]
         heading = "Settings, all scenes, fastest first (**on the front** of mean squared error):"
         yield f"{heading}\n\n{markdown(setting_table(settings))}", "", ""
         yield _missing(reasons), "", ""
 
 
-def by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
+def group_by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
     """Records by study and by side of their scene, "validation" or "test"; the study is removed from variants."""
     records_by_side: dict[tuple[str, str], list[Record]] = {}
     for record in records:
@@ -77,7 +77,7 @@ def by_side(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
     return records_by_side
 
 
-def grouped(records: Sequence[Record]) -> dict[str, list[Record]]:
+def group_by_difficulty(records: Sequence[Record]) -> dict[str, list[Record]]:
     """Records by difficulty (of the scene "side/difficulty/scene"), and all of them; only all if there is one."""
     by_difficulty: dict[str, list[Record]] = {}
     for record in records:
@@ -108,7 +108,7 @@ def _panels(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str
             yield Panel(f"{title}, {group_title}", TIME_AXIS, title, mark_tuples, baseline)
 
 
-def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], asked: TradeoffLimits) -> str:
+def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, str]]], limits: TradeoffLimits) -> str:
     """The cheapest setting within an error, and the best within a time, by group."""
     rows = []
     for group, (settings, _) in groups.items():
@@ -116,13 +116,13 @@ def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, st
             continue
         by_name = {setting.name: setting for setting in settings}
         points = points_of(settings)
-        cheapest = cheapest_within(points, beyond_best(points, asked.decibels))
-        budget = asked.milliseconds / settings[0].megapixels
+        cheapest = cheapest_within(points, beyond_best(points, limits.decibels))
+        budget = limits.milliseconds / settings[0].megapixels
         best_point = best_within(points, budget)
         size = f"{settings[0].megapixels:.3f} MP"
         for question, chosen in (
-            (f"cheapest within {asked.decibels:g} dB of the best", cheapest),
-            (f"best within {asked.milliseconds:g} ms an image of {size}", best_point),
+            (f"cheapest within {limits.decibels:g} dB of the best", cheapest),
+            (f"best within {limits.milliseconds:g} ms an image of {size}", best_point),
         ):
             if chosen is None:
                 rows.append((group, question, "none", "", ""))
@@ -134,21 +134,21 @@ def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, st
     return markdown(frame(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), rows))
 
 
-def points_of(found: Sequence[SettingSummary]) -> tuple[Point, ...]:
+def points_of(settings: Sequence[SettingSummary]) -> tuple[Point, ...]:
     """The settings as points of mean squared error over time."""
-    return tuple(Point(setting.name, setting.milliseconds, setting.error("mse") or 0.0) for setting in found)
+    return tuple(Point(setting.name, setting.milliseconds, setting.error("mse") or 0.0) for setting in settings)
 
 
-def setting_table(found: Sequence[SettingSummary]) -> pd.DataFrame:
+def setting_table(settings: Sequence[SettingSummary]) -> pd.DataFrame:
     """One line per setting, fastest first; settings on the Pareto front of mean squared error are bold.
 
     Args:
-        found: settings, each over the same views.
+        settings: settings, each over the same views.
     """
-    front_names = {point.name for point in front(points_of(found))}
-    distances = list(dict.fromkeys(name for one in found for name in one.perceptual))
+    front_names = {point.name for point in front(points_of(settings))}
+    distances = list(dict.fromkeys(name for one in settings for name in one.perceptual))
     rows = []
-    for one in sorted(found, key=lambda one: one.milliseconds):
+    for one in sorted(settings, key=lambda one: one.milliseconds):
         name = f"**{one.name}**" if one.name in front_names else one.name
         compiling = "" if one.compiling is None else f"{one.compiling:.0f}"
         memory = "" if one.memory is None else f"{one.memory:.0f}"

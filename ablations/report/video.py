@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ablations.report.readme import inserted
+from ablations.report.readme import insert_between_marks
 from ablations.scripts.flicker import compared
 from ablations.study.markdown import markdown
 from ablations.study.row_table import read_layout, row_table
@@ -56,7 +56,7 @@ def flicker_table(records: Sequence[Record]) -> str:
     return markdown(row_table(comparison[comparison["variant"] != "change"], read_layout("flicker_path")))
 
 
-def filled(page: str, results: Path) -> str:
+def fill_page(page: str, results: Path) -> str:
     """Insert the tables, made from records, into the page.
 
     Args:
@@ -68,7 +68,7 @@ def filled(page: str, results: Path) -> str:
     """
     files = [results / name for name in SPEED if (results / name).is_file()]
     rows = [RowFile(path, ("run", "threads"), option="run").read() for path in files]
-    page = inserted(page, speed_table(pd.concat(rows) if rows else pd.DataFrame()), mark(SPEED[0]), PAGE)
+    page = insert_between_marks(page, speed_table(pd.concat(rows) if rows else pd.DataFrame()), mark(SPEED[0]), PAGE)
     for name in FLICKER:
-        page = inserted(page, flicker_table(read_records(results / name)), mark(name), PAGE)
+        page = insert_between_marks(page, flicker_table(read_records(results / name)), mark(name), PAGE)
     return page

@@ -24,7 +24,7 @@ from ablations.study.engine import Study, job
 from ablations.study.enhanced_views import EnhancedView, enhanced_views
 from ablations.study.fits import finished_fits, fits_by_scene, scene_of
 from ablations.study.markdown import markdown
-from ablations.study.methods import Method, SameEverywhere, TwoFits, average
+from ablations.study.methods import FixedMethod, Method, TwoFits, average
 from ablations.study.plots import STYLE
 from ablations.study.row_table import TableLayout, row_table
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
@@ -126,12 +126,12 @@ def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[s
         if method == "average":
             made["average of render and references"] = average()
         elif method == "two_fits":
-            made["average of two fits"] = TwoFits.found(cfg.second)
+            made["average of two fits"] = TwoFits.from_patterns(cfg.second)
         elif method in OTHERS:
             exposure = method == "ibgs"
             made["ibgs" if exposure else "ibgs without exposure"] = IBGS.found(cfg.ibgs, exposure)
         else:
-            made |= {told: SameEverywhere(*one) for told, one in enhancers([method], device).items()}
+            made |= {told: FixedMethod(*one) for told, one in enhancers([method], device).items()}
     return made
 
 

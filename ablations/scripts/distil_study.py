@@ -128,7 +128,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
     """
     if not cfg.runs:
         return Study((), lambda one: (), KEYS, COLUMNS, derived=gains)
-    held = RowFile(Path(cfg.records), KEYS, COLUMNS).held()
+    held = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
     runs = chosen(cfg.runs, set(zip(held["scene"], held["splat"], strict=True)))
     distances = asked_distances(cfg.lpips, cfg.backbones, device)
     ((method, made),) = enhancers([cfg.weights], device).items()

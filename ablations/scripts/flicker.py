@@ -28,7 +28,7 @@ from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio
 
 from ablations.scripts.depth import at_one_size, world_of
-from ablations.studies.consistency import PROTOCOL, Place, WarpedError, sequence_errors
+from ablations.studies.consistency import PROTOCOL, FrameGeometry, WarpedError, sequence_errors
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
 from ablations.study.rows import with_gains
@@ -66,7 +66,7 @@ class FrameSequence:
         references: names of the references of each frame, best first, by variant whose frames chose them.
     """
 
-    places: tuple[Place, ...]
+    places: tuple[FrameGeometry, ...]
     images: dict[str, tuple[Tensor, ...]]
     references: dict[str, tuple[tuple[str, ...], ...]]
 
@@ -118,7 +118,7 @@ def rendered_sequence(
     for view in rendered.targets:
         if view.read is None or view.camera is None or view.read_depth is None:
             raise InputError(view.name, "lacks render, camera or depth", "render the path from a splat")
-        places.append(Place(view.camera, view.read_depth(), view.read_alpha() if view.read_alpha else None))
+        places.append(FrameGeometry(view.camera, view.read_depth(), view.read_alpha() if view.read_alpha else None))
         raw.append(view.read())
     images = {"raw": tuple(raw), "enhanced": tuple(one.image for one in enhanced)}
     images["change"] = tuple(0.5 + one.image - image for one, image in zip(enhanced, raw, strict=True))

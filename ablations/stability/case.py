@@ -39,7 +39,7 @@ PASSES = ("forward", "backward")
 Tolerance = Mapping[str, tuple[float, float]]
 """Largest error of the result and of the gradient, by precision."""
 
-NETWORK: Tolerance = {
+NETWORK_TOLERANCE: Tolerance = {
     "float32": (1e-4, 1e-3),
     "bfloat16": (0.1, 0.5),
     "float16": (0.02, 0.1),
@@ -95,7 +95,7 @@ class Case:
     name: str
     about: str
     build: Callable[[], Problem]
-    tolerance: Tolerance = field(default_factory=lambda: NETWORK, hash=False)
+    tolerance: Tolerance = field(default_factory=lambda: NETWORK_TOLERANCE, hash=False)
     why: str = NETWORK_WHY
     passes: tuple[str, ...] = PASSES
     seconds: float = 60.0

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ablations.stability.case import Case, Problem, Tolerance
 from ablations.stability.geometry import as_target, plane, textured_depth
-from ablations.stability.images import run_network, shipped, views_of
+from ablations.stability.images import network_inputs, run_network, shipped_network
 from gaussian_enhancer.align.alignment import Reprojected
 from gaussian_enhancer.types import Camera
 
@@ -28,12 +28,16 @@ def cases() -> list[Case]:
     """The cases of this family."""
     all_cases = []
     for name, (about, _) in DEPTHS.items():
-        all_cases.append(Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warped, name), WARPED, WHY))
-        all_cases.append(Case("depth", f"{name}_network", f"{about}, to modulate with", partial(modulated, name)))
+        all_cases.append(
+            Case("depth", f"{name}_warp", f"{about}, to warp through", partial(warp_problem, name), WARPED, WHY)
+        )
+        all_cases.append(
+            Case("depth", f"{name}_network", f"{about}, to modulate with", partial(depth_input_problem, name))
+        )
     return all_cases
 
 
-def warped(name: str) -> Problem:
+def warp_problem(name: str) -> Problem:
     """Two references warped through a depth map."""
     target, references = as_target(plane()), [plane(0.2, name="a.png"), plane(-0.3, name="b.png")]
     depth = DEPTHS[name][1](textured_depth())
@@ -54,11 +58,11 @@ def _warped(cameras: list[Camera], module: nn.Module | None, inputs: dict[str, T
     return torch.cat([aligned.references, aligned.visibility], 1)[order]
 
 
-def modulated(name: str) -> Problem:
+def depth_input_problem(name: str) -> Problem:
     """The network with a depth map among its inputs."""
-    views = views_of("noise", 1)
+    views = network_inputs("noise", 1)
     views["depth"] = DEPTHS[name][1](views["depth"])
-    network = shipped("lr_tiny")
+    network = shipped_network("lr_tiny")
     return Problem(run_network, views, network, fixed=("depth",))
 
 

@@ -39,19 +39,31 @@ def cases() -> list[Case]:
     for name, (about, _) in IMAGES.items():
         for weights in ("lr_tiny", "sr_tiny"):
             all_cases.append(
-                Case("images", f"{name}_{weights}", f"{about}, enhanced", partial(enhanced, name, weights))
+                Case("images", f"{name}_{weights}", f"{about}, enhanced", partial(network_problem, name, weights))
             )
         all_cases.append(
-            Case("images", f"{name}_objective", f"{about}, judged", partial(judged, name), EXACT, OBJECTIVE_WHY)
+            Case("images", f"{name}_objective", f"{about}, judged", partial(loss_problem, name), EXACT, OBJECTIVE_WHY)
         )
-        all_cases.append(Case("images", f"{name}_colours", f"{about}, colours matched", partial(matched, name), EXACT))
+        all_cases.append(
+            Case("images", f"{name}_colours", f"{about}, colours matched", partial(colour_problem, name), EXACT)
+        )
     for name in ("constant", "black", "saturated", "checkerboard", "one_wide", "one_pixel"):
         about, forward = f"{IMAGES[name][0]}, degraded in every way", ("forward",)
         all_cases.append(
-            Case("images", f"{name}_simulated", about, partial(simulated, name), SIMULATED, SIMULATED_WHY, forward)
+            Case(
+                "images",
+                f"{name}_simulated",
+                about,
+                partial(simulator_problem, name),
+                SIMULATED,
+                SIMULATED_WHY,
+                forward,
+            )
         )
     about = "alone, the same as beside another"
-    all_cases.append(Case("images", "one_of_a_batch", about, alone, EXACT, "the two are one computation", ("forward",)))
+    all_cases.append(
+        Case("images", "one_of_a_batch", about, batch_problem, EXACT, "the two are one computation", ("forward",))
+    )
     return all_cases
 
 
@@ -64,7 +76,7 @@ def picture(name: str, batch: int = 1) -> Tensor:
     return IMAGES[name][1]().expand(batch, -1, -1, -1).clone()
 
 
-def views_of(name: str, scale: int) -> dict[str, Tensor]:
+def network_inputs(name: str, scale: int) -> dict[str, Tensor]:
     """Network inputs with depth: the render is the picture, the two references are a noisy copy of it and noise.
 
     Args:
@@ -90,14 +102,14 @@ def views_of(name: str, scale: int) -> dict[str, Tensor]:
     return inputs
 
 
-def enhanced(name: str, weights: str) -> Problem:
+def network_problem(name: str, weights: str) -> Problem:
     """A picture enhanced with shipped weights."""
-    network = shipped(weights)
-    return Problem(run_network, views_of(name, network.scale), network)
+    network = shipped_network(weights)
+    return Problem(run_network, network_inputs(name, network.scale), network)
 
 
 @cache
-def shipped(weights: str) -> Network:
+def shipped_network(weights: str) -> Network:
     """A network with shipped weights in double precision; it is shared, so callers copy it."""
     return load_weights(weights).network.double()
 
@@ -108,7 +120,7 @@ def run_network(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     return result
 
 
-def judged(name: str) -> Problem:
+def loss_problem(name: str) -> Problem:
     """All terms of the loss, for a batch of a picture equal to its photo and noise in place of it."""
     image = picture(name, 2)
     generator = torch.Generator().manual_seed(2)
@@ -132,7 +144,7 @@ def _objective(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     return loss(inputs["enhanced"], inputs["photo"], inputs["render"])[0]
 
 
-def matched(name: str) -> Problem:
+def colour_problem(name: str) -> Problem:
     """Fitting the colours of a picture to those of noise, with every pixel visible and with none."""
     source = picture(name)[0]
     noise = torch.rand(source.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
@@ -148,7 +160,7 @@ def _matched(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     return torch.stack(fits)
 
 
-def simulated(name: str) -> Problem:
+def simulator_problem(name: str) -> Problem:
     """A picture degraded by every artefact of the simulator."""
     return Problem(_simulated, {"image": picture(name)})
 
@@ -157,10 +169,10 @@ def _simulated(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     return Simulator(AllGate())(View(inputs["image"]), torch.Generator().manual_seed(4)).image
 
 
-def alone() -> Problem:
+def batch_problem() -> Problem:
     """The difference of an image's result alone and in a batch of two."""
-    views = {name: torch.cat([value, value.flip(-1)]) for name, value in views_of("noise", 1).items()}
-    return Problem(_alone, views, shipped("lr_tiny"))
+    views = {name: torch.cat([value, value.flip(-1)]) for name, value in network_inputs("noise", 1).items()}
+    return Problem(_alone, views, shipped_network("lr_tiny"))
 
 
 def _alone(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:

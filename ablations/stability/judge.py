@@ -50,7 +50,7 @@ class CaseOutcome:
     seconds: float = 0.0
 
 
-def judged(case: Case, precision: Precision, direction: str) -> CaseOutcome:
+def judge_case(case: Case, precision: Precision, direction: str) -> CaseOutcome:
     """Compute a case and compare it with float64.
 
     Args:
@@ -62,7 +62,7 @@ def judged(case: Case, precision: Precision, direction: str) -> CaseOutcome:
     problem = case.build()
     started = time.perf_counter()
     try:
-        results, dtype = _result(problem, precision, direction)
+        results, dtype = _compute(problem, precision, direction)
     except InputError as error:
         return CaseOutcome(REFUSED, str(error), tolerance=allowed, seconds=time.perf_counter() - started)
     except UnstableError as error:
@@ -71,7 +71,7 @@ def judged(case: Case, precision: Precision, direction: str) -> CaseOutcome:
         message = f"{type(error).__name__}: {error}".splitlines()[0][:200]
         return CaseOutcome(FAILED, message, tolerance=allowed, seconds=time.perf_counter() - started)
     seconds = time.perf_counter() - started
-    expected = _expected(case, precision.dtype, direction)
+    expected = _reference_result(case, precision.dtype, direction)
     computed = "" if precision.autocast or dtype == precision.dtype else str(dtype).removeprefix("torch.")
     error_size = difference(results, expected, problem, direction)
     outcome, reason = WITHIN, ""
@@ -85,18 +85,20 @@ def judged(case: Case, precision: Precision, direction: str) -> CaseOutcome:
     return CaseOutcome(outcome, reason, error_size, allowed, computed, seconds)
 
 
-def difference(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], problem: Problem, direction: str) -> float:
+def difference(
+    results: Mapping[str, Tensor], expected: Mapping[str, Tensor], problem: Problem, direction: str
+) -> float:
     """The error of results against the reference, as in `PROTOCOL`.
 
     Args:
-        found: results by name.
+        results: results by name.
         expected: reference by name.
         problem: the computation.
         direction: "forward" or "backward".
     """
     worst = 0.0
     largest = max((float(value.norm()) for value in expected.values()), default=0.0)
-    for name, value in found.items():
+    for name, value in results.items():
         residual, reference = (value.double() - expected[name]), expected[name]
         if direction == "backward":
             error, scale = float(residual.norm()), float(reference.norm())
@@ -126,12 +128,12 @@ def record_of(case: Case, precision: Precision, direction: str, cell: CaseOutcom
 
 
 @lru_cache(maxsize=4)
-def _expected(case: Case, dtype: torch.dtype, direction: str) -> dict[str, Tensor]:
+def _reference_result(case: Case, dtype: torch.dtype, direction: str) -> dict[str, Tensor]:
     """The float64 reference of a case whose inputs were rounded to a dtype; the same with and without autocast."""
-    return _result(case.build(), Precision("float64", dtype), direction, reference=True)[0]
+    return _compute(case.build(), Precision("float64", dtype), direction, reference=True)[0]
 
 
-def _result(
+def _compute(
     problem: Problem, precision: Precision, direction: str, reference: bool = False
 ) -> tuple[dict[str, Tensor], torch.dtype]:
     """The result or the gradients, by name, and the dtype of the result."""

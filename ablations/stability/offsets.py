@@ -15,10 +15,12 @@ OFFSETS = {"none": 0.0, "plus_1e4": 1e4, "minus_1e4": -1e4}
 def cases() -> list[Case]:
     """The cases of this family."""
     about = "offsets of {:g} pixels"
-    return [Case("offsets", name, about.format(value), partial(moved, value)) for name, value in OFFSETS.items()]
+    return [
+        Case("offsets", name, about.format(value), partial(offset_problem, value)) for name, value in OFFSETS.items()
+    ]
 
 
-def moved(value: float) -> Problem:
+def offset_problem(value: float) -> Problem:
     """Deformable sampling where half of the offsets have a given value and half lie within a pixel."""
     generator = torch.Generator().manual_seed(8)
     offset = torch.rand(1, 2 * 9, 10, 12, generator=generator, dtype=torch.float64)

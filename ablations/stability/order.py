@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from ablations.stability.sampler import order
+from ablations.stability.sampler import ddim_errors
 from gaussian_enhancer.metrics.records import Record
 
 KIND = "sampler order"
 """Kind of these records."""
 
 
-def measured_order(name: str, steps: Sequence[int], finest: int) -> Iterator[Record]:
+def order_records(name: str, steps: Sequence[int], finest: int) -> Iterator[Record]:
     """A record for each number of steps: error against the reference solution.
 
     Args:
@@ -19,7 +19,7 @@ def measured_order(name: str, steps: Sequence[int], finest: int) -> Iterator[Rec
         finest: number of steps of the reference solution.
     """
     protocol = f"DDIM in float64, root mean square difference of codes to {finest} steps of the same schedule"
-    for count, error in (order(name, tuple(steps), finest) if steps else {}).items():
+    for count, error in (ddim_errors(name, tuple(steps), finest) if steps else {}).items():
         finite_error = error if math.isfinite(error) else None
         metrics: dict[str, float | None] = {"steps": float(count), "error": finite_error}
         reasons = {} if finite_error is not None else {"error": "the walk diverges"}

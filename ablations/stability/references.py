@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ablations.stability.case import Case, Problem
 from ablations.stability.depth import WARPED
 from ablations.stability.geometry import as_target, plane, shifted
-from ablations.stability.images import run_network, shipped, views_of
+from ablations.stability.images import network_inputs, run_network, shipped_network
 from gaussian_enhancer.align.alignment import Pixels, Reprojected, Unwarped, Warp
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -37,31 +37,41 @@ def cases() -> list[Case]:
     for name, about in ABOUT.items():
         for way in WARPS:
             all_cases.append(
-                Case("references", f"{name}_{way}", about, partial(aligned, name, way), WARPED, WHY, ("forward",))
+                Case(
+                    "references",
+                    f"{name}_{way}",
+                    about,
+                    partial(alignment_problem, name, way),
+                    WARPED,
+                    WHY,
+                    ("forward",),
+                )
             )
     about_invisible = "references of visibility 0 that hold huge numbers"
     all_cases.append(Case("references", "unseen_network", about_invisible, unseen_problem))
     for part in ("render", "references", "alpha"):
         about = f"NaN in one pixel of the {part}"
-        all_cases.append(Case("references", f"nan_in_{part}", about, partial(spoilt, part), passes=("forward",)))
+        all_cases.append(Case("references", f"nan_in_{part}", about, partial(nan_problem, part), passes=("forward",)))
     for part in ("render", "references"):
         about = f"1e30 in a patch of the {part}"
-        all_cases.append(Case("references", f"1e30_in_{part}", about, partial(huge, part), passes=("forward",)))
+        all_cases.append(
+            Case("references", f"1e30_in_{part}", about, partial(large_value_problem, part), passes=("forward",))
+        )
     return all_cases
 
 
 WARPS: dict[str, Warp] = {"reprojected": Reprojected(), "unwarped": Unwarped()}
 
 
-def aligned(name: str, way: str) -> Problem:
+def alignment_problem(name: str, way: str) -> Problem:
     """References aligned to the target's pixels."""
     return Problem(partial(_aligned, name, way), {"render": as_target(plane()).image}, share=0.99)
 
 
 def _aligned(name: str, way: str, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     kind = inputs["render"].dtype
-    target = replace(_in(as_target(plane()), kind), image=inputs["render"])
-    views = [_in(view, kind) for view in references(name, target)]
+    target = replace(_cast_view(as_target(plane()), kind), image=inputs["render"])
+    views = [_cast_view(view, kind) for view in references(name, target)]
     aligned_set = WARPS[way](target, views, 3)
     channels = torch.cat([aligned_set.references, aligned_set.visibility], 1)
     # Equal references may be returned in any order.
@@ -90,7 +100,7 @@ def references(name: str, target: Pixels) -> Sequence[Pixels]:
     return [replace(ordinary[0], name=view_name) for view_name in NAMES]
 
 
-def _in(view: Pixels, kind: torch.dtype) -> Pixels:
+def _cast_view(view: Pixels, kind: torch.dtype) -> Pixels:
     """A view with its images converted to a dtype; its camera is unchanged."""
     images = {name: getattr(view, name) for name in ("image", "depth", "alpha", "render")}
     converted = {name: None if image is None else image.to(kind) for name, image in images.items()}
@@ -99,24 +109,24 @@ def _in(view: Pixels, kind: torch.dtype) -> Pixels:
 
 def unseen_problem() -> Problem:
     """The network with large values in references of zero visibility."""
-    views = views_of("noise", 1)
+    views = network_inputs("noise", 1)
     views["visibility"] = torch.zeros_like(views["visibility"])
     views["references"] = views["references"] * 0 + 1e3
-    return Problem(run_network, views, shipped("lr_tiny"))
+    return Problem(run_network, views, shipped_network("lr_tiny"))
 
 
-def spoilt(part: str) -> Problem:
+def nan_problem(part: str) -> Problem:
     """A view with NaN in one pixel, enhanced as in the job enhance."""
-    views = views_of("noise", 1)
+    views = network_inputs("noise", 1)
     views[part].view(-1)[17] = math.nan
-    return Problem(_enhanced, views, shipped("lr_tiny"))
+    return Problem(_enhanced, views, shipped_network("lr_tiny"))
 
 
-def huge(part: str) -> Problem:
+def large_value_problem(part: str) -> Problem:
     """A view with a patch of 1e30, whose square is not finite in float32, enhanced as in the job enhance."""
-    views = views_of("noise", 1)
+    views = network_inputs("noise", 1)
     views[part][..., 4:12, 4:12] = 1e30
-    return Problem(_enhanced, views, shipped("lr_tiny"))
+    return Problem(_enhanced, views, shipped_network("lr_tiny"))
 
 
 def _enhanced(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:

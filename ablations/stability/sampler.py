@@ -71,11 +71,11 @@ def cases() -> list[Case]:
             # A backward pass through many evaluations shows nothing that four do not.
             passes = ("forward", "backward") if steps <= 4 else ("forward",)
             about = f"DDIM, {steps} steps, schedule {name}"
-            build = partial(sampled, name, Sampler(steps))
+            build = partial(sampler_problem, name, Sampler(steps))
             all_cases.append(Case("sampler", f"{name}_{steps}", about, build, *limits(name), passes, seconds=600.0))
     for kind, options in (("ancestral", {"noise": 1.0}), ("mean", {"mean": True})):
         for name in ("cosine", "linear", "steep"):
-            build = partial(sampled, name, Sampler(64, **options))  # type: ignore[arg-type]
+            build = partial(sampler_problem, name, Sampler(64, **options))  # type: ignore[arg-type]
             about = f"{kind}, 64 steps, schedule {name}"
             all_cases.append(Case("sampler", f"{name}_{kind}", about, build, *limits(name), ("forward",)))
     return all_cases
@@ -86,14 +86,14 @@ def limits(name: str) -> tuple[Tolerance, str]:
     return (TOLERANCE, WHY) if name in IN_USE else (STIFF, STIFF_WHY)
 
 
-def sampled(name: str, sampler: Sampler) -> Problem:
+def sampler_problem(name: str, sampler: Sampler) -> Problem:
     """Codes sampled from noise by the shipped denoiser."""
-    model = denoising()
+    model = shipped_factor_model()
     manual = torch.rand(1, 3, SIDE, SIDE, generator=torch.Generator().manual_seed(9), dtype=torch.float64)
-    return Problem(partial(_sampled, name, sampler), {"manual": manual}, model)
+    return Problem(partial(_sample_codes, name, sampler), {"manual": manual}, model)
 
 
-def _sampled(name: str, sampler: Sampler, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+def _sample_codes(name: str, sampler: Sampler, module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     if not isinstance(module, FactorModel):
         raise TypeError(f"{type(module).__name__} is no factor model")
     manual = inputs["manual"]
@@ -111,12 +111,12 @@ def _sampled(name: str, sampler: Sampler, module: nn.Module | None, inputs: dict
 
 
 @cache
-def denoising() -> FactorModel:
+def shipped_factor_model() -> FactorModel:
     """The shipped simulator's networks in double precision; they are shared, so callers copy them."""
     return load_model("simulator").model.double()
 
 
-def order(name: str, counts: tuple[int, ...], finest: int = FINEST) -> dict[int, float]:
+def ddim_errors(name: str, counts: tuple[int, ...], finest: int = FINEST) -> dict[int, float]:
     """Error of DDIM by number of steps: root mean square difference to the reference solution, in double precision.
 
     Args:
@@ -126,7 +126,7 @@ def order(name: str, counts: tuple[int, ...], finest: int = FINEST) -> dict[int,
     """
 
     def solved(steps: int) -> Tensor:
-        sampling_problem = sampled(name, Sampler(steps))
+        sampling_problem = sampler_problem(name, Sampler(steps))
         with torch.no_grad():
             return sampling_problem.call(sampling_problem.module, dict(sampling_problem.inputs))
 

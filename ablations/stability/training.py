@@ -6,8 +6,8 @@ from functools import partial
 import torch
 from torch import Tensor, nn
 
-from ablations.stability.case import NETWORK, PRECISIONS, Case, Problem, Tolerance, UnstableError
-from ablations.stability.images import picture, views_of
+from ablations.stability.case import NETWORK_TOLERANCE, PRECISIONS, Case, Problem, Tolerance, UnstableError
+from ablations.stability.images import network_inputs, picture
 from gaussian_enhancer.loss.terms import DSSIM, Charbonnier, Relative
 from gaussian_enhancer.loss.weighted_sum import Weighted, WeightedLoss
 from gaussian_enhancer.network.network import Network
@@ -28,15 +28,15 @@ def cases() -> list[Case]:
             "training",
             "first_step_100x",
             "a first step at 100 times the learning rate",
-            hurried,
+            high_rate_problem,
             ANY,
             diverges,
             FORWARD,
         ),
-        Case("training", "batch_black", "a batch of black images", partial(one_step, "black"), NETWORK),
-        Case("training", "batch_constant", "a batch of one grey", partial(one_step, "constant"), NETWORK),
-        Case("training", "batch_of_one", "a batch of one sample", partial(one_step, "noise", 1), NETWORK),
-        Case("training", "nan_in_a_sample", "NaN in one sample of four", spoilt, NETWORK),
+        Case("training", "batch_black", "a batch of black images", partial(one_step, "black"), NETWORK_TOLERANCE),
+        Case("training", "batch_constant", "a batch of one grey", partial(one_step, "constant"), NETWORK_TOLERANCE),
+        Case("training", "batch_of_one", "a batch of one sample", partial(one_step, "noise", 1), NETWORK_TOLERANCE),
+        Case("training", "nan_in_a_sample", "NaN in one sample of four", nan_problem, NETWORK_TOLERANCE),
     ]
 
 
@@ -62,7 +62,7 @@ def small_network() -> SIF:
 
 def inputs_of(name: str, batch: int) -> dict[str, Tensor]:
     """Network inputs and photos of a batch."""
-    views = {key: value.repeat_interleave(batch, 0) for key, value in views_of(name, 1).items()}
+    views = {key: value.repeat_interleave(batch, 0) for key, value in network_inputs(name, 1).items()}
     return {**views, "photo": (picture("noise", batch) + views["render"]) / 2 if name == "noise" else views["render"]}
 
 
@@ -71,7 +71,7 @@ def one_step(name: str, batch: int = 4) -> Problem:
     return Problem(_loss, inputs_of(name, batch), small_network().double(), tuple(inputs_of(name, 1)))
 
 
-def spoilt() -> Problem:
+def nan_problem() -> Problem:
     """The loss of a batch with NaN in one sample."""
     inputs = inputs_of("noise", 4)
     inputs["photo"][2, 1, 3, 4] = math.nan
@@ -82,12 +82,12 @@ def _loss(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     return _training(module).batch_loss(_batch(inputs))[0]
 
 
-def hurried() -> Problem:
+def high_rate_problem() -> Problem:
     """31 training steps, the first at 100 times the learning rate."""
-    return Problem(_hurried, inputs_of("noise", 2), small_network().double())
+    return Problem(_train_at_high_rate, inputs_of("noise", 2), small_network().double())
 
 
-def _hurried(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
+def _train_at_high_rate(module: nn.Module | None, inputs: dict[str, Tensor]) -> Tensor:
     training_module = _training(module)
     optimiser = training_module.configure_optimizers()["optimizer"]
     learning_rates = [8e-4 * 100] + [8e-4] * 30

@@ -7,13 +7,13 @@ from multiprocessing.connection import Connection
 import torch
 
 from ablations.stability.case import PRECISIONS, Case, Precision
-from ablations.stability.judge import FAILED, CaseOutcome, judged, record_of
+from ablations.stability.judge import FAILED, CaseOutcome, judge_case, record_of
 from gaussian_enhancer.metrics.records import Record
 
 Task = tuple[Case, Precision, str]
 
 
-def measured(
+def matrix_records(
     cases: Sequence[Case],
     precisions: Sequence[Precision] = PRECISIONS,
     threads: int = 1,
@@ -83,4 +83,4 @@ def compute(tasks: Sequence[Task], answers: Connection, threads: int) -> None:
     torch.set_num_threads(threads)
     answers.send(CaseOutcome(""))
     for case, precision, direction in tasks:
-        answers.send(judged(case, precision, direction))
+        answers.send(judge_case(case, precision, direction))

@@ -23,7 +23,7 @@ PROTOCOL = (
 
 
 @dataclass(frozen=True)
-class Place:
+class FrameGeometry:
     """Camera and geometry of a frame, independent of the method that made its image.
 
     Args:
@@ -59,9 +59,9 @@ class WarpedError:
 
 def warped_error(
     image: Float[Tensor, "3 h w"],
-    place: Place,
+    place: FrameGeometry,
     other: Float[Tensor, "3 h w"],
-    other_place: Place,
+    other_place: FrameGeometry,
     tolerance: float = 0.02,
 ) -> WarpedError:
     """Warp another frame onto this one through this frame's depth, and compare them where both show the same surface.
@@ -98,7 +98,7 @@ def warped_error(
 
 
 def sequence_errors(
-    images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[Place], tolerance: float = 0.02
+    images: Sequence[Float[Tensor, "3 h w"]], places: Sequence[FrameGeometry], tolerance: float = 0.02
 ) -> tuple[WarpedError, ...]:
     """The `warped_error` of every frame with the next one warped onto it.
 
@@ -118,7 +118,7 @@ def sequence_errors(
     return tuple(warped_error(*this, *following, tolerance) for this, following in neighbours)
 
 
-def _same_size(image: Tensor, place: Place) -> None:
+def _same_size(image: Tensor, place: FrameGeometry) -> None:
     sizes = [tuple(image.shape[-2:]), tuple(place.depth.shape[-2:]), (place.camera.height, place.camera.width)]
     if len(set(sizes)) > 1:
         size_texts = " and ".join(f"{width}x{height}" for height, width in dict.fromkeys(sizes))

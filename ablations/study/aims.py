@@ -55,12 +55,12 @@ class FrameLoss:
     loss: float
 
 
-def better(metric: str) -> int:
+def improvement_sign(metric: str) -> int:
     """1 if higher values of a metric are better, -1 if lower ones are."""
     return 1 if HIGHER_IS_BETTER[metric] else -1
 
 
-def by_role(results: Results, role: str) -> tuple[str, ...]:
+def methods_of_role(results: Results, role: str) -> tuple[str, ...]:
     """The names of the methods of a role, "ours" or "other"."""
     return tuple(name for name, method in results.study.methods.items() if method.role == role)
 
@@ -70,18 +70,18 @@ def pairs_of(results: Results, scene: str) -> tuple[SceneSplat, ...]:
     return tuple(pair for pair in results.pairs if pair[0] == scene)
 
 
-def losses(results: Results, method: str, metric: str) -> list[FrameLoss]:
+def ranked_losses(results: Results, method: str, metric: str) -> list[FrameLoss]:
     """The losses of all frames against the baseline, the largest first."""
     gains = results.sample(results.pairs, method, metric, results.study.baseline)
     frame_losses = [
-        FrameLoss(pair, view, -better(metric) * gain)
+        FrameLoss(pair, view, -improvement_sign(metric) * gain)
         for (pair, _), views in gains.values.items()
         for view, gain in views.items()
     ]
     return sorted(frame_losses, key=lambda one: -one.loss)
 
 
-def told(gains: ScoreSample) -> str:
+def format_gain_sample(gains: ScoreSample) -> str:
     """Format a mean gain, its interval, and what is missing."""
     if not gains.values:
         return "missing"
@@ -96,33 +96,33 @@ def verdicts(results: Results, method: str, aims: Aims) -> tuple[Verdict, ...]:
     """Judge every aim for a method of ours: gains by scene, being ahead by scene, no frame made worse."""
     scenes = tuple(dict.fromkeys(scene for scene, _ in results.pairs))
     judged = [
-        _gained(results, method, scene, metric, least)
+        _gain_verdict(results, method, scene, metric, least)
         for scene in scenes
         for metric, least in aims.gains.get(scene, {}).items()
     ]
-    if aims.ahead and by_role(results, "other"):
-        judged += [_ahead(results, method, scene, aims.ahead) for scene in scenes]
-    return (*judged, *(_harmless(results, method, metric, limit) for metric, limit in aims.allowed.items()))
+    if aims.ahead and methods_of_role(results, "other"):
+        judged += [_ahead_verdict(results, method, scene, aims.ahead) for scene in scenes]
+    return (*judged, *(_loss_verdict(results, method, metric, limit) for metric, limit in aims.allowed.items()))
 
 
-def _gained(results: Results, method: str, scene: str, metric: str, least: float) -> Verdict:
+def _gain_verdict(results: Results, method: str, scene: str, metric: str, least: float) -> Verdict:
     gains = results.sample(pairs_of(results, scene), method, metric, results.study.baseline)
-    improvement = better(metric) * gains.mean()
-    met = None if not gains.whole else improvement >= least if least > 0 else improvement > 0
-    aim = f"{metric} {better(metric) * least:+g} or better" if least > 0 else f"{metric} better"
-    return Verdict(method, scene, aim, told(gains), met)
+    improvement = improvement_sign(metric) * gains.mean()
+    met = None if not gains.complete else improvement >= least if least > 0 else improvement > 0
+    aim = f"{metric} {improvement_sign(metric) * least:+g} or better" if least > 0 else f"{metric} better"
+    return Verdict(method, scene, aim, format_gain_sample(gains), met)
 
 
-def _ahead(results: Results, method: str, scene: str, metrics: Sequence[str]) -> Verdict:
+def _ahead_verdict(results: Results, method: str, scene: str, metrics: Sequence[str]) -> Verdict:
     """Whether a method is better than each other one. Being behind one of them is a miss, whatever else is missing."""
-    pairs, others = pairs_of(results, scene), by_role(results, "other")
+    pairs, others = pairs_of(results, scene), methods_of_role(results, "other")
     behind, incomplete = [], []
     for other in others:
         for metric in metrics:
             gains = results.sample(pairs, method, metric, other)
-            if gains.values and not better(metric) * gains.mean() > 0:
+            if gains.values and not improvement_sign(metric) * gains.mean() > 0:
                 behind.append(f"{other} ({metric} {gains.mean():+.3f})")
-            elif not gains.whole:
+            elif not gains.complete:
                 incomplete.append(other)
     met = False if behind else None if incomplete else True
     remarks = [f"behind {', '.join(behind)}" if behind else ""]
@@ -131,11 +131,11 @@ def _ahead(results: Results, method: str, scene: str, metrics: Sequence[str]) ->
     return Verdict(method, scene, f"ahead of every other method in {', '.join(metrics)}", finding, met)
 
 
-def _harmless(results: Results, method: str, metric: str, limit: float) -> Verdict:
+def _loss_verdict(results: Results, method: str, metric: str, limit: float) -> Verdict:
     gains = results.sample(results.pairs, method, metric, results.study.baseline)
-    count = sum(frame_loss.loss > limit for frame_loss in losses(results, method, metric))
+    count = sum(frame_loss.loss > limit for frame_loss in ranked_losses(results, method, metric))
     missing_pairs, unknown_frames = gains.missing_pairs(), sum(map(len, gains.unknown.values()))
-    met = False if count else True if gains.whole else None
+    met = False if count else True if gains.complete else None
     finding = f"{count} of {gains.frames + unknown_frames} frames do"
     finding += f"; {missing_pairs} scene-splat pairs missing" if missing_pairs else ""
     finding += f"; {unknown_frames} frames without it" if unknown_frames else ""

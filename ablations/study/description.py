@@ -133,14 +133,14 @@ def read_description(path: str | Path) -> TableDescription:
         InputError: the file is missing, or is not a description of a table.
     """
     try:
-        return table_of(json.loads(Path(path).read_text(encoding="utf-8")))
+        return parse_description(json.loads(Path(path).read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise InputError(path, "does not exist", "make the table first: gaussian-enhancer tables") from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(path, f"describes no table ({error})", "make the table again") from None
 
 
-def table_of(values: Mapping[str, Any]) -> TableDescription:
+def parse_description(values: Mapping[str, Any]) -> TableDescription:
     """Build a table's description from plain values.
 
     Raises:

@@ -21,7 +21,7 @@ from omegaconf import DictConfig
 
 from ablations.study.markdown import markdown
 from ablations.study.row_table import TableLayout, page, row_table
-from ablations.study.rows import Measurement, RowFile, frame_of, line_of, stated
+from ablations.study.rows import Measurement, RowFile, frame_of, line_of, with_provenance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import MISSING
@@ -48,8 +48,8 @@ class Study(Generic[Part]):
         columns: further columns that records must have.
         option: the job's option that selects what is measured, for error messages.
         records: file of the records; None to use the option ``records``.
-        whole: whether the records of this command replace the whole file. Parts are then not cached beside it: they
-            are content-addressed runs, which are found again, or must be measured in one process.
+        replaces_file: whether the records of this command replace the whole file. Parts are then not cached beside it:
+            they are content-addressed runs, which are found again, or must be measured in one process.
         derived: adds columns to the frame of all rows.
         above: returns the page's text above its tables, from that frame and the page's path.
         below: returns the page's text below its tables, from the page's path.
@@ -62,7 +62,7 @@ class Study(Generic[Part]):
     columns: tuple[str, ...] = ()
     option: str = "runs"
     records: Path | None = None
-    whole: bool = False
+    replaces_file: bool = False
     derived: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame
     above: Callable[[pd.DataFrame, Path], Sequence[str]] = lambda frame, page: ()
     below: Callable[[Path], Sequence[str]] = lambda page: ()
@@ -96,10 +96,10 @@ def job(
         with_report = (study,) if study.report is not None else ()
         for measured_study in (*other_studies, *with_report):
             if file := measured_study.file(cfg.get("records")):
-                add(measured_study, file, digest)
+                measure_and_add(measured_study, file, digest)
         if study.report is not None:
             return study.report()
-        frame, layout = study.derived(measured(study, cfg.records, digest)), TableLayout(**plain(cfg.row_table))
+        frame, layout = study.derived(measure_study(study, cfg.records, digest)), TableLayout(**plain(cfg.row_table))
         if cfg.get("page"):
             path = Path(cfg.page)
             write_text(path, page(frame, layout, study.above(frame, path), study.below(path)))
@@ -109,7 +109,7 @@ def job(
     return run
 
 
-def measured(study: Study[Any], records: str | Path | None, digest: str = "") -> pd.DataFrame:
+def measure_study(study: Study[Any], records: str | Path | None, digest: str = "") -> pd.DataFrame:
     """Measure every part; returns the frame of all rows.
 
     Args:
@@ -123,16 +123,16 @@ def measured(study: Study[Any], records: str | Path | None, digest: str = "") ->
     """
     file = study.file(records)
     if file is None:
-        frame = frame_of(stated(measurement) for part in study.parts for measurement in study.measure(part))
+        frame = frame_of(with_provenance(measurement) for part in study.parts for measurement in study.measure(part))
     else:
-        add(study, file, digest)
+        measure_and_add(study, file, digest)
         frame = file.read()
     if frame.empty:
         raise InputError("records", "hold no row", f"measure, with {study.option}=")
     return frame
 
 
-def add(study: Study[Any], file: RowFile, digest: str) -> None:
+def measure_and_add(study: Study[Any], file: RowFile, digest: str) -> None:
     """Measure every part and add the rows to the records.
 
     Args:
@@ -143,18 +143,18 @@ def add(study: Study[Any], file: RowFile, digest: str) -> None:
     Raises:
         InputError: nothing could be measured, or the file is not a file of these records or cannot be written.
     """
-    if study.whole:
+    if study.replaces_file:
         if study.parts:
-            lines = [line_of(stated(row)) for part in study.parts for row in study.measure(part)]
+            lines = [line_of(with_provenance(row)) for part in study.parts for row in study.measure(part)]
             write_text(file.path, "".join(f"{line}\n" for line in lines))
         return
-    file.held()  # refuses a wrong file before anything is measured
+    file.read_or_empty()  # refuses a wrong file before anything is measured
     folder = file.path.with_name(f"{file.path.name}.{digest}.parts")
     lines = []
     for part in study.parts:
         part_file = folder / f"{digest_of({'part': str(part)})}.jsonl"
         if not part_file.is_file():
-            write_text(part_file, "\n".join(line_of(stated(row)) for row in study.measure(part)))
+            write_text(part_file, "\n".join(line_of(with_provenance(row)) for row in study.measure(part)))
         lines += filter(
             None, part_file.read_text(encoding="utf-8").split("\n")
         )  # splitlines would also split at other line separators within names

@@ -16,11 +16,11 @@ from gaussian_enhancer.scene.renders import read_run
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
 
 
-def gain_study(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> Study[Path]:
+def gain_study(enhancers: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.device) -> Study[Path]:
     """The gain of every metric over the raw render, by enhancer and view of each run's last step.
 
     Args:
-        made: enhancers by their names in the column ``row``.
+        enhancers: enhancers by their names in the column ``row``.
         cfg: ``runs``, ``every``, ``lpips`` and ``backbones`` as in conf/candidates.yaml.
         device: where LPIPS is measured.
 
@@ -31,8 +31,8 @@ def gain_study(made: Mapping[str, SetEnhancer], cfg: DictConfig, device: torch.d
 
     def measure(run: Path) -> list[dict[str, object]]:
         rows: list[dict[str, object]] = []
-        for enhanced in enhanced_views(read_run(run), made, distances, cfg.every):
-            for row in made:
+        for enhanced in enhanced_views(read_run(run), enhancers, distances, cfg.every):
+            for row in enhancers:
                 gains = {name: value for name, value in enhanced.gains(row).items() if name in METRICS}
                 row_keys = {"row": row, "scene": scene_of(run), "run": run.name, "view": enhanced.view.name}
                 rows.append({**row_keys, **gains, "raw_psnr": enhanced.raw.metrics["psnr"]})

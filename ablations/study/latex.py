@@ -47,13 +47,13 @@ SPECIAL = {
 """The LaTeX code that prints each special character."""
 
 
-def escaped(text: str) -> str:
+def escape(text: str) -> str:
     """Escape text for LaTeX. White space becomes one blank; characters missing in common fonts become their codes."""
     separated = re.sub("-(?=-)", "-\N{WORD JOINER}", text)  # -- would become a dash
     return " ".join("".join(map(_character, separated)).split())
 
 
-def document(table: RenderedTable, name: str, caption: str, remarks: Sequence[str], figure: str = "") -> str:
+def latex_float(table: RenderedTable, name: str, caption: str, remarks: Sequence[str], figure: str = "") -> str:
     """The table as a LaTeX float.
 
     Args:
@@ -63,13 +63,13 @@ def document(table: RenderedTable, name: str, caption: str, remarks: Sequence[st
         remarks: sentences under the table.
         figure: file name of a picture above the table; empty for none.
     """
-    notes = [rf"\textsuperscript{{{number}}} {escaped(note)}" for number, note in enumerate(table.notes, 1)]
-    footer = "\\par\n".join([*(escaped(remark) for remark in remarks), *notes])
+    notes = [rf"\textsuperscript{{{number}}} {escape(note)}" for number, note in enumerate(table.notes, 1)]
+    footer = "\\par\n".join([*(escape(remark) for remark in remarks), *notes])
     picture = rf"\includegraphics[width=\textwidth]{{{figure}}}\par\medskip" + "\n" if figure else ""
     return rf"""% needs \usepackage{{booktabs,graphicx}}
 \begin{{table*}}[t]
 \centering
-\caption{{{escaped(caption)}}}
+\caption{{{escape(caption)}}}
 \label{{tab:{name.replace("_", "-")}}}
 {picture}\resizebox{{\textwidth}}{{!}}{{%
 {tabular(table)}}}
@@ -85,16 +85,16 @@ def tabular(table: RenderedTable) -> str:
     for title, block in table.blocks:
         texts = block.map(_cell)
         if any(title for title, _ in table.blocks):
-            texts.insert(0, "block", [escaped(title), *[""] * (len(texts) - 1)])
+            texts.insert(0, "block", [escape(title), *[""] * (len(texts) - 1)])
         frames.append(texts)
-    combined = pd.concat(frames, ignore_index=True).rename(columns=escaped)
+    combined = pd.concat(frames, ignore_index=True).rename(columns=escape)
     number_columns = combined.shape[1] - combined.columns.get_loc("method") - 1
     columns = "l" * (combined.shape[1] - number_columns) + "r" * number_columns
     return str(combined.style.hide(axis="index").to_latex(hrules=True, column_format=columns)).rstrip()
 
 
 def _cell(cell: Cell) -> str:
-    text = rf"\textbf{{{escaped(cell.text)}}}" if cell.best else escaped(cell.text)
+    text = rf"\textbf{{{escape(cell.text)}}}" if cell.best else escape(cell.text)
     return text + (rf"\textsuperscript{{{','.join(map(str, cell.notes))}}}" if cell.notes else "")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from ablations.study.description import TableDescription
 from ablations.study.results import Results, block_of
 from ablations.study.sample import SceneSplat, ScoreSample
-from ablations.study.statistics import Spread, interval, over_seeds
+from ablations.study.statistics import Spread, interval, spread_over_seeds
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 STATISTICS = {"max": "maximum", "min": "minimum", "mean": "mean", "std": "deviation"}
@@ -77,10 +77,10 @@ def table_lines(results: Results, records: Sequence[Record]) -> tuple[Line, ...]
         results: the table with its records.
         records: the same records, in the order to which `Line.records` refers.
     """
-    return tuple(_lines(results, _members(results.study, records)))
+    return tuple(_lines(results, _records_by_block(results.study, records)))
 
 
-def baselines(table: TableDescription, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
+def match_baselines(table: TableDescription, records: Sequence[Record]) -> tuple[tuple[int, ...], ...]:
     """For each record, the indices of the baseline's records that its gain is computed against; empty if none.
 
     Usually this is one record, of the same scene, splat, view and seed. A baseline without a seed is compared with
@@ -115,13 +115,15 @@ def _lines(results: Results, members: Mapping[tuple[str, str], Sequence[tuple[in
                     block, key, method, records=tuple(place for place, scene in located if scene in scenes)
                 )
                 if table.kind == "repeats":
-                    yield from _repeated(results, empty_line, scenes)
+                    yield from _statistic_lines(results, empty_line, scenes)
                 else:
                     numbers = {metric: _number(results, empty_line, scenes, metric) for metric in table.metrics}
                     yield dataclasses.replace(empty_line, numbers=numbers)
 
 
-def _members(table: TableDescription, records: Sequence[Record]) -> dict[tuple[str, str], list[tuple[int, str]]]:
+def _records_by_block(
+    table: TableDescription, records: Sequence[Record]
+) -> dict[tuple[str, str], list[tuple[int, str]]]:
     """Indices and scenes of the records, by block and method."""
     kinds = ("cost" if table.kind == "cost" else "quality", MISSING)
     members: dict[tuple[str, str], list[tuple[int, str]]] = {}
@@ -148,39 +150,46 @@ def _number(results: Results, line: Line, scenes: Sequence[str], metric: str) ->
     table = results.study
     values = results.values(line.block, line.method, metric, scenes)
     paper, paper_gain = _paper(table, line, metric)
-    value = _known(values.mean())
+    value = _finite_or_none(values.mean())
     if line.method == table.baseline or table.kind == "cost":
-        return _counted(values, Number(value=value, paper=paper, paper_gain=paper_gain))
+        return _with_counts(values, Number(value=value, paper=paper, paper_gain=paper_gain))
     gains = results.gains(line.block, line.method, metric, None, scenes)
     low, high = interval(gains)
-    spread = over_seeds(gains)
-    number = Number(value, _known(gains.mean()), _known(low), _known(high), _known(spread.deviation))
-    return _counted(gains, dataclasses.replace(number, paper=paper, paper_gain=paper_gain))
+    spread = spread_over_seeds(gains)
+    number = Number(
+        value,
+        _finite_or_none(gains.mean()),
+        _finite_or_none(low),
+        _finite_or_none(high),
+        _finite_or_none(spread.deviation),
+    )
+    return _with_counts(gains, dataclasses.replace(number, paper=paper, paper_gain=paper_gain))
 
 
-def _repeated(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[Line]:
+def _statistic_lines(results: Results, line: Line, scenes: Sequence[str]) -> Iterator[Line]:
     """One line for each statistic of a method's gains over trainings."""
     table = results.study
     gains = {metric: results.gains(line.block, line.method, metric, None, scenes) for metric in table.metrics}
-    spreads = {metric: over_seeds(sample) for metric, sample in gains.items()}
+    spreads = {metric: spread_over_seeds(sample) for metric, sample in gains.items()}
     for statistic in STATISTICS:
         statistic_line = dataclasses.replace(line, statistic=statistic)
         numbers = {
-            metric: _repeat(gains[metric], spreads[metric], table, statistic_line, metric) for metric in table.metrics
+            metric: _statistic_number(gains[metric], spreads[metric], table, statistic_line, metric)
+            for metric in table.metrics
         }
         yield dataclasses.replace(statistic_line, numbers=numbers)
 
 
-def _repeat(gains: ScoreSample, spread: Spread, table: TableDescription, line: Line, metric: str) -> Number:
-    value = _known(getattr(spread, STATISTICS[line.statistic]))
+def _statistic_number(gains: ScoreSample, spread: Spread, table: TableDescription, line: Line, metric: str) -> Number:
+    value = _finite_or_none(getattr(spread, STATISTICS[line.statistic]))
     _, paper_gain = _paper(table, line, metric)
-    number = _counted(gains, Number(gain=value, paper_gain=paper_gain))
+    number = _with_counts(gains, Number(gain=value, paper_gain=paper_gain))
     left_out = tuple(f"left out, {name}: {reason}" for name, reason in spread.left_out.items())
     too_few = (f"{spread.count} of the 2 trainings that a deviation needs",) if value is None and spread.count else ()
     return dataclasses.replace(number, reasons=(*too_few, *left_out, *number.reasons))
 
 
-def _counted(sample: ScoreSample, number: Number) -> Number:
+def _with_counts(sample: ScoreSample, number: Number) -> Number:
     """The number with its sample sizes and the reasons of missing values."""
     scenes, _, views = sample.counts()
     seeds = len({seed for _, seed in sample.values if seed is not None})
@@ -220,5 +229,5 @@ def _at(values: Sequence[float] | None, place: int) -> float | None:
     return values[place] if values is not None and place < len(values) else None
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -35,12 +35,12 @@ def markdown(table: pd.DataFrame) -> str:
     return str(escaped.to_markdown(index=False, tablefmt=FORMAT, **options)) + "\n"
 
 
-def plain(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Text in one line, with HTML tags and emphasis escaped."""
     return " ".join(text.replace("<", "&lt;").replace("*", r"\*").split())
 
 
-def gain_written(metric: str, gain: float, low: float, high: float) -> str:
+def format_gain(metric: str, gain: float, low: float, high: float) -> str:
     """Format a gain with its interval, if it has one."""
     ends = [written(metric, end, signed=True) for end in (low, high)]
     return written(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")

@@ -46,7 +46,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class SameEverywhere:
+class FixedMethod:
     """A method that is the same for all fits.
 
     Args:
@@ -75,10 +75,10 @@ class Average(Network):
         return (total / (1 + views.visibility.sum(1)),)
 
 
-def average() -> SameEverywhere:
+def average() -> FixedMethod:
     """The average of render and warped references, with references aligned as for the shipped weights."""
     plain = SetEnhancer(Average(), ReferenceConfig(), precision="float32", colour_clamping=0, colour_completion=False)
-    return SameEverywhere("none", plain)
+    return FixedMethod("none", plain)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class TwoFits:
     others: Mapping[str, Path]
 
     @classmethod
-    def found(cls, patterns: Sequence[str]) -> "TwoFits":
+    def from_patterns(cls, patterns: Sequence[str]) -> "TwoFits":
         """Use the finished fits that match patterns as second fits.
 
         Args:

@@ -13,8 +13,8 @@ import pandas as pd
 from ablations.study.description import TableDescription
 from ablations.study.lines import ALL, STATISTICS, Line, Number, table_lines
 from ablations.study.results import Results
-from ablations.study.significance import Place, Significance, significance
-from ablations.study.statistics import over_scenes_and_seeds
+from ablations.study.significance import Significance, TestKey, significance
+from ablations.study.statistics import spread_over_scenes_and_seeds
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
 from gaussian_enhancer.report.quantities import quantities
 
@@ -57,24 +57,24 @@ class Notes:
     def __init__(self) -> None:
         self._places: dict[str, dict[str, dict[str, None]]] = {}
 
-    def number(self, where: str, told: str) -> int:
+    def number(self, where: str, reason_text: str) -> int:
         """Register a reason and return its number, counted from 1.
 
         Args:
             where: block and method.
-            told: a text of `Number.reasons`: scene and seed, a colon, the reason.
+            reason_text: a text of `Number.reasons`: scene and seed, a colon, the reason.
         """
-        scene_and_seed, separator, reason = told.partition(": ")
-        reason, scene_and_seed = (reason, scene_and_seed) if separator else (told, "")
+        scene_and_seed, separator, reason = reason_text.partition(": ")
+        reason, scene_and_seed = (reason, scene_and_seed) if separator else (reason_text, "")
         self._places.setdefault(reason, {}).setdefault(where, {})[scene_and_seed] = None
         return list(self._places).index(reason) + 1
 
     def texts(self) -> tuple[str, ...]:
         """The notes in the order of their numbers."""
-        return tuple(f"{reason}; in {_listed(methods)}" for reason, methods in self._places.items())
+        return tuple(f"{reason}; in {_list_methods(methods)}" for reason, methods in self._places.items())
 
 
-def _listed(methods: Mapping[str, Mapping[str, None]]) -> str:
+def _list_methods(methods: Mapping[str, Mapping[str, None]]) -> str:
     """List methods, each with its scenes and seeds in brackets."""
     places = {method: "; ".join(filter(None, applies_to)) for method, applies_to in methods.items()}
     return ", ".join(f"{method} ({applies_to})" if applies_to else method for method, applies_to in places.items())
@@ -96,17 +96,17 @@ class StudyTable:
         self.results = Results(study, records)
         lines_over_seeds = table_lines(self.results, records)
         self.lines: tuple[Line, ...] = (*lines_over_seeds, *self._by_scene(lines_over_seeds))
-        self.tests: Mapping[Place, Significance] = significance(self.results, lines_over_seeds)
+        self.tests: Mapping[TestKey, Significance] = significance(self.results, lines_over_seeds)
         self.blocks: dict[tuple[str, str], list[Line]] = {}
         for line in self.lines:
             self.blocks.setdefault((line.block, line.dataset), []).append(line)
         self.quantities = {quantity.key: quantity for quantity in quantities(set(study.metrics))}
-        self.shown = tuple(metric for metric in study.metrics if self._known(metric)) or study.metrics
+        self.shown_metrics = tuple(metric for metric in study.metrics if self._has_value(metric)) or study.metrics
 
     def rendered(self) -> RenderedTable:
         """The table's text."""
         notes = Notes()
-        columns = ["method", *(title for metric in self.shown for title in self._columns(metric))]
+        columns = ["method", *(title for metric in self.shown_metrics for title in self._columns(metric))]
         columns += ["scenes", "seeds", "views"]
         blocks = tuple(
             (self._block_title(key), pd.DataFrame([self._cells(line, notes) for line in lines], columns=columns))
@@ -131,7 +131,7 @@ class StudyTable:
             return method
         return f"{method}, {line.statistic}" if len(self.study.methods) > 2 else line.statistic
 
-    def _known(self, metric: str) -> bool:
+    def _has_value(self, metric: str) -> bool:
         """Whether any cell of a metric has a number, ours or the paper's; a metric without one appears in the notes."""
         numbers = [line.numbers[metric] for line in self.lines]
         measured_values = [value for n in numbers for value in (n.value, n.gain)]
@@ -146,7 +146,7 @@ class StudyTable:
             scenes = datasets[line.dataset].scenes
             numbers = {}
             for metric in self.study.metrics:
-                spread = over_scenes_and_seeds(self.results.gains(line.block, line.method, metric, None, scenes))
+                spread = spread_over_scenes_and_seeds(self.results.gains(line.block, line.method, metric, None, scenes))
                 value = getattr(spread, STATISTICS[line.statistic])
                 gain = value if math.isfinite(value) else None
                 numbers[metric] = dataclasses.replace(line.numbers[metric], gain=gain, paper_gain=None)
@@ -181,13 +181,13 @@ class StudyTable:
     def _cells(self, line: Line, notes: Notes) -> list[Cell]:
         cells = [Cell(self.title(line))]
         for metric in self.study.metrics:
-            if metric in self.shown:
+            if metric in self.shown_metrics:
                 cells += self._metric_cells(line, metric, notes)
                 continue
             for reason_text in line.numbers[metric].reasons:
                 scene_and_seed, _, reason = reason_text.partition(": ")
                 notes.number(self._place(line), f"{scene_and_seed}: {self.quantities[metric].label}: {reason}")
-        counts = [(n.scenes, n.seeds, n.views) for metric, n in line.numbers.items() if metric in self.shown]
+        counts = [(n.scenes, n.seeds, n.views) for metric, n in line.numbers.items() if metric in self.shown_metrics]
         return [*cells, *(Cell(_range(column)) for column in zip(*counts, strict=True))]
 
     def _metric_cells(self, line: Line, metric: str, notes: Notes) -> Iterator[Cell]:
@@ -204,9 +204,11 @@ class StudyTable:
             yield Cell(self._p(line, metric))
         if self.study.paper:
             printed = number.paper_gain if kind == "repeats" else number.paper
-            yield Cell(_printed(metric, printed), self.best(line, metric, paper=True))
+            yield Cell(_format_paper_value(metric, printed), self.best(line, metric, paper=True))
             if kind in ("quality", "images"):
-                yield Cell("" if line.method == self.study.baseline else _printed(metric, number.paper_gain, True))
+                yield Cell(
+                    "" if line.method == self.study.baseline else _format_paper_value(metric, number.paper_gain, True)
+                )
 
     def _place(self, line: Line) -> str:
         return f"{SPLATS.get(line.block, line.block)} {self.study.methods[line.method].title}".strip()
@@ -244,7 +246,7 @@ def _range(counts: Sequence[int]) -> str:
     return str(counts[0]) if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
 
 
-def _printed(metric: str, value: float | None, signed: bool = False) -> str:
+def _format_paper_value(metric: str, value: float | None, signed: bool = False) -> str:
     """The paper's number with the printed digits; a dash if it has none."""
     if value is None:
         return "–"

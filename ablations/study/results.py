@@ -56,10 +56,10 @@ class Results:
         self.scenes = tuple(dict.fromkeys(dataset_scenes)) or tuple(
             sorted({record.scene for record in measured_records})
         )
-        self.learning = {method: self._seeds(method, measured_records) for method in study.methods}
-        self.records = _ordered(record for record in measured_records if self._asked(record))
-        self.outside = _ordered(record for record in measured_records if not self._asked(record))
-        _refuse_twice(self.records)
+        self.seeds_by_method = {method: self._seeds(method, measured_records) for method in study.methods}
+        self.records = _ordered(record for record in measured_records if self._is_covered(record))
+        self.uncovered_records = _ordered(record for record in measured_records if not self._is_covered(record))
+        _refuse_duplicates(self.records)
         self.views: dict[tuple[SceneSplat, str, int | None], dict[str, Record]] = {}
         for record in self.records:
             key = ((record.scene, record.splat), record.variant, record.seed)
@@ -93,7 +93,7 @@ class Results:
             metric: name of the metric.
             over: the method that gains are computed against; empty for the values themselves.
         """
-        seeds = self.learning[method] or (self.learning[over] if over else ()) or (None,)
+        seeds = self.seeds_by_method[method] or (self.seeds_by_method[over] if over else ()) or (None,)
         values: dict[Unit, dict[str, float]] = {}
         missing: dict[Unit, str] = {}
         unknown: dict[Unit, dict[str, str]] = {}
@@ -106,7 +106,7 @@ class Results:
                 missing[unit] = "; ".join(dict.fromkeys(reasons.values()))
         return ScoreSample(tuple(pairs), seeds, values, missing, unknown)
 
-    def why_missing(self, pair: SceneSplat, method: str, seed: int | None = None) -> str:
+    def missing_reason(self, pair: SceneSplat, method: str, seed: int | None = None) -> str:
         """Why a method was not measured on a scene-splat pair; empty if it was."""
         if (pair, method, self._seed_of(method, seed)) in self.views:
             return ""
@@ -119,7 +119,7 @@ class Results:
         """Finite values by view, and the reasons of views without one; the reason alone if a method is missing."""
         pair, seed = unit
         for name in (method, over):
-            if name and (reason := self.why_missing(pair, name, seed)):
+            if name and (reason := self.missing_reason(pair, name, seed)):
                 return {}, {"": reason if name == method else f"{name} is missing: {reason}"}
         after = self.views[pair, method, self._seed_of(method, seed)]
         before = self.views[pair, over, self._seed_of(over, seed)] if over else {}
@@ -133,7 +133,7 @@ class Results:
         return numbers, reasons
 
     def _seed_of(self, method: str, seed: int | None) -> int | None:
-        return seed if self.learning.get(method) else None
+        return seed if self.seeds_by_method.get(method) else None
 
     def _blocks(self, records: Sequence[Record]) -> tuple[str, ...]:
         if not self.costs:
@@ -149,9 +149,9 @@ class Results:
             return tuple(sorted(measured_seeds))
         return self.study.seeds if self.study.methods[method].train or measured_seeds else ()
 
-    def _asked(self, record: Record) -> bool:
+    def _is_covered(self, record: Record) -> bool:
         """Whether the study's description covers a record."""
-        seeds = self.learning.get(record.variant)
+        seeds = self.seeds_by_method.get(record.variant)
         in_scope = record.scene in self.scenes and record.splat in self.blocks
         of_study_kind = record.kind == ("cost" if self.costs else "quality")
         return of_study_kind and in_scope and seeds is not None and record.seed in (seeds or (None,))
@@ -176,7 +176,7 @@ def _ordered(records: Iterable[Record]) -> list[Record]:
     return sorted(records, key=lambda r: (r.scene, r.splat, r.variant, r.seed or 0, r.view, r.time, repr(r)))
 
 
-def _refuse_twice(records: Sequence[Record]) -> None:
+def _refuse_duplicates(records: Sequence[Record]) -> None:
     for record, next_ in pairwise(records):
         names = [(r.scene, r.splat, r.variant, r.seed, r.view) for r in (record, next_)]
         if names[0] == names[1]:

@@ -150,8 +150,8 @@ def row_table(frame: pd.DataFrame, layout: TableLayout) -> pd.DataFrame:
     headings = (*layout.by.values(), *columns, *(str(value) for _, value, _ in across))
     lines = []
     for keys, group in _groups(frame, layout):
-        cells = [filled(template, group) for template in columns.values()]
-        cells += [filled(text, group[group[name] == value]) for name, value, text in across]
+        cells = [fill_template(template, group) for template in columns.values()]
+        cells += [fill_template(text, group[group[name] == value]) for name, value, text in across]
         lines.append([*map(str, keys), *(layout.unknown if cell == UNKNOWN else cell for cell in cells)])
     return texts(headings, lines)
 
@@ -172,7 +172,7 @@ def page(frame: pd.DataFrame, layout: TableLayout, above: Sequence[str] = (), be
     return "\n\n".join([*parts, *below]) + "\n"
 
 
-def filled(template: str, group: pd.DataFrame) -> str:
+def fill_template(template: str, group: pd.DataFrame) -> str:
     """Fill a template with the statistics of a group of rows; `UNKNOWN` for a group without rows."""
     return template.format_map({name: Column(group[name]) for name in _names(template)}) if len(group) else UNKNOWN
 

@@ -82,7 +82,7 @@ class RowFile:
             raise InputError(self.path, f"lacks the column {sorted(missing_columns)[0]}", self._remedy)
         return frame
 
-    def held(self) -> pd.DataFrame:
+    def read_or_empty(self) -> pd.DataFrame:
         """Read all rows; none if there is no file.
 
         Raises:
@@ -104,7 +104,7 @@ class RowFile:
         Raises:
             InputError: a line or the file is invalid, or the file cannot be written.
         """
-        self.held()
+        self.read_or_empty()
         new_keys = {self._key(self._row("measured now", line)) for line in lines}
         old_lines = self._lines() if self.path.exists() else []
         kept = [line for line, row in old_lines if self._key(row) not in new_keys]
@@ -133,7 +133,7 @@ class RowFile:
         return f"measure again, with {self.option}="
 
 
-def stated(measurement: Measurement) -> Measurement:
+def with_provenance(measurement: Measurement) -> Measurement:
     """The measurement with its provenance (commit, machine, time); records have theirs already."""
     return measurement if isinstance(measurement, Record) else {**measurement, **provenance(timed=True)}
 

@@ -34,7 +34,7 @@ class ScoreSample:
     unknown: Mapping[Unit, Mapping[str, str]] = field(default_factory=dict)
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Whether there are values and none is missing."""
         return bool(self.values) and not self.missing and not self.unknown
 

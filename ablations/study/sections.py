@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from ablations.study.aims import VERDICTS, Aims, by_role, losses, pairs_of, verdicts
-from ablations.study.markdown import frame, gain_written
+from ablations.study.aims import VERDICTS, Aims, methods_of_role, pairs_of, ranked_losses, verdicts
+from ablations.study.markdown import format_gain, frame
 from ablations.study.results import Results
 from ablations.study.sample import SceneSplat
 from ablations.study.statistics import interval
@@ -42,7 +42,7 @@ def methods_list(results: Results) -> str:
 
 def aims_table(results: Results, aims: Aims) -> pd.DataFrame:
     """One line per aim: method, scene, aim, what was found, whether it is met."""
-    judged = [verdict for method in by_role(results, "ours") for verdict in verdicts(results, method, aims)]
+    judged = [verdict for method in methods_of_role(results, "ours") for verdict in verdicts(results, method, aims)]
     lines = [(v.method, v.scene, v.aim, v.found, VERDICTS[v.met]) for v in judged]
     return frame(("method", "scene", "aim", "found", "verdict"), lines)
 
@@ -53,7 +53,7 @@ def scene_table(results: Results) -> pd.DataFrame:
     for scene in dict.fromkeys(scene for scene, _ in results.pairs):
         pairs = pairs_of(results, scene)
         for method in results.study.methods:
-            available = [pair for pair in pairs if not results.why_missing(pair, method)]
+            available = [pair for pair in pairs if not results.missing_reason(pair, method)]
             numbers = (_mean_and_gain(results, available, method, name, True) for name in names)
             lines.append((scene, method, f"{len(available)} of {len(pairs)}", *numbers))
     return frame(("scene", "method", "scene-splat pairs", *(TITLES[name] for name in names)), lines)
@@ -71,12 +71,12 @@ def pair_table(results: Results, metric: str) -> pd.DataFrame:
 
 def harm_list(results: Results, allowed: Mapping[str, float]) -> str:
     """By method: the number of frames that lose more than allowed, and the worst frame; our methods' frames by name."""
-    lines, our_methods = [], by_role(results, "ours")
+    lines, our_methods = [], methods_of_role(results, "ours")
     for method in results.study.methods:
-        if method == results.study.baseline or all(results.why_missing(pair, method) for pair in results.pairs):
+        if method == results.study.baseline or all(results.missing_reason(pair, method) for pair in results.pairs):
             continue
         for metric, limit in allowed.items():
-            ranked = losses(results, method, metric)
+            ranked = ranked_losses(results, method, metric)
             worse = [frame_loss for frame_loss in ranked if frame_loss.loss > limit]
             line = f"- `{method}`, more than {limit:g} in `{metric}`: {len(worse)} of {_frames(results, method)}"
             sign = -1 if HIGHER_IS_BETTER[metric] else 1
@@ -96,7 +96,7 @@ def missing_list(results: Results) -> str:
     places_by_reason: dict[str, dict[str, list[str]]] = {}
     for method in results.study.methods:
         for pair in results.pairs:
-            if reason := results.why_missing(pair, method):
+            if reason := results.missing_reason(pair, method):
                 places_by_reason.setdefault(reason, {}).setdefault(method, []).append(" ".join(pair))
     study_metrics = set(results.study.metrics)
     for record in results.records:
@@ -136,7 +136,7 @@ def _mean_and_gain(results: Results, pairs: Sequence[SceneSplat], method: str, m
         return value
     gains = results.sample(pairs, method, metric, results.study.baseline)
     low, high = interval(gains) if with_interval else (math.nan, math.nan)
-    return f"{value} ({gain_written(metric, gains.mean(), low, high)})"
+    return f"{value} ({format_gain(metric, gains.mean(), low, high)})"
 
 
 def _frames(results: Results, method: str) -> int:

@@ -7,7 +7,7 @@ from ablations.study.lines import ALL, Line
 from ablations.study.results import Results
 from ablations.study.statistics import holm, sign_flip, units_of
 
-Place = tuple[str, str, str, str]
+TestKey = tuple[str, str, str, str]
 """Block, dataset, method and metric."""
 
 
@@ -28,7 +28,7 @@ class Significance:
     unit: str
 
 
-def significance(results: Results, lines: Sequence[Line]) -> Mapping[Place, Significance]:
+def significance(results: Results, lines: Sequence[Line]) -> Mapping[TestKey, Significance]:
     """Test every gain of a table of means; tables of repeated runs and of cost have no tests.
 
     Args:
@@ -38,7 +38,7 @@ def significance(results: Results, lines: Sequence[Line]) -> Mapping[Place, Sign
     table = results.study
     if table.kind not in ("quality", "images"):
         return {}
-    units_by_place: dict[Place, tuple[str, tuple[float, ...]]] = {}
+    units_by_place: dict[TestKey, tuple[str, tuple[float, ...]]] = {}
     for line in lines:
         if line.method != table.baseline:
             scenes = results.scenes if line.dataset == ALL else table.datasets[line.dataset].scenes
@@ -46,7 +46,7 @@ def significance(results: Results, lines: Sequence[Line]) -> Mapping[Place, Sign
                 gains = results.gains(line.block, line.method, metric, None, scenes)
                 units_by_place[line.block, line.dataset, line.method, metric] = units_of(gains)
     values = {place: sign_flip(units) for place, (_, units) in units_by_place.items()}
-    families: dict[tuple[str, str], dict[Place, float]] = {}
+    families: dict[tuple[str, str], dict[TestKey, float]] = {}
     for place, value in values.items():
         families.setdefault((place[1], place[3]), {})[place] = value
     corrected = {place: value for family in families.values() for place, value in holm(family).items()}

@@ -23,7 +23,7 @@ Key = TypeVar("Key", bound=Hashable)
 FLIPS = 2**14
 """Sign patterns of a test: all of them for up to 14 units, a random sample of this size for more."""
 
-FEWEST = 6
+MIN_UNITS = 6
 """Least number of units of a test or an interval. The smallest p-value of a sign-flip test of 5 units is 2 / 32."""
 
 DRAWS = 4999
@@ -59,7 +59,7 @@ class Spread:
         return len(self.runs)
 
 
-def over_seeds(gains: ScoreSample) -> Spread:
+def spread_over_seeds(gains: ScoreSample) -> Spread:
     """Spread over trainings: a run is the experiment with one seed, its gain the mean over scenes of means over views.
 
     This is our reading of the paper's tables 7-9: its tables 2 and 4-6 are said to be the first of the runs, and are
@@ -84,7 +84,7 @@ def over_seeds(gains: ScoreSample) -> Spread:
     return _spread(runs, left_out)
 
 
-def over_scenes_and_seeds(gains: ScoreSample) -> Spread:
+def spread_over_scenes_and_seeds(gains: ScoreSample) -> Spread:
     """Spread over scenes and trainings: a run is one seed on one scene; its gain is the mean over views.
 
     It is wider than `over_seeds`, since scenes differ: it shows how far the gain on one scene may be from the mean.
@@ -116,12 +116,12 @@ def interval(sample: ScoreSample, level: float = 0.95) -> tuple[float, float]:
         Lower and upper end; NaN for too few units.
     """
     scenes = _scene_matrices(sample)
-    if len(scenes) >= FEWEST:
+    if len(scenes) >= MIN_UNITS:
         totals = np.array([[np.nanmean(values, axis=1).sum(), len(values)] for values in scenes])
         return _bca([np.arange(len(scenes))], lambda drawn: totals[drawn[0]], level)
     if not scenes or any(values.shape[1] < 2 for values in scenes):
         return math.nan, math.nan
-    if sum(values.shape[1] - 1 for values in scenes) < FEWEST - 1:
+    if sum(values.shape[1] - 1 for values in scenes) < MIN_UNITS - 1:
         return math.nan, math.nan
 
     def means(drawn: Sequence[ndarray]) -> ndarray:
@@ -174,7 +174,7 @@ def units_of(gains: ScoreSample) -> tuple[str, tuple[float, ...]]:
         "scene and seed" or "view", and the means in arbitrary order.
     """
     units = gains.unit_means()
-    if len(units) >= FEWEST:
+    if len(units) >= MIN_UNITS:
         return "scene and seed", tuple(units.values())
     return "view", tuple(mean for views in gains.view_means().values() for mean in views.values())
 

@@ -15,9 +15,9 @@ from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from ablations.suite.descriptions import Experiment, experiment
+from ablations.suite.descriptions import Experiment, read_experiment
 from ablations.suite.method_runs import Runs
-from ablations.suite.plan import PlannedRun, Work, planned
+from ablations.suite.plan import PlannedRun, RunSpec, plan_runs
 from gaussian_enhancer.cli.main import configurations
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
@@ -25,7 +25,7 @@ from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.runs.lock import waiting
 from gaussian_enhancer.runs.runtime import choose_device
 
-MOST = 4
+MAX_WORKERS = 4
 """Default limit on the number of workers: each needs two or three gigabytes."""
 
 
@@ -33,7 +33,7 @@ class StoppedRunError(Exception):
     """The user stopped a run in a worker."""
 
 
-def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Console) -> dict[str, Exception]:
+def make_runs_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Console) -> dict[str, Exception]:
     """Make the missing runs that tables need. Cost measurements are left out: they need an otherwise idle machine.
 
     Args:
@@ -51,7 +51,7 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
     workers = worker_count(cfg)
     if workers == 1 and not cfg.scheduler:
         return {}
-    steps = runnable(planned(cfg, experiments))
+    steps = runnable(plan_runs(cfg, experiments))
     if not steps:
         return {}
     cfg = cfg.copy()
@@ -59,16 +59,18 @@ def made_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console: Cons
     if not cfg.scheduler:
         cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // workers)
     with _client(cfg, workers) as client:
-        futures = submitted(client, steps, plain(cfg))
+        futures = submit_runs(client, steps, plain(cfg))
         for count, future in enumerate(as_completed(list(futures.values())), 1):
             step = next(planned_run for planned_run in steps if futures[planned_run.name].key == future.key)
-            error = future.exception() if _own_error(future, step, futures) else None
+            error = future.exception() if _failed_itself(future, step, futures) else None
             if isinstance(error, StoppedRunError):
                 raise KeyboardInterrupt
             message = f"{count} of {len(steps)}: {step.work.job} {step.name}"
             message += f": {reason_of(error)}" if error else "" if future.status == "finished" else ": an input failed"
             print_line(console, message)
-        failed = [planned_run for planned_run in steps if _own_error(futures[planned_run.name], planned_run, futures)]
+        failed = [
+            planned_run for planned_run in steps if _failed_itself(futures[planned_run.name], planned_run, futures)
+        ]
         return {planned_run.digest: futures[planned_run.name].exception() for planned_run in failed}
 
 
@@ -86,7 +88,7 @@ def runnable(steps: Sequence[PlannedRun]) -> list[PlannedRun]:
     return list(runnable_steps.values())
 
 
-def submitted(client: Client, steps: Sequence[PlannedRun], settings: dict[str, Any]) -> dict[str, Future]:
+def submit_runs(client: Client, steps: Sequence[PlannedRun], settings: dict[str, Any]) -> dict[str, Future]:
     """Submit a task for every run; it waits for its inputs. Among runnable tasks, the longest has priority."""
     futures: dict[str, Future] = {}
     for step in steps:  # a run's inputs precede it in the list
@@ -106,7 +108,7 @@ def worker_count(cfg: DictConfig) -> int:
     """
     if cfg.workers is None:
         on_gpu = choose_device(cfg.runtime.device).type == "cuda"
-        return 1 if on_gpu else min(MOST, len(os.sched_getaffinity(0)))
+        return 1 if on_gpu else min(MAX_WORKERS, len(os.sched_getaffinity(0)))
     if not isinstance(cfg.workers, int) or cfg.workers < 1:
         raise InputError("workers", f"is {cfg.workers!r}", "give a positive number or null")
     return int(cfg.workers)
@@ -131,13 +133,13 @@ class _LocalClient(Client):
         self.cluster.close()
 
 
-def _own_error(future: Future, step: PlannedRun, futures: dict[str, Future]) -> bool:
+def _failed_itself(future: Future, step: PlannedRun, futures: dict[str, Future]) -> bool:
     """Whether a run failed itself, rather than because one of its inputs failed."""
     input_futures = [futures[name] for name in step.inputs if name in futures]
     return future.status == "error" and all(input_future.status != "error" for input_future in input_futures)
 
 
-def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[None]) -> None:
+def _make(settings: dict[str, Any], work: RunSpec, digest: str, inputs: Sequence[None]) -> None:
     """Make one run in a worker. ``inputs`` only make dask wait for the runs that it needs."""
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
@@ -145,13 +147,13 @@ def _make(settings: dict[str, Any], work: Work, digest: str, inputs: Sequence[No
     cfg = OmegaConf.create(settings)
     locks = Path(cfg.runs) / "locks"
     locks.mkdir(parents=True, exist_ok=True)
-    runs, table_experiment = Runs(cfg), experiment(work.table, cfg.scale)
+    runs, table_experiment = Runs(cfg), read_experiment(work.table, cfg.scale)
     GlobalHydra.instance().clear()
     hydra_context = initialize_config_dir(str(configurations()), version_base="1.3")
     with FileLock(locks / f"{work.job}-{digest}"), hydra_context, waiting():
         try:
             if work.job == "fit":
-                runs.fitted(work.fit)
+                runs.make_fit(work.fit)
             elif work.job == "train_generator" and work.seed is not None:
                 runs.simulator(work.seed)
             elif work.job == "train":

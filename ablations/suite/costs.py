@@ -38,21 +38,21 @@ MEGABYTE = 1e6
 REFERENCES = 5
 
 
-def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
+def cost_records(runs: Runs, experiment: Experiment, console: Console) -> Iterator[Record]:
     """Measure the cost of every method at every output size, with the first seed.
 
     The methods are timed in turn, one repeat of each per round. A method that cannot be measured gives a record with
     the reason.
     """
-    seed = one.table.seeds[0]
+    seed = experiment.table.seeds[0]
     weights: dict[str, str] = {}
     training_digests: dict[str, str] = {}
     reasons: dict[str, str] = {}
-    for method in one.table.methods:
+    for method in experiment.table.methods:
         try:
             weights[method], training_digests[method] = (
-                runs.weights(one, method, seed),
-                runs.train_digest(one, method, seed),
+                runs.weights(experiment, method, seed),
+                runs.train_digest(experiment, method, seed),
             )
         except Exception as error:  # the other methods are still measured
             reasons[method] = reason_of(error)
@@ -63,25 +63,25 @@ def cost_records(runs: Runs, one: Experiment, console: Console) -> Iterator[Reco
         if weights:
             console.print(f"{size}: {width}x{height}", highlight=False)
             job = cost_job(runs, training_digests, str(size), (int(height), int(width)))
-            for record in _measured(runs, weights, job):
+            for record in _size_records(runs, weights, job):
                 training_name = find_checkpoint(weights[record.variant]).parent.name
                 yield replace(record, seed=seed, sources={"train": training_name})
 
 
-def cost_job(runs: Runs, learnt: Mapping[str, str], size: str, shape: tuple[int, int]) -> DictConfig:
+def cost_job(runs: Runs, training_digests: Mapping[str, str], size: str, shape: tuple[int, int]) -> DictConfig:
     """The configuration of the cost measurement at an output size: the methods' trainings, and the machine.
 
     Args:
         runs: the suite's runs.
-        learnt: training digest by method.
+        training_digests: training digest by method.
         size: name of the output size.
         shape: height and width of the output, in pixels.
     """
     conditions = {"shape": list(shape), "repeats": runs.cfg.scale.repeats, "machine": this_machine()}
-    return OmegaConf.create({"runs": runs.cfg.runs, "size": size, "train": dict(learnt), **conditions})
+    return OmegaConf.create({"runs": runs.cfg.runs, "size": size, "train": dict(training_digests), **conditions})
 
 
-def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[Record, ...]:
+def _size_records(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[Record, ...]:
     """The records of an output size; read from disk if this machine has measured the same weights before."""
     run = find_run(job, "cost")
     if run is None or not run.done:
@@ -96,7 +96,7 @@ def _measured(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tuple[
 def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, int], name: str) -> Iterator[Record]:
     device = start(runs.cfg.runtime)
     cached_plane = cache(plane)
-    calls = {method: _call(path, shape, device, cached_plane) for method, path in weights.items()}
+    calls = {method: _enhance_call(path, shape, device, cached_plane) for method, path in weights.items()}
     times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
     cached_plane.cache_clear()  # peak memory then counts only a method's own inputs
@@ -104,12 +104,12 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{device_label}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
     for method, timing in times.items():
-        peak = peak_memory(_call(weights[method], shape, device, plane), device) / MEGABYTE
+        peak = peak_memory(_enhance_call(weights[method], shape, device, plane), device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}
         yield Record("cost", name, size, "", size, method, metrics, size=(shape[1], shape[0]), protocol=protocol)
 
 
-def _call(
+def _enhance_call(
     path: str, shape: tuple[int, int], device: torch.device, seen: Callable[[int, int, int], RenderedSet]
 ) -> Callable[[], object]:
     """A function that enhances one view by the weights of a file; network and views are loaded immediately."""
@@ -132,9 +132,9 @@ def plane(height: int, width: int, scale: int = 1) -> RenderedSet:
 
     def view(index: int) -> RenderedView:
         camera = _camera(index, height, width)
-        photo, depth = _seen(camera, texture)
+        photo, depth = _render_plane(camera, texture)
         alpha = torch.ones_like(depth)
-        fine = cache(lambda: _seen(camera.resized(scale * height, scale * width), texture)[0])
+        fine = cache(lambda: _render_plane(camera.resized(scale * height, scale * width), texture)[0])
         return RenderedView(
             f"{index}.png",
             lambda: photo,
@@ -161,7 +161,9 @@ def _camera(index: int, height: int, width: int) -> Camera:
     return Camera(camera.K, pose, height, width)
 
 
-def _seen(camera: Camera, texture: Float[Tensor, "1 3 a a"]) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
+def _render_plane(
+    camera: Camera, texture: Float[Tensor, "1 3 a a"]
+) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
     """Photo and z depth of the plane z = 3 + x / 4, as a camera sees it."""
     rows, columns = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     rays = torch.linalg.inv(camera.K) @ torch.stack([columns, rows, torch.ones_like(rows)]).flatten(1)

@@ -90,7 +90,7 @@ def asked_names(asked: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def experiment(name: str, scale: DictConfig) -> Experiment:
+def read_experiment(name: str, scale: DictConfig) -> Experiment:
     """Read a table or study and resolve it at a scale.
 
     Args:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from ablations.suite.upsampled import bicubic, fine_photos, rendered_finer
+from ablations.suite.upsampled import bicubic, fine_photos, high_resolution_renders
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.cli.pipeline import enhanced, finished_fit
 from gaussian_enhancer.cli.train import with_effect
@@ -63,78 +63,79 @@ class MethodImages:
     weights: str = ""
 
 
-def measured_row(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> tuple[Record, ...]:
+def measured_row(cfg: DictConfig, cell: StudyCell, method: str, method_settings: DictConfig) -> tuple[Record, ...]:
     """The records of a method in a cell; measured now unless they exist.
 
     Args:
         cfg: conf/quality.yaml, composed.
         cell: scene and splat.
         method: the method's name.
-        choice: the method's entry in the configuration; an empty one means the raw render.
+        method_settings: the method's entry in the configuration; if empty, the raw render.
 
     Raises:
         InputError: the method cannot be made here; the error says why.
     """
-    return measured_images(cfg, cell, method, images_of(cfg, cell, method, choice))
+    return image_records(cfg, cell, method, method_images(cfg, cell, method, method_settings))
 
 
-def images_of(cfg: DictConfig, cell: StudyCell, method: str, choice: DictConfig) -> MethodImages:
+def method_images(cfg: DictConfig, cell: StudyCell, method: str, method_settings: DictConfig) -> MethodImages:
     """The images of a method in a cell; made now unless they exist.
 
     Args:
         cfg: the calling job's configuration: ``runs``, ``runtime``, ``fit_missing``.
         cell: scene and splat.
         method: the method's name.
-        choice: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; an empty one means the raw render.
+        method_settings: ``weights`` or ``train``, ``enhance``, ``upscale``, ``render``; if empty, the raw render.
 
     Raises:
         InputError: the method cannot be made here; the error says why.
     """
     fit = fitted_cell(cfg, cell)
-    needs_weights = bool(choice.get("weights") or choice.get("train"))
+    needs_weights = bool(method_settings.get("weights") or method_settings.get("train"))
     step_folder = fit / f"test/ours_{run_steps(fit)[-1]}"
     sources = {"fit": fit.name}
     folder = step_folder / "renders"
     photos = fine_photos(cfg, fit) if cell.finer else step_folder / "gt"
-    if choice.get("render") and needs_weights:
+    if method_settings.get("render") and needs_weights:
         splat_inputs = {"gaussians": str(fit / "splat.ply"), "scene": high_resolution_config(_scene(cfg, cell))}
-        folder = _enhanced(cfg, choice, sources, **splat_inputs)
-    elif choice.get("render"):
-        folder = rendered_finer(cfg, fit, _scene(cfg, cell))
+        folder = _enhanced_folder(cfg, method_settings, sources, **splat_inputs)
+    elif method_settings.get("render"):
+        folder = high_resolution_renders(cfg, fit, _scene(cfg, cell))
         sources["render_finer"] = folder.parent.name
     elif needs_weights:
-        folder = _enhanced(cfg, choice, sources, run=str(fit), every=cell.every)
-    if choice.get("upscale"):
+        folder = _enhanced_folder(cfg, method_settings, sources, run=str(fit), every=cell.every)
+    if method_settings.get("upscale"):
         folder = bicubic(cfg, folder, f"{fit.name}-{method}", photos)
         sources["bicubic"] = folder.parent.name
-    every = 1 if needs_weights and not choice.get("render") else cell.every
-    digest = checkpoint_digest(find_checkpoint(weights_of(cfg, choice))) if needs_weights else ""
+    every = 1 if needs_weights and not method_settings.get("render") else cell.every
+    digest = checkpoint_digest(find_checkpoint(method_weights(cfg, method_settings))) if needs_weights else ""
     return MethodImages(folder, photos, every, fit.name, sources, digest)
 
 
-def _enhanced(cfg: DictConfig, choice: DictConfig, sources: dict[str, str], **given: object) -> Path:
+def _enhanced_folder(
+    cfg: DictConfig, method_settings: DictConfig, sources: dict[str, str], **job_options: object
+) -> Path:
     """Run the job enhance with a method's weights; returns the folder of its images.
 
     Args:
         cfg: the calling job's configuration.
-        choice: the method's entry in the configuration.
+        method_settings: the method's entry in the configuration.
         sources: runs by job; the run of the job enhance is added.
-        given: further options of the job, for instance ``run``.
+        **job_options: further options of the job, for instance ``run``.
     """
-    overrides = tuple(choice.get("enhance") or ())
+    overrides = tuple(method_settings.get("enhance") or ())
     states_plan = any(word.startswith("plan=") for word in overrides)
-    job = composed(
-        "enhance", cfg, overrides if states_plan else ("plan=full", *overrides)
-    )  # networks are compared without a reduced plan
+    # Networks are compared without a reduced plan.
+    job = compose_checked("enhance", cfg, overrides if states_plan else ("plan=full", *overrides))
     with open_dict(job):
-        job.update({"weights": weights_of(cfg, choice), **given})
+        job.update({"weights": method_weights(cfg, method_settings), **job_options})
     folder = enhanced(job)
     sources["enhance"] = folder.name
     return folder / f"test/ours_{run_steps(folder)[-1]}/enhanced"
 
 
 def _scene(cfg: DictConfig, cell: StudyCell) -> DictConfig:
-    scene: DictConfig = composed("fit", cfg, cell.fit).scene
+    scene: DictConfig = compose_checked("fit", cfg, cell.fit).scene
     return scene
 
 
@@ -145,21 +146,21 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
         InputError: the fit is missing and ``fit_missing`` is false, or it cannot be made.
     """
     refusal = InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
-    return finished_fit(composed("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
+    return finished_fit(compose_checked("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
 
 
-def weights_of(cfg: DictConfig, choice: DictConfig) -> str:
+def method_weights(cfg: DictConfig, method_settings: DictConfig) -> str:
     """The weights of a method: those that it names, or those of its finished training.
 
     Raises:
         InputError: the training is not finished, or names what does not exist.
     """
-    if choice.get("weights"):
-        return str(choice.weights)
-    job = with_effect(composed("train", cfg, choice.train))
+    if method_settings.get("weights"):
+        return str(method_settings.weights)
+    job = with_effect(compose_checked("train", cfg, method_settings.train))
     run = find_run(job, "train")
     if run is None or not run.done:
-        command = f"gaussian-enhancer train {' '.join(choice.train)}"
+        command = f"gaussian-enhancer train {' '.join(method_settings.train)}"
         raise InputError("weights", "are not trained yet" if run is None else "are being trained", command)
     return str(run.folder / "weights.safetensors")
 
@@ -178,7 +179,7 @@ def check_same_views(cell: str, views: Mapping[str, tuple[str, ...]]) -> None:
         raise RuntimeError(f"{cell}: methods were measured on different views ({', '.join(views)})")
 
 
-def measured_images(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
+def image_records(cfg: DictConfig, cell: StudyCell, method: str, images: MethodImages) -> tuple[Record, ...]:
     """The records of images against their photos; measured now unless the same images were measured before.
 
     Raises:
@@ -215,7 +216,7 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
     return tuple(measure_files(files, distances))
 
 
-def composed(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
+def compose_checked(name: str, cfg: DictConfig, overrides: Iterable[str]) -> DictConfig:
     """Compose another job's configuration; invalid overrides are reported as input errors.
 
     Args:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.descriptions import Experiment
-from ablations.suite.evaluation import StudyCell, composed, images_of, measure_now
+from ablations.suite.evaluation import StudyCell, compose_checked, measure_now, method_images
 from gaussian_enhancer.cli import train, train_generator
 from gaussian_enhancer.cli.pipeline import finished_fit
 from gaussian_enhancer.errors import InputError
@@ -69,7 +69,7 @@ class Runs:
         Raises:
             InputError: the configuration is invalid, or refers to a value that is not set.
         """
-        return composed("fit", self.cfg, overrides)
+        return compose_checked("fit", self.cfg, overrides)
 
     def fit_digest(self, overrides: Sequence[str]) -> str:
         """The digest of a fit."""
@@ -96,9 +96,9 @@ class Runs:
             InputError: the configuration is invalid, or a mandatory value is not set.
         """
         job = compose_job("train", self.cfg, [*experiment.table.methods[method].train, f"seed={seed}"])
-        self._learn_from(job, experiment.learns[method])
+        self._set_training_data(job, experiment.learns[method])
         job.study = experiment.table.name
-        if self.own_simulator(job):
+        if self.uses_seed_simulator(job):
             simulator_job = self.simulator_job(seed)
             job.generator.weights = (
                 f"{self.cfg.runs}/train_generator/{simulator_job.label}-{self.simulator_digest(seed)}/{WEIGHTS}"
@@ -106,7 +106,7 @@ class Runs:
         require(job)
         return job
 
-    def own_simulator(self, job: DictConfig) -> bool:
+    def uses_seed_simulator(self, job: DictConfig) -> bool:
         """Whether a training uses a second stage of the simulator that the scale trains anew for each seed.
 
         Args:
@@ -123,7 +123,7 @@ class Runs:
         """
         chosen = self.cfg.scale.simulator
         job = compose_job("train_generator", self.cfg, [*map(str, chosen.train), f"seed={seed}"])
-        self._learn_from(job, str(chosen.learns))
+        self._set_training_data(job, str(chosen.learns))
         require(job)
         return job
 
@@ -138,7 +138,7 @@ class Runs:
             InputError: it is missing and ``train_missing`` is false, or it cannot be trained.
             KeyboardInterrupt: the user stopped the training.
         """
-        return self._tried(self.simulator_digest(seed), lambda: self._simulator(seed))
+        return self._call_once(self.simulator_digest(seed), lambda: self._simulator(seed))
 
     def _simulator(self, seed: int) -> Run:
         job = self.simulator_job(seed)
@@ -155,7 +155,7 @@ class Runs:
             raise KeyboardInterrupt
         return run
 
-    def _learn_from(self, job: DictConfig, training: str) -> None:
+    def _set_training_data(self, job: DictConfig, training: str) -> None:
         """Set a job's data to exactly the fits of one of the scale's trainings, and state this on its card."""
         for side, fits in self.pairs(training).items():
             job.data[side] = [f"{self.cfg.runs}/fit/*-{self.fit_digest(overrides)}" for overrides in fits]
@@ -172,11 +172,16 @@ class Runs:
         training_digest = "" if seed is None else self.train_digest(experiment, method, seed)
         scene_keys = {"scene": cell.scene, "splat": cell.splat, "fit": self.fit_digest(cell.fit)}
         settings = {"enhance": list(choice.enhance), "upscale": choice.upscale, "render": choice.render}
-        measurement = {"every": cell.every, "finer": cell.finer, "protocol": PROTOCOL, "lpips": self.measurable()}
+        measurement = {
+            "every": cell.every,
+            "finer": cell.finer,
+            "protocol": PROTOCOL,
+            "lpips": self.available_distances(),
+        }
         values = {**scene_keys, "train": training_digest, "weights": choice.weights, **settings, **measurement}
         return OmegaConf.create({"runs": self.cfg.runs, **values})
 
-    def measurable(self) -> dict[str, bool]:
+    def available_distances(self) -> dict[str, bool]:
         """The LPIPS distances of the scale, each with whether its backbone is available."""
         if self._measurable is None:
             distances = {str(name): perceptual_distance(name, self.cfg.backbones) for name in self.cfg.scale.lpips}
@@ -198,8 +203,8 @@ class Runs:
             if not self.cfg.train_missing:
                 command = f"gaussian-enhancer tables table={experiment.table.name} scale={self.cfg.scale.name}"
                 raise InputError(f"weights of {method}, seed {seed}", "are not trained yet", command)
-            run = self._tried(
-                self.train_digest(experiment, method, seed), lambda: self._trained(experiment, method, job)
+            run = self._call_once(
+                self.train_digest(experiment, method, seed), lambda: self._train_method(experiment, method, job)
             )
         return str(run.folder / WEIGHTS)
 
@@ -212,7 +217,7 @@ class Runs:
         job = self.row_job(experiment, cell, method, seed)
         run = find_run(job, "row")
         if run is None or not run.done:
-            self._tried(run_digest(job, "row"), lambda: self._made(experiment, cell, method, seed, job))
+            self._call_once(run_digest(job, "row"), lambda: self._make_row(experiment, cell, method, seed, job))
 
     def records(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> tuple[Record, ...]:
         """Read a method's records in a cell, which `make` made.
@@ -239,17 +244,19 @@ class Runs:
             raise InputError(f"{method} in {cell.scene}, {cell.splat}", "is not measured yet", "make the table")
         return run.folder
 
-    def _made(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None, job: DictConfig) -> None:
+    def _make_row(
+        self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None, job: DictConfig
+    ) -> None:
         choice = experiment.table.methods[method]
         with status.attempt():
             row_run = open_run(job, "row", f"{cell.scene}-{cell.splat}-{method}")
-            cell_fit = self._tried(job.fit, partial(self.fitted, cell.fit))
+            cell_fit = self._call_once(job.fit, partial(self.make_fit, cell.fit))
             weights = self.weights(experiment, method, seed)
             settings: dict[str, Any] = {"weights": weights, "enhance": list(choice.enhance)}
             settings |= {"upscale": choice.upscale, "render": choice.render}
-            images = images_of(self.cfg, cell, method, OmegaConf.create(settings))
+            images = method_images(self.cfg, cell, method, OmegaConf.create(settings))
             label = Label(images.run, cell.scene, cell.splat, method)
-            measure_cfg = OmegaConf.create({"lpips": list(self.measurable()), "backbones": self.cfg.backbones})
+            measure_cfg = OmegaConf.create({"lpips": list(self.available_distances()), "backbones": self.cfg.backbones})
             measure_cfg.runtime = self.cfg.runtime
             sources = {**images.sources, "fit": cell_fit.folder.name}
             if seed is not None:
@@ -263,7 +270,7 @@ class Runs:
             write_text(row_run.folder / "images.json", json.dumps(folders) + "\n")
             row_run.finish()
 
-    def fitted(self, overrides: Sequence[str]) -> Run:
+    def make_fit(self, overrides: Sequence[str]) -> Run:
         """A finished fit; made now if missing.
 
         Raises:
@@ -272,10 +279,10 @@ class Runs:
         refusal = InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
         return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
-    def _trained(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
+    def _train_method(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
         """Make a training's fits and simulator, then train; returns the finished training."""
         self._fit_all(experiment.learns[method])
-        if self.own_simulator(job):
+        if self.uses_seed_simulator(job):
             self.simulator(int(job.seed))
         with status.attempt():
             train.run(job)
@@ -287,9 +294,9 @@ class Runs:
     def _fit_all(self, training: str) -> None:
         """Make the missing fits of a training."""
         for overrides in (fit for fits in self.pairs(training).values() for fit in fits):
-            self._tried(self.fit_digest(overrides), partial(self.fitted, overrides))
+            self._call_once(self.fit_digest(overrides), partial(self.make_fit, overrides))
 
-    def _tried(self, digest: str, make: Callable[[], T]) -> T:
+    def _call_once(self, digest: str, make: Callable[[], T]) -> T:
         """Call ``make`` and return its result. A failed run is not repeated: its error is raised again."""
         if digest in self.failures:
             raise self.failures[digest]

@@ -25,7 +25,7 @@ JOBS = ("fit", "train_generator", "train", "row", "cost")
 
 
 @dataclass(frozen=True)
-class Work:
+class RunSpec:
     """A description of one run that can be pickled and sent to a worker process.
 
     Args:
@@ -60,7 +60,7 @@ class PlannedRun:
         tables: names of the tables that need the run.
     """
 
-    work: Work
+    work: RunSpec
     digest: str
     name: str
     state: State
@@ -70,7 +70,7 @@ class PlannedRun:
     tables: tuple[str, ...]
 
 
-def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[PlannedRun]:
+def plan_runs(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[PlannedRun]:
     """List every run that tables need, each once; a run's inputs come before it.
 
     Nothing is computed or written.
@@ -90,7 +90,7 @@ def planned(cfg: DictConfig, experiments: Sequence[Experiment]) -> list[PlannedR
     return plan.steps()
 
 
-def told(steps: Sequence[PlannedRun]) -> str:
+def format_plan(steps: Sequence[PlannedRun]) -> str:
     """Format a plan as text: one line per run, then the totals."""
     lines = []
     for step in steps:
@@ -119,78 +119,87 @@ class _Plan:
     def __init__(self, cfg: DictConfig, metrics: Set[str]) -> None:
         self.cfg, self.runs, self.metrics = cfg, Runs(cfg), metrics
         self.estimates = Estimates(Path(cfg.runs), cfg.scale)
-        self.known: dict[str, PlannedRun] = {}
+        self.runs_by_digest: dict[str, PlannedRun] = {}
         self.tables: dict[str, dict[str, None]] = {}
         self.names: dict[tuple[Any, ...], str] = {}
 
     def steps(self) -> list[PlannedRun]:
         """All planned runs, each with the tables that need it."""
-        return [replace(step, tables=tuple(self.tables[key])) for key, step in self.known.items()]
+        return [replace(step, tables=tuple(self.tables[key])) for key, step in self.runs_by_digest.items()]
 
-    def method(self, one: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
+    def method(self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None) -> None:
         """Add a method in a cell, after its fit and training."""
         label = f"{cell.scene}-{cell.splat}-{method}" + ("" if seed is None else f"-seed{seed}")
-        inputs = [self.fit(one, cell.fit)]
+        inputs = [self.fit(experiment, cell.fit)]
         if seed is not None:
-            inputs.append(self.training(one, method, seed))
-        work = Work("row", one.table.name, method=method, seed=seed, cell=cell)
-        self._add(work, label, lambda: self.runs.row_job(one, cell, method, seed), tuple(inputs), cell.finer)
+            inputs.append(self.training(experiment, method, seed))
+        work = RunSpec("row", experiment.table.name, method=method, seed=seed, cell=cell)
+        self._add(work, label, lambda: self.runs.row_job(experiment, cell, method, seed), tuple(inputs), cell.finer)
 
-    def costs(self, one: Experiment) -> None:
+    def costs(self, experiment: Experiment) -> None:
         """Add the trainings of all methods, then a cost measurement for each output size."""
-        seed = one.table.seeds[0]
-        inputs = tuple(self.training(one, method, seed) for method in one.table.methods)
+        seed = experiment.table.seeds[0]
+        inputs = tuple(self.training(experiment, method, seed) for method in experiment.table.methods)
 
         def job(size: str) -> DictConfig:
-            training_digests = {method: self.runs.train_digest(one, method, seed) for method in one.table.methods}
+            training_digests = {
+                method: self.runs.train_digest(experiment, method, seed) for method in experiment.table.methods
+            }
             height, width = self.cfg.scale.outputs[size]
             return cost_job(self.runs, training_digests, size, (int(height), int(width)))
 
-        for size in one.table.datasets:
-            self._add(Work("cost", one.table.name), size, partial(job, size), inputs)
+        for size in experiment.table.datasets:
+            self._add(RunSpec("cost", experiment.table.name), size, partial(job, size), inputs)
 
-    def training(self, one: Experiment, method: str, seed: int) -> str:
+    def training(self, experiment: Experiment, method: str, seed: int) -> str:
         """Add the training of a method after its fits and its simulator; returns the training's name."""
-        inputs = self.fits(one, one.learns[method])
-        work, key = Work("train", one.table.name, method=method, seed=seed), train_key(one, method, seed)
-        if self._simulated(one, method, seed):
-            inputs.append(self.simulator(one, seed))
+        inputs = self.fits(experiment, experiment.learns[method])
+        work, key = (
+            RunSpec("train", experiment.table.name, method=method, seed=seed),
+            train_key(experiment, method, seed),
+        )
+        if self._uses_seed_simulator(experiment, method, seed):
+            inputs.append(self.simulator(experiment, seed))
         return self._add(
-            work, f"seed{seed}", lambda: with_effect(self.runs.train_job(one, method, seed)), tuple(inputs), key=key
+            work,
+            f"seed{seed}",
+            lambda: with_effect(self.runs.train_job(experiment, method, seed)),
+            tuple(inputs),
+            key=key,
         )
 
-    def simulator(self, one: Experiment, seed: int) -> str:
+    def simulator(self, experiment: Experiment, seed: int) -> str:
         """Add the training of a seed's simulator after its fits; returns the training's name."""
-        inputs = self.fits(one, str(self.cfg.scale.simulator.learns))
-        work, key = Work("train_generator", one.table.name, seed=seed), ("train_generator", seed)
+        inputs = self.fits(experiment, str(self.cfg.scale.simulator.learns))
+        work, key = RunSpec("train_generator", experiment.table.name, seed=seed), ("train_generator", seed)
         return self._add(work, f"seed{seed}", lambda: alike(self.runs.simulator_job(seed)), tuple(inputs), key=key)
 
-    def _simulated(self, one: Experiment, method: str, seed: int) -> bool:
+    def _uses_seed_simulator(self, experiment: Experiment, method: str, seed: int) -> bool:
         """Whether a training uses the simulator of its own seed; False if its configuration cannot be composed yet."""
         if self.cfg.scale.get("simulator") is None:
             return False
         try:
-            return self.runs.own_simulator(self.runs.train_job(one, method, seed))
+            return self.runs.uses_seed_simulator(self.runs.train_job(experiment, method, seed))
         except InputError:
             return False
 
-    def fits(self, one: Experiment, training: str) -> list[str]:
+    def fits(self, experiment: Experiment, training: str) -> list[str]:
         """Add the fits of one of the scale's trainings; returns their names."""
-        return [self.fit(one, overrides) for side in self.runs.pairs(training).values() for overrides in side]
+        return [self.fit(experiment, overrides) for side in self.runs.pairs(training).values() for overrides in side]
 
-    def fit(self, one: Experiment, overrides: Sequence[str]) -> str:
+    def fit(self, experiment: Experiment, overrides: Sequence[str]) -> str:
         """Add a fit; returns its name."""
         label = "-".join(
             word.split("=")[1] for word in overrides if word.startswith(("scene=", "scene.seed=", "splat="))
         )
-        work = Work("fit", one.table.name, fit=tuple(overrides))
+        work = RunSpec("fit", experiment.table.name, fit=tuple(overrides))
         return self._add(
             work, label.replace("/", "_"), lambda: self.runs.fit_job(overrides), (), key=("fit", *overrides)
         )
 
     def _add(
         self,
-        work: Work,
+        work: RunSpec,
         label: str,
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
@@ -209,16 +218,16 @@ class _Plan:
         """
         if key is not None and key in self.names:
             self.tables[self.names[key]][work.table] = None
-            return self.known[self.names[key]].name
+            return self.runs_by_digest[self.names[key]].name
         digest = self._step(work, label, configured, inputs, finer, key or ())
         if key is not None:
             self.names[key] = digest
         self.tables.setdefault(digest, {})[work.table] = None
-        return self.known[digest].name
+        return self.runs_by_digest[digest].name
 
     def _step(
         self,
-        work: Work,
+        work: RunSpec,
         label: str,
         configured: Callable[[], DictConfig],
         inputs: tuple[str, ...],
@@ -232,7 +241,14 @@ class _Plan:
         except InputError as error:
             digest = f"{job} {label} {error}"
             step = PlannedRun(
-                work, "", label, not_started, inputs, self.estimates.blind(job, words, finer), str(error), ()
+                work,
+                "",
+                label,
+                not_started,
+                inputs,
+                self.estimates.minutes_without_config(job, words, finer),
+                str(error),
+                (),
             )
         else:
             digest = run_digest(cfg, job)
@@ -242,21 +258,21 @@ class _Plan:
             minutes = 0.0 if done else self.estimates.minutes(job, cfg, finer)
             label = f"{cfg.label}-{label}" if job.startswith("train") else label
             name = f"{label}-{digest}" if run is None else run.folder.name
-            missing = "" if done else _lacks(job, cfg, self.metrics)
+            missing = "" if done else _describe_missing_inputs(job, cfg, self.metrics)
             step = PlannedRun(work, digest, name, state, inputs, minutes, missing, ())
-        self.known.setdefault(digest, step)
+        self.runs_by_digest.setdefault(digest, step)
         return digest
 
 
-def _lacks(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
+def _describe_missing_inputs(job: str, cfg: DictConfig, metrics: Set[str]) -> str:
     """Describe the missing inputs of a run that no run produces; empty if there are none."""
     try:
-        return ", ".join(_lacking(job, cfg, metrics))
+        return ", ".join(_missing_inputs_of(job, cfg, metrics))
     except InputError as error:
         return str(error)
 
 
-def _lacking(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
+def _missing_inputs_of(job: str, cfg: DictConfig, metrics: Set[str]) -> Iterator[str]:
     """Missing inputs that no run produces: a dataset, gates, a device, the backbone of a metric."""
     import glob
 

@@ -55,7 +55,7 @@ class Estimates:
         )
         return -(-views // int(cfg.every)) * float(self.scale.minutes.finer_view if finer else self.scale.minutes.view)
 
-    def blind(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
+    def minutes_without_config(self, job: str, overrides: Sequence[Any], finer: bool = False) -> float:
         """Estimate the minutes of a run whose configuration cannot be composed, for instance without its dataset.
 
         Args:

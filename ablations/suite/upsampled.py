@@ -43,7 +43,7 @@ def fine_photos(cfg: DictConfig, fit: Path) -> Path:
         for view in HighResolutionPhotos(Path(cfg.runs) / "photos")(fit, read_run(fit)).targets:
             yield view.name, read_own_size(view)
 
-    return _kept(cfg, "fine_photos", fit.name, {"fit": str(fit)}, photos)
+    return _cached_images(cfg, "fine_photos", fit.name, {"fit": str(fit)}, photos)
 
 
 def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
@@ -63,10 +63,10 @@ def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
             size = sizes.get(path.stem)
             yield path.name, enlarged if size is None else resize(enlarged, size.height, size.width)
 
-    return _kept(cfg, "bicubic", label, {"images": str(folder)}, images)
+    return _cached_images(cfg, "bicubic", label, {"images": str(folder)}, images)
 
 
-def rendered_finer(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
+def high_resolution_renders(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
     """The folder of a fit's held-out views, rendered from its splat at 4 times the width and height.
 
     Args:
@@ -83,10 +83,12 @@ def rendered_finer(cfg: DictConfig, fit: Path, scene: DictConfig) -> Path:
                 yield view.name, view.read()
 
     values = {"fit": str(fit), "scene": OmegaConf.to_container(finer, resolve=True)}
-    return _kept(cfg, "render_finer", fit.name, values, images)
+    return _cached_images(cfg, "render_finer", fit.name, values, images)
 
 
-def _kept(cfg: DictConfig, job: str, label: str, values: Mapping[str, Any], images: Callable[[], Named]) -> Path:
+def _cached_images(
+    cfg: DictConfig, job: str, label: str, values: Mapping[str, Any], images: Callable[[], Named]
+) -> Path:
     """The folder of images of a content-addressed run; the images are made and written unless the run exists."""
     run_cfg = OmegaConf.create({"runs": cfg.runs, **values})
     run = find_run(run_cfg, job)

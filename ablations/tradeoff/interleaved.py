@@ -15,7 +15,7 @@ from omegaconf import DictConfig, open_dict
 from rich.console import Console
 from torch import Tensor
 
-from ablations.suite.evaluation import StudyCell, composed, fitted_cell
+from ablations.suite.evaluation import StudyCell, compose_checked, fitted_cell
 from ablations.tradeoff.methods import Enhance, SettingLoader
 from ablations.tradeoff.settings import TradeoffStudy
 from ablations.tradeoff.summary import HIGH, LOW, TIME
@@ -74,8 +74,8 @@ def study_records(
             fit = fitted_cell(cfg, cell)
             enhance = dict(_enhancers(study, ready, weights, fit, reasons))
             for view in held_views(cfg, fit, study):
-                first_calls = dict(_firsts(study, enhance, view, ready.device, reasons))
-                cell_records += _measured(study, cell, fit, view, first_calls, ready.device, distances)
+                first_calls = dict(_first_calls(study, enhance, view, ready.device, reasons))
+                cell_records += _view_records(study, cell, fit, view, first_calls, ready.device, distances)
         except InputError as error:
             cell_records, reasons = [], {setting.name: str(error) for setting in study.settings}
         trained_settings = {setting.name for setting in study.settings if setting.train}
@@ -97,7 +97,7 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
         fit: folder of the fit.
         study: states the number of views, and whether they have photos of 4 times the resolution.
     """
-    job = composed("enhance", cfg, ())
+    job = compose_checked("enhance", cfg, ())
     with open_dict(job):
         job.run = str(fit)
     task = read_task(job, "cpu", study.finer)
@@ -129,7 +129,7 @@ def _enhancers(
                 reasons[setting.name] = str(error)
 
 
-def _firsts(
+def _first_calls(
     study: TradeoffStudy,
     enhance: Mapping[str, Enhance],
     view: RenderedSet,
@@ -146,8 +146,8 @@ def _firsts(
         try:
             if study.finer:
                 call()  # loads the fine photos, whose memory is not the setting's
-            compiling = _compiling(call, device) if name in compiled else None
-            peak_bytes = peak_memory(functools.partial(_kept, call, images), device)
+            compiling = _compile_seconds(call, device) if name in compiled else None
+            peak_bytes = peak_memory(functools.partial(_call_and_store, call, images), device)
             yield name, FirstCall(call, images[0], peak_bytes / 1e6, compiling)
         except Exception as error:
             if name not in compiled:
@@ -155,17 +155,17 @@ def _firsts(
             reasons[name] = f"is not compiled: {reason_of(error).splitlines()[0]}"
 
 
-def _kept(call: Callable[[], Tensor], images: list[Tensor]) -> None:
+def _call_and_store(call: Callable[[], Tensor], images: list[Tensor]) -> None:
     images.append(call())
 
 
-def _compiling(call: Callable[[], object], device: torch.device) -> float:
+def _compile_seconds(call: Callable[[], object], device: torch.device) -> float:
     """Seconds of compilation: the time of a first call minus that of the second."""
     first, second = timed({"": call}, repeats=2, warm_up=0, device=device)[""].repeats
     return max(0.0, first - second) / 1e3
 
 
-def _measured(
+def _view_records(
     study: TradeoffStudy,
     cell: StudyCell,
     fit: Path,

@@ -213,9 +213,9 @@ def networks(device: torch.device) -> Cases:
             return result
 
         ways = {f"autocast/{dtype}": partial(enhanced, DTYPES[dtype]) for dtype in DTYPES}
-        yield f"network {name}", partial(_twice, precise, exact), ways
+        yield f"network {name}", partial(_run_network, precise, exact), ways
 
 
-def _twice(network: torch.nn.Module, inputs: object) -> Tensor:
+def _run_network(network: torch.nn.Module, inputs: object) -> Tensor:
     result: Tensor = network(inputs)
     return result

@@ -78,7 +78,7 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
         except (RuntimeError, NotImplementedError, InputError) as error:
             reason = reason_of(error).splitlines()[0]
             yield missing_record(way, reason, scene=case.name)
-    calls = {way: partial(_called, case.ways[way]) for way in errors}
+    calls = {way: partial(_call_and_discard, case.ways[way]) for way in errors}
     repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
     times = timed(calls, repeats, 0, device)  # no warm-up: each was called once above
     device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
@@ -105,5 +105,5 @@ def errors_of(found: Tensor, true: Tensor) -> tuple[float, float]:
     return float(relative), float(difference.max())
 
 
-def _called(call: Callable[[], Tensor]) -> None:
+def _call_and_discard(call: Callable[[], Tensor]) -> None:
     call()

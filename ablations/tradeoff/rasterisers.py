@@ -29,7 +29,7 @@ def rasterisers(device: torch.device) -> Cases:
     for method in methods:
         splat = _cloud(2 if isinstance(method, TwoDGS) else 3, isinstance(method, MipSplatting)).to(device)
         camera = identity_camera(*FEW, float(FEW[1])).to(device)
-        for name, way in (("forward", _drawn), ("backward", _pulled)):
+        for name, way in (("forward", _rendered_image), ("backward", _parameter_gradients)):
             kernel = "kernels" if device.type == "cpu" else "gsplat"
             ways = {f"{kernel}/float32": partial(way, render, splat.to(torch.float32), camera, method)}
             for dtype in DTYPES:
@@ -51,21 +51,21 @@ def _cloud(axes: int, smoothed: bool) -> Gaussians:
     return Gaussians(means, scales, quaternions, opacities, 0.3 * normal(COUNT, 4, 3), smoothing)
 
 
-def _drawn(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
+def _rendered_image(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
     """Colour and opacity of one view."""
     with torch.no_grad():
-        rendered = draw(splat, _as(camera, splat.means.dtype), method)
+        rendered = draw(splat, _cast_camera(camera, splat.means.dtype), method)
     return torch.cat([rendered.colour, rendered.alpha])
 
 
-def _pulled(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
+def _parameter_gradients(draw: Draw, splat: Gaussians, camera: Camera, method: Method) -> Tensor:
     """The gradient of the view's summed squared colours with respect to all parameters of the splat."""
     names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
     leaves = {name: getattr(splat, name).detach().requires_grad_() for name in names}
-    rendered = draw(replace(splat, **leaves), _as(camera, splat.means.dtype), method)
+    rendered = draw(replace(splat, **leaves), _cast_camera(camera, splat.means.dtype), method)
     rendered.colour.square().sum().backward()
     return torch.cat([leaf.grad.double().flatten() for leaf in leaves.values() if leaf.grad is not None])
 
 
-def _as(camera: Camera, dtype: torch.dtype) -> Camera:
+def _cast_camera(camera: Camera, dtype: torch.dtype) -> Camera:
     return Camera(camera.K.to(dtype), camera.world_to_camera.to(dtype), camera.height, camera.width)

@@ -61,7 +61,7 @@ class Setting:
             raise InputError(self.name, f"learns {self.learns!r}", f"choose {USUAL} or {UPSCALE}")
 
     @property
-    def can_be_asked_for(self) -> bool:
+    def reproducible_by_enhance(self) -> bool:
         """Whether the job enhance can reproduce this setting with weights and overrides alone."""
         return bool(self.weights) and not (self.warp or self.upscale or self.compiled)
 

@@ -59,7 +59,7 @@ class SettingSummary:
         return self.dssim if metric == "dissimilarity" else self.perceptual.get(metric)
 
 
-def summarised(records: Iterable[Record]) -> tuple[tuple[SettingSummary, ...], dict[str, str]]:
+def summarise(records: Iterable[Record]) -> tuple[tuple[SettingSummary, ...], dict[str, str]]:
     """Summarise every setting over its views; settings that cannot be summarised are returned with reasons.
 
     A setting that lacks a view of another setting counts as missing, since its mean would be over different views.

@@ -35,17 +35,19 @@ def training_records(runs: Path, pattern: str, least_steps: int) -> Iterator[Rec
     long_trainings = {path: cfg for path, cfg in configs.items() if _steps(cfg) >= least_steps}
     groups: dict[str, set[str]] = {}
     for cfg in long_trainings.values():
-        groups.setdefault(str(cfg.label), set()).add(_kind(cfg))
+        groups.setdefault(str(cfg.label), set()).add(_digest_without_seeds(cfg))
     for path, cfg in long_trainings.items():
         label_is_ambiguous = len(groups[str(cfg.label)]) > 1
-        yield from _records(path, cfg, f"{cfg.label}, {_kind(cfg)}" if label_is_ambiguous else str(cfg.label))
+        yield from _records(
+            path, cfg, f"{cfg.label}, {_digest_without_seeds(cfg)}" if label_is_ambiguous else str(cfg.label)
+        )
 
 
 def _steps(cfg: DictConfig) -> int:
     return int(cfg.trainer.max_steps) if "trainer" in cfg and "label" in cfg else 0
 
 
-def _kind(cfg: DictConfig) -> str:
+def _digest_without_seeds(cfg: DictConfig) -> str:
     """The digest of a training's configuration without its seeds."""
     values = plain(cfg)
     if "loading" in values["data"]:

@@ -8,8 +8,8 @@ import pytest
 from hydra import compose
 from omegaconf import OmegaConf
 
-from ablations.suite.descriptions import asked_names, experiment, known_names
-from ablations.suite.evaluation import composed
+from ablations.suite.descriptions import asked_names, known_names, read_experiment
+from ablations.suite.evaluation import compose_checked
 from ablations.suite.method_runs import Runs
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
@@ -62,7 +62,7 @@ def test_there_are_ten_tables_three_figures_and_our_own_studies() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
-    one = experiment(name, scale)
+    one = read_experiment(name, scale)
     learning = [method for method, values in one.table.methods.items() if values.train]
     assert set(learning) <= set(one.table.methods)
     assert all(method.about for method in one.table.methods.values())
@@ -77,7 +77,7 @@ def test_every_study_is_a_table_at_every_scale(name, scale) -> None:
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("table_")])
 def test_the_papers_values_are_carried_over_exactly(name) -> None:
-    table = experiment(name, configured("smoke").scale).table
+    table = read_experiment(name, configured("smoke").scale).table
     found, printed = numbers(dict(table.paper)), numbers(PAPER[name])
     if name == "table_3":
         assert table.paper["2k"] == {
@@ -120,7 +120,9 @@ def test_desk_measures_as_the_quality_table_does_on_three_worlds_a_dataset_and_o
             for world in worlds
             for splat in quality.splats
         }
-    cells = {frozenset(cell.fit) for number in (7, 8, 9) for cell in experiment(f"table_{number}", desk.scale).cells}
+    cells = {
+        frozenset(cell.fit) for number in (7, 8, 9) for cell in read_experiment(f"table_{number}", desk.scale).cells
+    }
     assert cells == known
     pairs = Runs(desk).pairs("usual")
     assert len(pairs["train"]) == 12
@@ -129,11 +131,11 @@ def test_desk_measures_as_the_quality_table_does_on_three_worlds_a_dataset_and_o
 
 def test_budgets_are_chosen_on_worlds_that_no_table_reports() -> None:
     desk = configured("desk").scale
-    chosen = {frozenset(cell.fit) for cell in experiment("budget", desk).cells}
-    reported = {frozenset(cell.fit) for name in known_names()["all"] for cell in experiment(name, desk).cells}
+    chosen = {frozenset(cell.fit) for cell in read_experiment("budget", desk).cells}
+    reported = {frozenset(cell.fit) for name in known_names()["all"] for cell in read_experiment(name, desk).cells}
     assert chosen
     assert not chosen & reported
-    steps = {row.train[-1] for row in experiment("budget", desk).table.methods.values() if row.mode == "paper"}
+    steps = {row.train[-1] for row in read_experiment("budget", desk).table.methods.values() if row.mode == "paper"}
     assert len(steps) == 4
 
 
@@ -155,22 +157,22 @@ def methods() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("name", "method"), methods())
 def test_every_row_composes_and_builds_what_it_names(name, method) -> None:
     scale = configured("smoke").scale
-    overrides = experiment(name, scale).table.methods[method].train
+    overrides = read_experiment(name, scale).table.methods[method].train
     with initialised():
         parent = compose("tables", ["table=all", "scale=smoke"])
-        job = composed("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
+        job = compose_checked("train", parent, [*overrides, "data.train=[a]", "data.validation=[b]"])
     build(job.fusion)
     build(job.loss)
     reference_config = build(job.reference_config)
     assert reference_config.fine == method.endswith("gepp_sr")
-    mode = experiment(name, scale).table.methods[method].mode
+    mode = read_experiment(name, scale).table.methods[method].mode
     faithful = type(build(job.fusion)).__module__.startswith("gaussian_enhancer.network.paper.")
     assert faithful == (mode == "paper")
 
 
 @pytest.mark.parametrize("name", known_names()["all"])
 def test_every_row_of_the_paper_is_there_twice_and_named(name) -> None:
-    methods = experiment(name, configured("smoke").scale).table.methods
+    methods = read_experiment(name, configured("smoke").scale).table.methods
     modes = {mode: [key for key, row in methods.items() if row.mode == mode] for mode in ("paper", "ours")}
     assert modes["ours"]
     assert modes["paper"] == [f"paper_{key}" for key in modes["ours"]]

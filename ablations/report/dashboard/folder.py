@@ -13,7 +13,7 @@ KINDS = ("table", "figure")
 
 
 @dataclass(frozen=True)
-class Listed:
+class TableRecords:
     """A table's description with its records.
 
     Args:
@@ -31,7 +31,7 @@ class Listed:
     absent: str = ""
 
 
-def read_folder(folder: str | Path) -> tuple[Listed, ...]:
+def read_folder(folder: str | Path) -> tuple[TableRecords, ...]:
     """Read all tables of a folder by number, then all figures by number, then studies.
 
     Args:
@@ -52,22 +52,22 @@ def read_folder(folder: str | Path) -> tuple[Listed, ...]:
         raise InputError(
             root / f"{without_description[0]}.jsonl", "has no description beside it", "make the table again"
         )
-    return tuple(_listed(path) for path in descriptions)
+    return tuple(_read_table(path) for path in descriptions)
 
 
-def all_records(listed: Sequence[Listed]) -> tuple[Record, ...]:
+def all_records(tables: Sequence[TableRecords]) -> tuple[Record, ...]:
     """The records of all tables; a record in several tables is repeated."""
-    return tuple(record for table_listing in listed for record in table_listing.records)
+    return tuple(record for table_listing in tables for record in table_listing.records)
 
 
-def _listed(path: Path) -> Listed:
+def _read_table(path: Path) -> TableRecords:
     table = read_description(path)
     source = path.with_suffix(".jsonl")
     if not source.is_file():
-        return Listed(table, absent="no records yet: make the table")
+        return TableRecords(table, absent="no records yet: make the table")
     checked = read_checked(source)
     checksums, records = tuple(checksum for checksum, _ in checked), tuple(record for _, record in checked)
-    return Listed(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
+    return TableRecords(table, records, checksums, hashlib.sha256(source.read_bytes()).hexdigest())
 
 
 def _number(name: str) -> tuple[int, str, int]:

@@ -8,8 +8,8 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ablations.report.dashboard.folder import Listed
-from ablations.study.lines import Line, Number, baselines, table_lines
+from ablations.report.dashboard.folder import TableRecords
+from ablations.study.lines import Line, Number, match_baselines, table_lines
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.metrics.records import MISSING, Record
 from gaussian_enhancer.report.quantities import Quantity, quantities
@@ -34,7 +34,7 @@ class NumberedValues:
         return list(self.numbers)
 
 
-def packed_tables(listed: Sequence[Listed]) -> dict[str, Any]:
+def packed_tables(listed: Sequence[TableRecords]) -> dict[str, Any]:
     """Records, tables and metrics of a folder, as plain values for the page's script.
 
     Args:
@@ -82,11 +82,11 @@ def _columns(unique: Sequence[tuple[str, Record]], metrics: Sequence[str]) -> di
     }
 
 
-def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]:
+def _table(one: TableRecords, places: Mapping[tuple[str, str], int]) -> dict[str, Any]:
     """A table's description and lines; its records as indices into all records."""
     table, records = one.table, one.records
     record_indices = [places[checksum, record.time] for checksum, record in zip(one.checksums, records, strict=True)]
-    baseline_indices, results = baselines(table, records), Results(table, records)
+    baseline_indices, results = match_baselines(table, records), Results(table, records)
     blocks = NumberedValues()
     return {
         **{name: getattr(table, name) for name in ("name", "title", "kind", "about", "baseline", "finer", "scale")},
@@ -102,7 +102,7 @@ def _table(one: Listed, places: Mapping[tuple[str, str], int]) -> dict[str, Any]
         "block_of": [blocks.number(block_of(table, record)) for record in records],
         "blocks": blocks.values,
         "missing": sum(record.kind == MISSING for record in records),
-        "outside": len(results.outside),
+        "outside": len(results.uncovered_records),
         "lines": [_line(line, table.metrics) for line in table_lines(results, records)],
     }
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ablations.report.dashboard.folder import Listed, all_records
+from ablations.report.dashboard.folder import TableRecords, all_records
 from ablations.report.dashboard.packed import packed_tables
 from ablations.report.dashboard.pictures import ShownImages
 from ablations.report.dashboard.runs import SourceRun, packed_runs
@@ -39,7 +39,7 @@ POLICY = "img-src data: file: 'self'; style-src 'unsafe-inline'; script-src 'uns
 def write_dashboard(
     path: str | Path,
     title: str,
-    listed: Sequence[Listed],
+    listed: Sequence[TableRecords],
     runs: Sequence[SourceRun] = (),
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
@@ -63,14 +63,14 @@ def write_dashboard(
 
 def document(
     title: str,
-    listed: Sequence[Listed],
+    listed: Sequence[TableRecords],
     runs: Sequence[SourceRun] = (),
     pictures: ShownImages | None = None,
     studies: Sequence[StudyView] = (),
 ) -> str:
     """The page's HTML; arguments as in `write_dashboard`."""
     data = {**packed_tables(listed), **packed_runs(runs), **(pictures or ShownImages()).packed()}
-    data["studies"] = [study.packed() for study in studies]
+    data["studies"] = [study.to_plain_values() for study in studies]
     records = all_records(listed)
     missing = sum(record.kind == MISSING for record in records)
     missing_note = f" · {missing} of them of what is missing" if missing else ""

@@ -10,7 +10,7 @@ from typing import Any
 
 from PIL import Image
 
-from ablations.report.dashboard.folder import Listed
+from ablations.report.dashboard.folder import TableRecords
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.metrics.records import Record
 
@@ -22,7 +22,7 @@ PARTS = {"render": "renders", "photo": "gt"}
 
 
 @dataclass
-class Shown:
+class ShownView:
     """One view of one scene.
 
     Args:
@@ -51,7 +51,7 @@ class ShownImages:
         missing: reason by a text of scene, splat and method.
     """
 
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[ShownView, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
 
     def packed(self) -> dict[str, Any]:
@@ -59,7 +59,7 @@ class ShownImages:
         return {"pictures": [vars(view) for view in self.shown], "pictures_missing": dict(self.missing)}
 
 
-def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int = 2) -> ShownImages:
+def copy_pictures(listed: Sequence[TableRecords], runs: Path, output: Path, most: int = 2) -> ShownImages:
     """Copy a few views of every scene and splat from the enhanced runs that records name.
 
     Of a method with several seeds, the first seed is shown. Views are spread evenly over the measured ones.
@@ -73,8 +73,8 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
     Raises:
         InputError: the folder cannot be written.
     """
-    chosen = _chosen(listed, most)
-    views: dict[tuple[str, str, str], Shown] = {}
+    chosen = _choose_records(listed, most)
+    views: dict[tuple[str, str, str], ShownView] = {}
     missing: dict[str, str] = {}
     for (scene, splat, method), (title, records) in chosen.items():
         label = f"{scene} · {splat} · {title}"
@@ -83,13 +83,13 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
             missing[label] = "its records name no enhanced run"
             continue
         folder = runs / "enhance" / name
-        step_folder = _side(folder)
+        step_folder = _last_step_folder(folder)
         if step_folder is None:
             missing[label] = f"the enhanced run {name} is not on this machine"
             continue
         for record in records:
-            shown_view = views.setdefault((scene, splat, record.view), Shown(scene, splat, record.view))
-            missing_file = _add(shown_view, method, title, step_folder, record.view, output)
+            shown_view = views.setdefault((scene, splat, record.view), ShownView(scene, splat, record.view))
+            missing_file = _copy_view(shown_view, method, title, step_folder, record.view, output)
             if missing_file:
                 missing[f"{label} · {record.view}"] = missing_file
     complete = tuple(
@@ -98,7 +98,7 @@ def copy_pictures(listed: Sequence[Listed], runs: Path, output: Path, most: int 
     return ShownImages(complete, missing)
 
 
-def _chosen(listed: Sequence[Listed], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
+def _choose_records(listed: Sequence[TableRecords], most: int) -> dict[tuple[str, str, str], tuple[str, list[Record]]]:
     """Title and records to show, by scene, splat and method; a method in two tables with the same run is shown once."""
     shown_records: dict[tuple[str, str, str], tuple[str, list[Record]]] = {}
     for table_listing in listed:
@@ -118,23 +118,23 @@ def _chosen(listed: Sequence[Listed], most: int) -> dict[tuple[str, str, str], t
             ):
                 key = (scene, splat, f"{table_listing.table.name}/{method_name}")
                 title = f"{title} ({table_listing.table.name})"
-            shown_records.setdefault(key, (title, _spread(seed_records, most)))
+            shown_records.setdefault(key, (title, _pick_evenly(seed_records, most)))
     return shown_records
 
 
-def _spread(records: Sequence[Record], most: int) -> list[Record]:
+def _pick_evenly(records: Sequence[Record], most: int) -> list[Record]:
     if len(records) <= most:
         return list(records)
     return [records[round((2 * i + 1) * (len(records) - 1) / (2 * most))] for i in range(most)]
 
 
-def _side(folder: Path) -> Path | None:
+def _last_step_folder(folder: Path) -> Path | None:
     """The folder of an enhanced run's last step; None if it does not exist."""
     steps = [(int(m[1]), p) for p in folder.glob("test/ours_*") if (m := re.fullmatch(r"ours_(\d+)", p.name))]
     return max(steps)[1] if steps else None
 
 
-def _add(view: Shown, method: str, title: str, side: Path, name: str, output: Path) -> str:
+def _copy_view(view: ShownView, method: str, title: str, side: Path, name: str, output: Path) -> str:
     """Copy a view's files; returns which file is missing, or an empty text."""
     sources = {key: side / part / name for key, part in PARTS.items() if key not in view.files}
     sources[method] = side / "enhanced" / name
@@ -143,7 +143,7 @@ def _add(view: Shown, method: str, title: str, side: Path, name: str, output: Pa
             if key != "photo":
                 return f"{source.parent.name}/{name} is not in the enhanced run"
             continue
-        file, size = _copied(source, output)
+        file, size = _copy_picture(source, output)
         if key == method:
             view.methods[method] = title
         view.files[key] = file
@@ -151,7 +151,7 @@ def _add(view: Shown, method: str, title: str, side: Path, name: str, output: Pa
     return ""
 
 
-def _copied(source: Path, output: Path) -> tuple[str, tuple[int, int]]:
+def _copy_picture(source: Path, output: Path) -> tuple[str, tuple[int, int]]:
     """Copy a picture beside the page unless it exists there; returns its address and its size in pixels."""
     content = source.read_bytes()
     name = hashlib.sha256(content).hexdigest()[:20]

@@ -69,7 +69,7 @@ def source_runs(
     return tuple(_read(runs / job / name, job, name, configuration) for job, name in named)
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Flatten a nested configuration to JSON values by dotted path; a list of plain values is one value.
 
     Args:
@@ -81,7 +81,7 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
         if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
             value = {str(index): item for index, item in enumerate(value)}
         if isinstance(value, Mapping) and value:
-            flattened |= flat(value, f"{prefix}{key}.")
+            flattened |= flatten(value, f"{prefix}{key}.")
         else:
             flattened[f"{prefix}{key}"] = json.dumps(value, ensure_ascii=False, default=str)
     return flattened
@@ -137,7 +137,7 @@ def _read(folder: Path, job: str, name: str, configuration: Callable[[Path], Map
     curves: tuple[Curve, ...] = ()
     reason = "the run is not on this machine" if not folder.is_dir() else "the run kept none"
     if (folder / "config.yaml").is_file():
-        settings = flat(configuration(folder / "config.yaml"))
+        settings = flatten(configuration(folder / "config.yaml"))
     else:
         absent["settings"] = reason
     log = folder / "log" / "metrics.csv"

@@ -12,9 +12,9 @@ import pandas as pd
 
 from ablations.report.plan_study import PlanAims, PlanScenes, cost_table
 from ablations.report.stability import count_table
-from ablations.report.tradeoff_quality import by_side, setting_table
+from ablations.report.tradeoff_quality import group_by_side, setting_table
 from ablations.stability.judge import KIND as CELL
-from ablations.tradeoff.summary import summarised
+from ablations.tradeoff.summary import summarise
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.metrics.records import Record, read_records
 
@@ -67,7 +67,7 @@ class StudyView:
     tables: Mapping[str, pd.DataFrame] | None = None
     absent: str = ""
 
-    def packed(self) -> dict[str, Any]:
+    def to_plain_values(self) -> dict[str, Any]:
         """The study as plain values for the page's script."""
         tables = [
             {"title": title, "columns": list(table.columns), "rows": table.to_numpy().tolist()}
@@ -103,8 +103,8 @@ def read_study(name: str, records: Path, diagrams: Path, output: Path, aims: Pla
 
 def _tradeoff_tables(records: Sequence[Record]) -> dict[str, pd.DataFrame]:
     return {
-        f"{study}, {side} scenes": setting_table(summarised(side_records)[0])
-        for (study, side), side_records in by_side(records).items()
+        f"{study}, {side} scenes": setting_table(summarise(side_records)[0])
+        for (study, side), side_records in group_by_side(records).items()
     }
 
 

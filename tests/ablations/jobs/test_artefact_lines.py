@@ -8,7 +8,7 @@ from hydra import compose
 
 from ablations.jobs.tables import _shown
 from ablations.report.grids import PHOTO
-from ablations.suite.descriptions import experiment
+from ablations.suite.descriptions import read_experiment
 from gaussian_enhancer.scene.image_files import write_image
 from support.job_config import initialised
 
@@ -16,7 +16,7 @@ from support.job_config import initialised
 @pytest.fixture(scope="module")
 def figure():
     with initialised():
-        return experiment("figure_7", compose("tables", ["table=7", "scale=smoke"]).scale)
+        return read_experiment("figure_7", compose("tables", ["table=7", "scale=smoke"]).scale)
 
 
 def test_figure_7_goes_through_artefacts(figure) -> None:

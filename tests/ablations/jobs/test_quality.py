@@ -223,12 +223,12 @@ def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(conf
     cfg = configured(ours={"role": "ours", "train": trained})
     with initialised():
         with pytest.raises(InputError, match="not trained yet"):
-            cells.weights_of(cfg, cfg.tables.lr.methods.ours)
+            cells.method_weights(cfg, cfg.tables.lr.methods.ours)
         run = open_run(with_effect(compose("train", [*trained, f"runs={cfg.runs}"])), "train", "lr")
         with pytest.raises(InputError, match="being trained"):
-            cells.weights_of(cfg, cfg.tables.lr.methods.ours)
+            cells.method_weights(cfg, cfg.tables.lr.methods.ours)
         run.finish()
-        assert Path(cells.weights_of(cfg, cfg.tables.lr.methods.ours)).parent == run.folder
+        assert Path(cells.method_weights(cfg, cfg.tables.lr.methods.ours)).parent == run.folder
 
 
 def test_the_page_is_made_without_the_captures_folder(monkeypatch) -> None:

@@ -76,7 +76,7 @@ def test_what_was_made_is_not_made_again(copied, monkeypatch) -> None:
     for module, name in (
         (pipeline.fit, "run"),
         (methods.train, "run"),
-        (methods, "images_of"),
+        (methods, "method_images"),
         (methods, "measure_now"),
     ):
         monkeypatch.setattr(module, name, refused)

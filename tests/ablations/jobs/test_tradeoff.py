@@ -263,7 +263,7 @@ def test_the_desk_curves_are_readable_and_name_what_the_issue_asks_for() -> None
 
 
 def test_only_settings_that_a_command_can_ask_for_are_offered() -> None:
-    assert Setting("a/b", weights="lr_tiny").can_be_asked_for
+    assert Setting("a/b", weights="lr_tiny").reproducible_by_enhance
     for odd in ({"warp": "none"}, {"compiled": True}, {"upscale": True}):
-        assert not Setting("a/b", weights="lr_tiny", **odd).can_be_asked_for
-    assert not Setting("a/b", network="identity").can_be_asked_for
+        assert not Setting("a/b", weights="lr_tiny", **odd).reproducible_by_enhance
+    assert not Setting("a/b", network="identity").reproducible_by_enhance

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.report.readme import BEGIN, END, RECORDS, SCENES, inserted, text
+from ablations.report.readme import BEGIN, END, RECORDS, SCENES, insert_between_marks, text
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, read_records
 from support.paths import ROOT
@@ -25,7 +25,7 @@ def both(gain: float) -> list[Record]:
 
 def test_the_readme_says_what_its_records_say() -> None:
     page = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert inserted(page, text(read_records(ROOT / RECORDS))) == page
+    assert insert_between_marks(page, text(read_records(ROOT / RECORDS))) == page
 
 
 def test_numbers_are_means_over_fits_and_the_worst_frame_is_told() -> None:
@@ -42,6 +42,6 @@ def test_a_view_without_its_raw_render_is_refused() -> None:
 
 def test_only_what_stands_between_the_marks_is_replaced() -> None:
     page = f"before\n{BEGIN}\nold\n{END}\nafter"
-    assert inserted(page, "new\n") == f"before\n{BEGIN}\nnew\n{END}\nafter"
+    assert insert_between_marks(page, "new\n") == f"before\n{BEGIN}\nnew\n{END}\nafter"
     with pytest.raises(InputError, match="no place"):
-        inserted("before", "new")
+        insert_between_marks("before", "new")

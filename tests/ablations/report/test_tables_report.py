@@ -15,7 +15,7 @@ import pytest
 
 from ablations.report.tables import summary_page, write_reports
 from ablations.study.description import Method, SceneGroup, TableDescription
-from ablations.study.latex import escaped
+from ablations.study.latex import escape
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, write_records
 
@@ -242,7 +242,7 @@ def test_latex_has_the_same_columns_in_every_line_whatever_the_words(tmp_path: P
     text = reports(tmp_path, table, all_records())[".tex"]
     assert {len(line) for line in printed_latex(text)} == {2 + 2 * 5 + 3}
     assert r"{[}100\%\_of \$x\textasciicircum{}2\$ \& \{\#1\} \textasciitilde{} \textbackslash{}input (U+2713)" in text
-    assert escaped("a -- b\n\tc-d – e") == "a -{}- b c-d -- e"
+    assert escape("a -- b\n\tc-d – e") == "a -{}- b c-d -- e"
 
 
 def test_a_record_that_nothing_asks_for_is_named(tmp_path: Path) -> None:

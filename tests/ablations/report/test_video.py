@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.report.video import PAGE, SPEED, UNMEASURED, filled, mark, speed_table
+from ablations.report.video import PAGE, SPEED, UNMEASURED, fill_page, mark, speed_table
 from ablations.study.rows import frame_of
 from gaussian_enhancer.errors import InputError
 from support.paths import DOCS, ROOT
@@ -25,7 +25,7 @@ MEASURED = {
 
 def test_the_page_says_what_its_records_say() -> None:
     page = (ROOT / PAGE).read_text(encoding="utf-8")
-    assert filled(page, DOCS / "results") == page
+    assert fill_page(page, DOCS / "results") == page
 
 
 def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
@@ -44,6 +44,6 @@ def test_a_row_for_each_number_of_threads_and_how_it_was_measured() -> None:
 def test_a_page_without_marks_is_refused() -> None:
     assert speed_table(frame_of([])) == UNMEASURED
     with pytest.raises(InputError, match=r"docs/video\.md: has no place for its figures"):
-        filled("no marks", DOCS / "results")
+        fill_page("no marks", DOCS / "results")
     with pytest.raises(InputError, match="has no place"):
-        filled(f"{mark(SPEED[0])}\nno end", DOCS / "results")
+        fill_page(f"{mark(SPEED[0])}\nno end", DOCS / "results")

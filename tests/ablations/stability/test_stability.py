@@ -8,8 +8,8 @@ from ablations.report.stability import faults
 from ablations.stability import order
 from ablations.stability.case import PRECISIONS
 from ablations.stability.catalogue import FAMILIES, catalogue
-from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN, judged
-from ablations.stability.watched import measured
+from ablations.stability.judge import FAILED, KIND, REFUSED, WITHIN, judge_case
+from ablations.stability.watched import matrix_records
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
 from support import paths
@@ -58,14 +58,16 @@ FAST = (
     ],
 )
 def test_a_cell_ends_as_its_case_does(kind, direction, outcome, reason):
-    cell = judged(case(kind), FLOAT32, direction)
+    cell = judge_case(case(kind), FLOAT32, direction)
     assert cell.outcome == outcome
     assert reason in cell.reason
     assert bool(cell.reason) == (outcome != WITHIN)
 
 
 def test_a_result_in_single_precision_says_so():
-    assert [judged(case("single"), precision, "forward").computed for precision in (FLOAT32, BFLOAT16, FLOAT16)] == [
+    assert [
+        judge_case(case("single"), precision, "forward").computed for precision in (FLOAT32, BFLOAT16, FLOAT16)
+    ] == [
         "",
         "float32",
         "float32",
@@ -74,12 +76,12 @@ def test_a_result_in_single_precision_says_so():
 
 def test_the_reference_is_computed_on_the_rounded_numbers():
     """Rounding 1.25 and 1.75 costs nothing, 1 / 3 would cost bfloat16 a thousandth: neither counts as an error."""
-    assert judged(case("fine"), BFLOAT16, "forward").error == 0
+    assert judge_case(case("fine"), BFLOAT16, "forward").error == 0
 
 
 def test_a_hang_and_a_crash_are_cells_and_the_rest_is_computed():
     cases = [case("hangs", seconds=0.5), case("dies"), case("fine")]
-    records = list(measured(cases, PRECISIONS[:1]))
+    records = list(matrix_records(cases, PRECISIONS[:1]))
     assert [record.variant for record in records] == [FAILED, FAILED, WITHIN]
     assert records[0].reasons["outcome"] == "has no result after 0.5 s"
     assert "code 7" in records[1].reasons["outcome"]
@@ -91,14 +93,14 @@ def test_a_fast_case_does_not_fail(name):
     (one,) = catalogue(names=[name])
     for direction in one.passes:
         for precision in PRECISIONS:
-            cell = judged(one, precision, direction)
+            cell = judge_case(one, precision, direction)
             assert cell.outcome != FAILED, f"{precision.name}, {direction}: {cell.reason}"
 
 
 @pytest.mark.parametrize("name", ["nan_in_render", "1e30_in_render", "1e30_in_references"])
 def test_what_is_refused_names_its_cause(name):
     (one,) = catalogue(names=[name])
-    cell = judged(one, FLOAT32, "forward")
+    cell = judge_case(one, FLOAT32, "forward")
     assert cell.outcome == REFUSED
     assert name.split("_")[-1] in cell.reason
 
@@ -128,7 +130,7 @@ def test_the_committed_matrix_is_whole_and_no_cell_has_failed():
 
 def test_the_samplers_error_falls_with_its_steps():
     """Slower than by order 1: the denoiser hears the time in waves that 256 steps only begin to resolve."""
-    records = list(order.measured_order("cosine", (8, 16, 32), 512))
+    records = list(order.order_records("cosine", (8, 16, 32), 512))
     errors = [record.metrics["error"] for record in records]
     assert errors == sorted(errors, reverse=True)
     assert 0 < order.slopes(records)["cosine"] < 1.4
@@ -136,7 +138,7 @@ def test_the_samplers_error_falls_with_its_steps():
 
 def test_order_is_read_off_errors_and_a_walk_that_diverges_says_so(monkeypatch):
     known = {"cosine": {4: 0.4, 8: 0.2, 16: 0.1}, "steep": {4: math.inf, 8: 0.2, 16: 0.1}}
-    monkeypatch.setattr(order, "order", lambda name, counts, finest: known[name])
-    records = [record for name in known for record in order.measured_order(name, (4, 8, 16), 32)]
+    monkeypatch.setattr(order, "ddim_errors", lambda name, counts, finest: known[name])
+    records = [record for name in known for record in order.order_records(name, (4, 8, 16), 32)]
     assert order.slopes(records) == {"cosine": pytest.approx(1.0)}
     assert [one.reasons for one in records if one.scene == "steep"] == [{"error": "the walk diverges"}, {}, {}]

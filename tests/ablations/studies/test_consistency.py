@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from ablations.studies.consistency import Place, WarpedError, sequence_errors, warped_error
+from ablations.studies.consistency import FrameGeometry, WarpedError, sequence_errors, warped_error
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import Camera
 from support.synthetic_runs import plane_camera, plane_view
@@ -17,7 +17,7 @@ def moved(camera: Camera, shift: float) -> Camera:
     return dataclasses.replace(camera, world_to_camera=pose)
 
 
-def film(frames: int = 6, texture: torch.Tensor | None = None) -> tuple[list[torch.Tensor], list[Place]]:
+def film(frames: int = 6, texture: torch.Tensor | None = None) -> tuple[list[torch.Tensor], list[FrameGeometry]]:
     """A smooth plane seen by a camera that moves sideways."""
     if texture is None:
         coarse = torch.rand(1, 3, 5, 5, generator=torch.Generator().manual_seed(0))
@@ -27,7 +27,7 @@ def film(frames: int = 6, texture: torch.Tensor | None = None) -> tuple[list[tor
         camera = moved(plane_camera(0, 32, 48), 0.04 * t)
         image, depth = plane_view(camera, texture)
         images.append(image)
-        places.append(Place(camera, depth, torch.ones_like(depth)))
+        places.append(FrameGeometry(camera, depth, torch.ones_like(depth)))
     return images, places
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.study.aims import Aims, losses, verdicts
+from ablations.study.aims import Aims, ranked_losses, verdicts
 from ablations.study.description import Method, SceneGroup, TableDescription
 from ablations.study.results import Results
 from gaussian_enhancer.metrics.records import MISSING, Record
@@ -82,20 +82,20 @@ def test_what_is_missing_leaves_aims_open() -> None:
     ):
         assert verdict(found, "lpips_alex") is None
         assert verdict(found, "ahead") is None
-    assert study(*WHOLE[:-1]).why_missing(("fox", "sparse"), "ours") == "no record"
-    assert study(missing=(gap("sparse", "ours", "why"),)).why_missing(("fox", "sparse"), "ours") == "why"
+    assert study(*WHOLE[:-1]).missing_reason(("fox", "sparse"), "ours") == "no record"
+    assert study(missing=(gap("sparse", "ours", "why"),)).missing_reason(("fox", "sparse"), "ours") == "why"
 
 
 def test_one_frame_made_worse_misses_the_aim_and_is_named() -> None:
     found = study(*WHOLE[:-1], ("sparse", "ours", -0.03, -0.1))
     assert verdict(found, "no frame") is False
-    worst = losses(found, "ours", "psnr")[0]
+    worst = ranked_losses(found, "ours", "psnr")[0]
     assert (worst.view, worst.loss) == ("c", pytest.approx(0.03))
     assert verdict(study(*WHOLE[:-1], ("sparse", "ours", -0.01, -0.1)), "no frame") is True
 
 
 def test_worse_means_higher_for_lpips() -> None:
     found = study(("dense", "ours", 1.0, 0.005), ("sparse", "ours", 1.0, -0.005))
-    assert [(one.view, one.loss) for one in losses(found, "ours", "lpips_alex")] == [
+    assert [(one.view, one.loss) for one in ranked_losses(found, "ours", "lpips_alex")] == [
         (view, pytest.approx(loss)) for view, loss in (("a", 0.005), ("b", 0.005), ("c", -0.005))
     ]

@@ -6,7 +6,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from ablations.study.engine import Study, job, measured
+from ablations.study.engine import Study, job, measure_study
 from gaussian_enhancer.errors import InputError
 
 TABLE = {"by": {"row": "row"}, "columns": {"psnr": "{psnr.mean:.1f}"}, "title": "Toy", "section": "row"}
@@ -40,9 +40,9 @@ def test_a_study_that_was_killed_goes_on_where_it_stopped(tmp_path):
 
     study = Study(("a", "b", "c"), measure, ("row",))
     with pytest.raises(KeyboardInterrupt):
-        measured(study, path, "0123")
+        measure_study(study, path, "0123")
     assert not (tmp_path / "rows.jsonl").exists()
-    frame = measured(study, path, "0123")
+    frame = measure_study(study, path, "0123")
     assert done == ["a", "b", "b", "c"]
     assert frame["row"].tolist() == ["a", "b", "c"]
     assert [one.name for one in tmp_path.iterdir()] == ["rows.jsonl"]
@@ -52,24 +52,24 @@ def test_parts_are_known_by_their_text_and_not_by_their_place(tmp_path):
     path = str(tmp_path / "rows.jsonl")
 
     with pytest.raises(KeyboardInterrupt):
-        measured(Study(("a", "b"), killed, ("row",)), path, "0123")
-    frame = measured(toy(("0", "a", "b")), path, "0123")
+        measure_study(Study(("a", "b"), killed, ("row",)), path, "0123")
+    frame = measure_study(toy(("0", "a", "b")), path, "0123")
     assert dict(zip(frame["row"], frame["psnr"], strict=True)) == {"0": 1.0, "a": 9.0, "b": 1.0}
 
 
 def test_another_command_does_not_go_on_with_what_was_killed(tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        measured(Study(("a", "b"), killed, ("row",)), str(tmp_path / "rows.jsonl"), "0123")
-    assert measured(toy(("a", "b")), str(tmp_path / "rows.jsonl"), "4567")["psnr"].tolist() == [1.0, 1.0]
+        measure_study(Study(("a", "b"), killed, ("row",)), str(tmp_path / "rows.jsonl"), "0123")
+    assert measure_study(toy(("a", "b")), str(tmp_path / "rows.jsonl"), "4567")["psnr"].tolist() == [1.0, 1.0]
 
 
 def test_earlier_rows_stay_and_those_measured_again_are_replaced(tmp_path):
     path = str(tmp_path / "rows.jsonl")
-    measured(toy(("a", "b")), path)
-    frame = measured(toy(("b", "c"), 2.0), path)
+    measure_study(toy(("a", "b")), path)
+    frame = measure_study(toy(("b", "c"), 2.0), path)
     assert dict(zip(frame["row"], frame["psnr"], strict=True)) == {"a": 1.0, "b": 2.0, "c": 2.0}
     before = (tmp_path / "rows.jsonl").read_bytes()
-    assert measured(toy(()), path).equals(frame)  # without a part the records alone
+    assert measure_study(toy(()), path).equals(frame)  # without a part the records alone
     assert (tmp_path / "rows.jsonl").read_bytes() == before
 
 
@@ -81,15 +81,15 @@ def test_a_study_may_write_reports_of_its_own(tmp_path, capsys):
 
 def test_whole_records_are_those_of_one_command_and_stay_without_a_part(tmp_path):
     path = tmp_path / "rows.jsonl"
-    one = dataclasses.replace(toy(("a", "b")), whole=True)
-    assert measured(one, str(path))["row"].tolist() == ["a", "b"]
-    assert measured(dataclasses.replace(one, parts=("c",)), str(path))["row"].tolist() == ["c"]
+    one = dataclasses.replace(toy(("a", "b")), replaces_file=True)
+    assert measure_study(one, str(path))["row"].tolist() == ["a", "b"]
+    assert measure_study(dataclasses.replace(one, parts=("c",)), str(path))["row"].tolist() == ["c"]
     before = path.read_bytes()
-    assert measured(dataclasses.replace(one, parts=()), str(path))["row"].tolist() == ["c"]
+    assert measure_study(dataclasses.replace(one, parts=()), str(path))["row"].tolist() == ["c"]
     assert path.read_bytes() == before
 
     with pytest.raises(KeyboardInterrupt):
-        measured(dataclasses.replace(one, measure=killed), str(path))
+        measure_study(dataclasses.replace(one, measure=killed), str(path))
     assert path.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == ["rows.jsonl"]
 
@@ -110,12 +110,12 @@ def test_a_file_of_something_else_is_refused_before_anything_is_measured(tmp_pat
         raise AssertionError("was measured")
 
     with pytest.raises(InputError, match="lacks the column row; measure again, with runs="):
-        measured(Study(("a",), measure, ("row",)), str(tmp_path / "other.jsonl"))
+        measure_study(Study(("a",), measure, ("row",)), str(tmp_path / "other.jsonl"))
 
 
 def test_nothing_measured_is_refused_with_the_option_that_measures():
     with pytest.raises(InputError, match="hold no row; measure, with rows="):
-        measured(toy(()), None)
+        measure_study(toy(()), None)
 
 
 def test_a_job_prints_the_table_and_writes_the_page(tmp_path, capsys):

@@ -7,7 +7,7 @@ import pytest
 
 from ablations.study import lines as lines_
 from ablations.study.description import Method, SceneGroup, TableDescription
-from ablations.study.lines import ALL, Line, baselines
+from ablations.study.lines import ALL, Line, match_baselines
 from ablations.study.results import Results, block_of
 from gaussian_enhancer.metrics.records import Record
 from support.dashboard_samples import NASTY, QUALITY, REPEATS, SCENES, measured
@@ -132,7 +132,7 @@ def test_costs_stand_by_size_beside_the_papers() -> None:
 
 def test_every_record_finds_its_baseline_of_the_same_seed() -> None:
     records = measured()
-    for own, before in zip(records, baselines(QUALITY, records), strict=True):
+    for own, before in zip(records, match_baselines(QUALITY, records), strict=True):
         if own.kind != "quality" or own.variant == "raw":
             assert before == ()
             continue
@@ -140,7 +140,7 @@ def test_every_record_finds_its_baseline_of_the_same_seed() -> None:
         other = records[place]
         assert (other.scene, other.splat, other.view, other.variant) == (own.scene, own.splat, own.view, "raw")
     learnt = replace(QUALITY, baseline="gepp")
-    for own, before in zip(records, baselines(learnt, records), strict=True):
+    for own, before in zip(records, match_baselines(learnt, records), strict=True):
         if own.kind == "quality" and own.variant != "gepp":
             assert {records[i].seed for i in before} == ({0, 1} if own.seed is None else {own.seed})
 

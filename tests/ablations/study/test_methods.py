@@ -43,7 +43,7 @@ def fit_of(folder: Path, scene: str = "plush", **choices: object) -> Path:
 
 def test_two_fits_are_averaged(tmp_path):
     first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
-    applied = TwoFits.found([str(second)]).of(first, 100)
+    applied = TwoFits.from_patterns([str(second)]).of(first, 100)
     assert applied.weights == "b"
     others = read_run(second).targets
     for one, other in zip(enhanced_views(read_run(first), {"two": applied.enhance}), others, strict=True):
@@ -54,17 +54,17 @@ def test_two_fits_are_averaged(tmp_path):
 def test_second_fits_that_do_not_match_are_refused(tmp_path):
     first, second = fit_of(tmp_path / "a"), fit_of(tmp_path / "b", seed=1)
     with pytest.raises(InputError, match="no other fit of plush"):
-        TwoFits.found([str(first)]).of(first, 100)
+        TwoFits.from_patterns([str(first)]).of(first, 100)
     with pytest.raises(InputError, match="no other fit of plush"):
-        TwoFits.found([str(fit_of(tmp_path / "c", "banana"))]).of(first, 100)
+        TwoFits.from_patterns([str(fit_of(tmp_path / "c", "banana"))]).of(first, 100)
     with pytest.raises(InputError, match="is of the scene plush"):
-        TwoFits.found([str(first), str(second)])
+        TwoFits.from_patterns([str(first), str(second)])
     with pytest.raises(InputError, match="names no fit"):
-        TwoFits.found([])
+        TwoFits.from_patterns([])
     with pytest.raises(InputError, match="no renders of step 50"):
-        TwoFits.found([str(second)]).of(first, 50)
+        TwoFits.from_patterns([str(second)]).of(first, 50)
     with pytest.raises(InputError, match=r"did not hold out view_004\.png"):
-        TwoFits.found([str(fit_of(tmp_path / "d", views=4))]).of(first, 100)
-    small = TwoFits.found([str(fit_of(tmp_path / "e", size=(24, 32)))]).of(first, 100)
+        TwoFits.from_patterns([str(fit_of(tmp_path / "d", views=4))]).of(first, 100)
+    small = TwoFits.from_patterns([str(fit_of(tmp_path / "e", size=(24, 32)))]).of(first, 100)
     with pytest.raises(InputError, match="32x24 in the second fit, 64x48"):
         list(enhanced_views(read_run(first), {"two": small.enhance}))

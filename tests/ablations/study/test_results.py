@@ -37,7 +37,7 @@ RAW, ONE = [frame("raw", None, 20.0)], [frame("one", 0, 21.0), frame("one", 1, 2
 def test_a_row_without_a_seed_stands_beside_every_seed() -> None:
     gains = Results(TABLE, [*RAW, *ONE]).gains("3dgs", "one", "psnr")
     assert gains.values == {(HILL, 0): {"a": 1.0}, (HILL, 1): {"a": 3.0}}
-    assert gains.whole
+    assert gains.complete
 
 
 def test_trained_rows_are_paired_by_seed() -> None:
@@ -86,7 +86,7 @@ def test_views_without_a_number_are_kept_with_their_reason() -> None:
 def test_what_the_table_does_not_ask_for_stays_outside() -> None:
     strays = [frame("one", None, 1.0), frame("one", 7, 1.0), frame("raw", None, 1.0, scene="moon"), frame("x", 0, 1.0)]
     results = Results(TABLE, [*RAW, *ONE, *strays])
-    assert len(results.outside) == 4
+    assert len(results.uncovered_records) == 4
     assert results.gains("3dgs", "one", "psnr").mean() == 2.0
 
 
@@ -117,4 +117,4 @@ def test_costs_belong_to_the_size_that_they_name_or_have() -> None:
     own = Results(dataclasses.replace(table, datasets=scenes), [dataclasses.replace(named, scene="1k")])
     assert (own.blocks, own.scenes_of("1k")) == (("1k", "2k"), ("1k",))
     assert own.values("2k", "one", "milliseconds").missing == {(("2k", "2k"), 0): "no record"}
-    assert own.values("1k", "one", "milliseconds").whole
+    assert own.values("1k", "one", "milliseconds").complete

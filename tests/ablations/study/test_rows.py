@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ablations.study.rows import RowFile, frame_of, stated, with_gains
+from ablations.study.rows import RowFile, frame_of, with_gains, with_provenance
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record
 
@@ -19,7 +19,7 @@ def row(splat: str, psnr: float, scene: str = "plush") -> dict[str, object]:
 
 
 def test_rows_that_are_measured_again_replace_the_old_ones(rows):
-    assert rows.held().empty
+    assert rows.read_or_empty().empty
     rows.add([row("raw", 20.0), row("new", 21.0), row("new", 22.0)])
     first = rows.path.read_text().splitlines()[0]
     rows.add([row("new", 23.0), row("raw", 30.0, "copr")])
@@ -37,7 +37,7 @@ def test_rows_that_are_measured_again_replace_the_old_ones(rows):
 )
 def test_a_file_of_something_else_is_refused_and_kept(rows, text, said):
     rows.path.write_text(text)
-    for act in (rows.read, rows.held, lambda: rows.add([row("raw", 20.0)])):
+    for act in (rows.read, rows.read_or_empty, lambda: rows.add([row("raw", 20.0)])):
         with pytest.raises(InputError, match=f"{said}.*with runs="):
             act()
     assert rows.path.read_text() == text
@@ -68,9 +68,9 @@ def test_numbers_that_are_not_finite_are_null_and_values_within_values_are_colum
 
 
 def test_a_row_states_where_and_when_it_was_measured():
-    assert {"commit", "machine", "time"} <= set(stated({"row": "a"}))
+    assert {"commit", "machine", "time"} <= set(with_provenance({"row": "a"}))
     one = record("raw", 20.0)
-    assert stated(one) is one
+    assert with_provenance(one) is one
 
 
 def test_gains_are_over_the_baseline_of_the_same_keys():

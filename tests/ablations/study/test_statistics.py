@@ -14,9 +14,9 @@ from ablations.study.sample import ScoreSample
 from ablations.study.statistics import (
     holm,
     interval,
-    over_scenes_and_seeds,
-    over_seeds,
     sign_flip,
+    spread_over_scenes_and_seeds,
+    spread_over_seeds,
     units_of,
 )
 
@@ -47,31 +47,31 @@ def test_a_mean_counts_views_then_seeds_then_scenes_alike() -> None:
 
 
 def test_repeated_runs_by_hand() -> None:
-    by_seed = over_seeds(GAINS)
+    by_seed = spread_over_seeds(GAINS)
     assert by_seed.runs == {"seed 0": 1.0, "seed 1": 2.0}
     assert (by_seed.maximum, by_seed.minimum, by_seed.mean, by_seed.count) == (2.0, 1.0, 1.5, 2)
     assert by_seed.deviation == pytest.approx(math.sqrt(0.5))  # ddof=1, where ddof=0 would give 0.5
-    by_both = over_scenes_and_seeds(GAINS)
+    by_both = spread_over_scenes_and_seeds(GAINS)
     assert sorted(by_both.runs.values()) == [0.0, 1.0, 2.0, 3.0]
     assert by_both.deviation == pytest.approx(math.sqrt(5 / 3))
 
 
 def test_the_largest_gain_is_the_largest_number_whatever_is_better() -> None:
-    lpips = over_seeds(sample({("a", 0): [-0.036], ("a", 1): [-0.026]}))
+    lpips = spread_over_seeds(sample({("a", 0): [-0.036], ("a", 1): [-0.026]}))
     assert (lpips.maximum, lpips.minimum) == (-0.026, -0.036)  # as the paper prints them
 
 
 def test_one_run_has_no_deviation() -> None:
-    one = over_seeds(sample({("a", 0): [1.0]}))
+    one = spread_over_seeds(sample({("a", 0): [1.0]}))
     assert (one.count, one.mean, math.isnan(one.deviation)) == (1, 1.0, True)
 
 
 def test_runs_are_averaged_over_the_same_scenes_and_name_what_they_leave_out() -> None:
     gaps = {("b", 1): "died of memory", ("a", 2): "not trained", ("b", 2): "not trained"}
-    found = over_seeds(sample({("a", 0): [1.0], ("a", 1): [2.0], ("b", 0): [100.0]}, gaps))
+    found = spread_over_seeds(sample({("a", 0): [1.0], ("a", 1): [2.0], ("b", 0): [100.0]}, gaps))
     assert found.runs == {"seed 0": 1.0, "seed 1": 2.0}
     assert found.left_out == {"seed 2": "not trained", "scene b": "died of memory"}
-    nothing = over_seeds(sample({}, gaps))
+    nothing = spread_over_seeds(sample({}, gaps))
     assert nothing.count == 0
     assert math.isnan(nothing.mean)
     assert set(nothing.left_out) == {"seed 1", "seed 2"}
@@ -197,5 +197,5 @@ def test_holm_lies_between_the_p_values_and_bonferroni(values: list[float]) -> N
 
 def test_the_deviation_agrees_with_the_library() -> None:
     values = [0.3, 0.7, 0.1, 0.9]
-    found = over_seeds(sample({("a", i): [value] for i, value in enumerate(values)}))
+    found = spread_over_seeds(sample({("a", i): [value] for i, value in enumerate(values)}))
     assert found.deviation == pytest.approx(statistics.stdev(values)) == pytest.approx(np.std(values, ddof=1))

@@ -22,9 +22,9 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from ablations.suite import cluster
-from ablations.suite.cluster import StoppedRunError, made_ahead, runnable, worker_count
-from ablations.suite.descriptions import experiment
-from ablations.suite.plan import PlannedRun, Work
+from ablations.suite.cluster import StoppedRunError, make_runs_ahead, runnable, worker_count
+from ablations.suite.descriptions import read_experiment
+from ablations.suite.plan import PlannedRun, RunSpec
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.runs.status import State
@@ -35,7 +35,7 @@ LONG = "['settings.steps=1000000','scene.height=32','scene.width=48','scene.view
 
 
 def step(name: str, minutes: float = 1.0, inputs: tuple[str, ...] = (), digest: str = "0") -> PlannedRun:
-    return PlannedRun(Work("fit", "t"), digest, name, State("not started"), inputs, minutes, "", ("t",))
+    return PlannedRun(RunSpec("fit", "t"), digest, name, State("not started"), inputs, minutes, "", ("t",))
 
 
 def working(folder: Path) -> set[int]:
@@ -86,7 +86,7 @@ def test_there_is_a_worker_a_core_but_few_and_one_beside_a_gpu(monkeypatch) -> N
         monkeypatch.setattr(cluster, "choose_device", lambda _: OmegaConf.create({"type": device}))
         return worker_count(OmegaConf.create({"workers": None, "runtime": {"device": "auto"}}))
 
-    assert [count(cores, "cpu") for cores in (1, 2, 64)] == [1, 2, cluster.MOST]
+    assert [count(cores, "cpu") for cores in (1, 2, 64)] == [1, 2, cluster.MAX_WORKERS]
     assert count(64, "cuda") == 1
 
 
@@ -103,14 +103,14 @@ def ahead(make: Callable[..., None], client: Client, monkeypatch) -> dict[str, E
     monkeypatch.setattr(cluster, "_make", make)
     cfg = configured("table=10", "workers=2", f"scheduler={client.scheduler.address}")
     with initialised():
-        return made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
+        return make_runs_ahead(cfg, [read_experiment("table_10", cfg.scale)], Console(quiet=True))
 
 
 def test_every_run_is_made_once_after_its_inputs(client, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     log = tmp_path / "made"
 
-    def make(settings: object, work: Work, digest: str, inputs: object) -> None:
+    def make(settings: object, work: RunSpec, digest: str, inputs: object) -> None:
         with log.open("a") as file:
             file.write(f"{digest}\n")
 
@@ -137,7 +137,7 @@ def test_what_needs_a_failed_run_is_not_tried(client, tmp_path, monkeypatch) -> 
     monkeypatch.chdir(tmp_path)
     log = tmp_path / "tried"
 
-    def full(settings: object, work: Work, digest: str, inputs: object) -> None:
+    def full(settings: object, work: RunSpec, digest: str, inputs: object) -> None:
         with log.open("a") as file:
             file.write(f"{work.job}\n")
         raise ValueError("full")
@@ -152,7 +152,7 @@ def test_a_run_whose_worker_is_killed_is_made_again(tmp_path, monkeypatch) -> No
     monkeypatch.chdir(tmp_path)
     log = tmp_path / "begun"
 
-    def dying(settings: object, work: Work, digest: str, inputs: object) -> None:
+    def dying(settings: object, work: RunSpec, digest: str, inputs: object) -> None:
         first = not log.exists()
         with log.open("a") as file:
             file.write(f"{digest}\n")
@@ -172,7 +172,7 @@ def test_a_run_whose_worker_is_killed_is_made_again(tmp_path, monkeypatch) -> No
 def test_two_jobs_at_one_scheduler_make_a_run_once(client, tmp_path, monkeypatch) -> None:
     log = tmp_path / "made"
 
-    def make(settings: object, work: Work, digest: str, inputs: object) -> None:
+    def make(settings: object, work: RunSpec, digest: str, inputs: object) -> None:
         time.sleep(0.1)
         with log.open("a") as file:
             file.write(f"{digest}\n")
@@ -180,7 +180,7 @@ def test_two_jobs_at_one_scheduler_make_a_run_once(client, tmp_path, monkeypatch
     monkeypatch.setattr(cluster, "_make", make)
     steps = [step(name, digest=f"{tmp_path.name}-{name}") for name in "abc"]
     with Client(client.scheduler.address, set_as_default=False) as other:
-        futures = [cluster.submitted(one, steps, {}) for one in (client, other)]
+        futures = [cluster.submit_runs(one, steps, {}) for one in (client, other)]
         for own in futures:
             for future in own.values():
                 future.result()
@@ -192,7 +192,7 @@ def test_a_scheduler_that_does_not_answer_is_a_users_mistake(tmp_path, monkeypat
     monkeypatch.setattr(cluster, "Client", partial(Client, set_as_default=False))
     cfg = configured("table=10", "scheduler=tcp://127.0.0.1:9")
     with initialised(), pytest.raises(InputError, match="does not answer"):
-        made_ahead(cfg, [experiment("table_10", cfg.scale)], Console(quiet=True))
+        make_runs_ahead(cfg, [read_experiment("table_10", cfg.scale)], Console(quiet=True))
 
 
 @pytest.mark.slow

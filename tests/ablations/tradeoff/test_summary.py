@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.tradeoff.summary import summarised
+from ablations.tradeoff.summary import summarise
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.metrics.tradeoff import mean_squared
 
@@ -21,7 +21,7 @@ def test_a_setting_is_summed_up_over_its_views() -> None:
         record("b/y", "0", 1, 20, lpips_alex=0.2),
         record("b/y", "1", 1, 20),
     ]
-    (a, b), reasons = summarised(records)
+    (a, b), reasons = summarise(records)
     assert reasons == {}
     assert (a.name, a.milliseconds, a.low, a.high, a.psnr, a.dssim) == ("a/x", 20, 19, 22, 25, 0.25)
     assert a.perceptual == {"lpips_alex": pytest.approx(0.3)}
@@ -34,6 +34,6 @@ def test_a_setting_is_summed_up_over_its_views() -> None:
 def test_a_setting_that_lacks_a_view_is_missing_with_its_reason() -> None:
     gone = Record("missing", "", "s", "", "", "c/z", {}, {"row": "not trained"})
     records = [record("a/x", "0", 1, 20), record("a/x", "1", 1, 20), record("b/y", "0", 1, 20), gone]
-    found, reasons = summarised(records)
+    found, reasons = summarise(records)
     assert [one.name for one in found] == ["a/x"]
     assert reasons == {"b/y": "measured on 1 of 2 views", "c/z": "not trained"}

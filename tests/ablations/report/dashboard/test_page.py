@@ -9,17 +9,17 @@ import pytest
 from omegaconf import OmegaConf
 from PIL import Image
 
-from ablations.report.dashboard.folder import Listed, all_records, read_folder
+from ablations.report.dashboard.folder import TableRecords, all_records, read_folder
 from ablations.report.dashboard.page import document
 from ablations.report.dashboard.pictures import copy_pictures
-from ablations.report.dashboard.runs import MOST_POINTS, flat, read_curves, source_runs
+from ablations.report.dashboard.runs import MOST_POINTS, flatten, read_curves, source_runs
 from ablations.study.description import write_description
 from gaussian_enhancer.errors import InputError
 from support.dashboard_samples import NASTY, QUALITY, measured, write_results, write_runs
 
 
 @pytest.fixture(scope="module")
-def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Listed, ...]:
+def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[TableRecords, ...]:
     return read_folder(write_results(tmp_path_factory.mktemp("results")))
 
 
@@ -33,7 +33,7 @@ def data(text: str) -> dict:
     return json.loads(found[1])
 
 
-def test_every_record_is_embedded_once_and_unrounded(listed: tuple[Listed, ...]) -> None:
+def test_every_record_is_embedded_once_and_unrounded(listed: tuple[TableRecords, ...]) -> None:
     packed = data(document("Suite", listed))
     columns, pools = packed["records"], packed["pools"]
     records = listed[0].records
@@ -49,7 +49,7 @@ def test_every_record_is_embedded_once_and_unrounded(listed: tuple[Listed, ...])
     assert [columns["checksum"][i] for i in packed["tables"][1]["records"]] == list(listed[1].checksums)
 
 
-def test_nothing_in_the_page_can_run_or_load(listed: tuple[Listed, ...]) -> None:
+def test_nothing_in_the_page_can_run_or_load(listed: tuple[TableRecords, ...]) -> None:
     text = document(NASTY, listed)
     assert text.count("<script") == 2
     assert "<img src=x" not in text
@@ -57,7 +57,7 @@ def test_nothing_in_the_page_can_run_or_load(listed: tuple[Listed, ...]) -> None
     assert "default-src 'none'" in text
 
 
-def test_tables_come_in_the_order_of_their_numbers(listed: tuple[Listed, ...]) -> None:
+def test_tables_come_in_the_order_of_their_numbers(listed: tuple[TableRecords, ...]) -> None:
     assert [one.table.name for one in listed] == ["table_2", "table_10"]
 
 
@@ -109,7 +109,7 @@ def test_runs_are_read_as_far_as_they_lie_here(tmp_path: Path) -> None:
 
 
 def test_settings_are_flat_and_keep_lists_of_plain_values() -> None:
-    assert flat({"a": {"b": [1, 2], "c": [{"d": None}]}, "e": {}}) == {"a.b": "[1, 2]", "a.c.0.d": "null", "e": "{}"}
+    assert flatten({"a": {"b": [1, 2], "c": [{"d": None}]}, "e": {}}) == {"a.b": "[1, 2]", "a.c.0.d": "null", "e": "{}"}
 
 
 def test_long_logs_are_thinned_with_both_ends(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_damaged_log_is_refused_by_name(tmp_path: Path) -> None:
         read_curves(tmp_path / "metrics.csv")
 
 
-def test_pictures_are_copied_once_at_their_size(listed: tuple[Listed, ...], tmp_path: Path) -> None:
+def test_pictures_are_copied_once_at_their_size(listed: tuple[TableRecords, ...], tmp_path: Path) -> None:
     runs = write_runs(tmp_path / "runs")
     found = copy_pictures(listed, runs, tmp_path / "page", most=2)
     assert sorted({view.scene for view in found.shown}) == sorted({NASTY, "yard"})
@@ -145,7 +145,7 @@ def test_pictures_are_copied_once_at_their_size(listed: tuple[Listed, ...], tmp_
 
 
 def test_large_pictures_become_jpeg_of_the_same_size(
-    listed: tuple[Listed, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    listed: tuple[TableRecords, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ablations.report.dashboard.pictures.LARGEST_COPY", 10)
     found = copy_pictures(listed, write_runs(tmp_path / "runs"), tmp_path / "page", most=1)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from ablations.report.dashboard.folder import Listed, all_records, read_folder
+from ablations.report.dashboard.folder import TableRecords, all_records, read_folder
 from ablations.report.dashboard.page import write_dashboard
 from ablations.report.dashboard.pictures import copy_pictures
 from ablations.report.dashboard.runs import source_runs
@@ -23,12 +23,12 @@ PARTS = ("tables", "curves", "distributions", "pictures", "tradeoff", "stability
 
 
 @pytest.fixture(scope="module")
-def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Listed, ...]:
+def listed(tmp_path_factory: pytest.TempPathFactory) -> tuple[TableRecords, ...]:
     return read_folder(write_results(tmp_path_factory.mktemp("results")))
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory, listed: tuple[Listed, ...]) -> Path:
+def written(tmp_path_factory: pytest.TempPathFactory, listed: tuple[TableRecords, ...]) -> Path:
     folder = tmp_path_factory.mktemp("dashboard")
     runs = write_runs(folder / "runs")
     sources = source_runs(runs, all_records(listed), lambda path: dict(OmegaConf.to_container(OmegaConf.load(path))))
@@ -70,7 +70,7 @@ def click(page, selector: str) -> None:
     page.find_element("css selector", selector).click()
 
 
-def test_the_numbers_are_those_of_the_records(page, listed: tuple[Listed, ...]) -> None:
+def test_the_numbers_are_those_of_the_records(page, listed: tuple[TableRecords, ...]) -> None:
     script = """return [...document.querySelectorAll(`#table-${arguments[0]} tbody tr`)].map((row) => [row.dataset,
       [...row.querySelectorAll("[data-of]")].map(
         (e) => [e.dataset.metric, e.dataset.of, e.dataset.value, e.textContent])])"""
@@ -110,7 +110,7 @@ def test_tabs_open_by_pointer_keyboard_and_address(page) -> None:
     assert all_of(page, "[role=tab][aria-selected=true]", "e.dataset.part") == ["settings"]
 
 
-def test_provenance_on_a_click_and_its_links(page, listed: tuple[Listed, ...]) -> None:
+def test_provenance_on_a_click_and_its_links(page, listed: tuple[TableRecords, ...]) -> None:
     from selenium.webdriver.common.keys import Keys
 
     click(page, "#table-table_2 tr[data-block='3dgs'][data-row=gepp] [data-of=gain][data-metric=psnr] button")
@@ -181,7 +181,7 @@ def test_sliders_move_and_show_what_is_chosen(page) -> None:
     assert "the enhanced run scene0-3dgs-ge-0 is not on this machine" in page.find_element("id", "part-pictures").text
 
 
-def test_curves_and_distributions_are_drawn(page, listed: tuple[Listed, ...]) -> None:
+def test_curves_and_distributions_are_drawn(page, listed: tuple[TableRecords, ...]) -> None:
     go(page, "#curves?quantity=train/total")
     assert all_of(page, ".curve", "e.dataset.run") == ["gepp-seed0", "gepp-seed1"]
     assert all_of(page, ".curve", "e.getAttribute('d').split('L').length") == [10, 10]
@@ -241,7 +241,7 @@ def test_of_ten_thousand_records_the_first_of_the_order_asked_for_are_drawn(brow
         for method, seed in [("raw", None), *[(method, seed) for method in ("ge", "gepp") for seed in (0, 1, 2)]]
     ]
     assert len(made) == 10_010
-    listed = (Listed(table, tuple(made), tuple(f"{i:012x}" for i in range(len(made))), "f" * 64),)
+    listed = (TableRecords(table, tuple(made), tuple(f"{i:012x}" for i in range(len(made))), "f" * 64),)
     write_dashboard(tmp_path / "dashboard.html", "Large", listed)
     assert (tmp_path / "dashboard.html").stat().st_size < 4_000_000
     browser.get("about:blank")

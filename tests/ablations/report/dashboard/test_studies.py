@@ -2,7 +2,7 @@
 
 import pytest
 
-from ablations.report.dashboard.folder import Listed
+from ablations.report.dashboard.folder import TableRecords
 from ablations.report.dashboard.page import document
 from ablations.report.dashboard.studies import NOTES, Diagram, StudyView, copy_diagrams, read_study
 from ablations.report.plan_study import PlanAims
@@ -31,7 +31,7 @@ def test_diagrams_are_copied_and_named_by_their_titles(tmp_path) -> None:
 def test_a_study_that_was_not_measured_says_how_it_is(name, tmp_path) -> None:
     study = read_study(name, tmp_path / "none.jsonl", tmp_path, tmp_path / "page", AIMS)
     assert study.absent.endswith(f"{NOTES[name][0]}.")
-    assert study.absent in document("Suite", [Listed(QUALITY)], studies=[study])
+    assert study.absent in document("Suite", [TableRecords(QUALITY)], studies=[study])
     assert not (tmp_path / "page").exists()
 
 
@@ -62,7 +62,9 @@ def test_what_plans_leave_out_is_shown_as_it_was_measured(tmp_path) -> None:
 
 def test_the_page_is_told_of_its_studies() -> None:
     found = document(
-        "Suite", [Listed(QUALITY)], studies=[StudyView("plan", "As read.", (Diagram("Error", "diagrams/lr.svg"),))]
+        "Suite",
+        [TableRecords(QUALITY)],
+        studies=[StudyView("plan", "As read.", (Diagram("Error", "diagrams/lr.svg"),))],
     )
     assert '"diagrams":[{"title":"Error","file":"diagrams/lr.svg"}]' in found
     assert '"note":"As read."' in found
