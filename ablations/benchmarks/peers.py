@@ -58,7 +58,7 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
-from gaussian_enhancer.metrics.cost import Timing, timed
+from gaussian_enhancer.metrics.cost import Timing, device_description, timed
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
@@ -322,8 +322,7 @@ def _time(timing: Timing, megapixels: float, yardstick: Timing) -> dict[str, flo
 
 
 def _protocol(cfg: DictConfig, device: torch.device) -> str:
-    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of a process of its own, above its imports"
     compiled = "networks by torch.compile" if cfg.compiled else "nothing by torch.compile"
     rounds = f"medians of {cfg.rounds} interleaved rounds after a warm-up"
-    return f"{device_label}: {rounds}; channels-last; {compiled}; memory {memory}"
+    return f"{device_description(device)}: {rounds}; channels-last; {compiled}; memory {memory}"

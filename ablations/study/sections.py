@@ -24,8 +24,8 @@ TITLES = {
 
 
 def metrics_of(results: Results) -> tuple[str, ...]:
-    """The metrics of `TITLES` that are known, and not 0, for at least one frame."""
-    measured = {name for record in results.records for name, value in record.metrics.items() if value}
+    """The metrics of `TITLES` that are known for at least one frame."""
+    measured = {name for record in results.records for name, value in record.metrics.items() if value is not None}
     return tuple(name for name in TITLES if name in measured)
 
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from ablations.suite.descriptions import Experiment, read_experiment
 from ablations.suite.method_runs import Runs
 from ablations.suite.plan import PlannedRun, RunSpec, plan_runs
-from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.runs.instantiate import plain

@@ -25,7 +25,7 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import reason_of
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.cost import peak_memory, timed
+from gaussian_enhancer.metrics.cost import device_description, peak_memory, timed
 from gaussian_enhancer.metrics.provenance import this_machine
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs import status as status
@@ -100,9 +100,10 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
     cached_plane.cache_clear()  # peak memory then counts only a method's own inputs
-    device_label = "GPU" if device.type == "cuda" else f"CPU without a GPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
-    protocol = f"{device_label}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
+    protocol = (
+        f"{device_description(device)}: median of {runs.cfg.scale.repeats} interleaved repeats; peak memory {memory}"
+    )
     for method, timing in times.items():
         peak = peak_memory(_enhance_call(weights[method], shape, device, plane), device) / MEGABYTE
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, "peak_memory_mb": peak}

@@ -11,7 +11,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from gaussian_enhancer.cli.main import configurations
+from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import plain
 from gaussian_enhancer.scene.datasets import dataset_names, published_dataset

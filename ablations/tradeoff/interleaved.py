@@ -21,7 +21,7 @@ from ablations.tradeoff.settings import TradeoffStudy
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
-from gaussian_enhancer.metrics.cost import peak_memory, timed
+from gaussian_enhancer.metrics.cost import device_description, peak_memory, timed
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, missing_record
@@ -181,10 +181,9 @@ def _view_records(
     repeats = max(1, min(study.repeats, int(rounds)))
     times = timed(calls, repeats, 0, device)
     (target,) = view.targets
-    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
-    protocol = f"{PROTOCOL}; {device_label}: median and quartiles of {repeats} interleaved repeats after a warm-up, "
-    protocol += f"views in memory, references chosen and aligned anew; peak memory {memory}"
+    protocol = f"{PROTOCOL}; {device_description(device)}: median and quartiles of {repeats} interleaved repeats "
+    protocol += f"after a warm-up, views in memory, references chosen and aligned anew; peak memory {memory}"
     for name, first_call in firsts.items():
         read: Callable[[], torch.Tensor] | None = target.read_fine_photo if study.finer else target.read_photo
         if read is None:

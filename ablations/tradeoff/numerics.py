@@ -13,7 +13,7 @@ from torch import Tensor
 from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
 from ablations.tradeoff.rasterisers import rasterisers
 from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
-from gaussian_enhancer.metrics.cost import timed
+from gaussian_enhancer.metrics.cost import device_description, timed
 from gaussian_enhancer.metrics.records import Record, missing_record
 
 KIND = "numerics"
@@ -81,11 +81,8 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
     calls = {way: partial(_call_and_discard, case.ways[way]) for way in errors}
     repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
     times = timed(calls, repeats, 0, device)  # no warm-up: each was called once above
-    device_label = "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
-    protocol = (
-        f"{device_label}: median and quartiles of {repeats} interleaved repeats; relative error: root mean square of "
-    )
-    protocol += "the difference from float64 over that of float64's result"
+    protocol = f"{device_description(device)}: median and quartiles of {repeats} interleaved repeats; relative error: "
+    protocol += "root mean square of the difference from float64 over that of float64's result"
     for way, (relative, largest) in errors.items():
         low, high = times[way].quartiles
         metrics: dict[str, float | None] = {"relative_error": relative, "largest_error": largest}

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 import torch
+from omegaconf import ListConfig
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import (
+    background_colour,
     composite,
     decode,
     downscaled_size,
@@ -159,3 +161,13 @@ def test_other_formats_under_a_photos_name_are_no_images(tmp_path):
     (tmp_path / "a.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n")
     with pytest.raises(InputError, match=r"a\.png: is no image"):
         read_header(tmp_path / "a.png")
+
+
+def test_a_background_of_whole_numbers_becomes_three_floats():
+    assert background_colour(ListConfig([0, 1, 0.5])) == (0.0, 1.0, 0.5)
+
+
+@pytest.mark.parametrize("values", [(0, 0), (0, 0, 0, 1), (0, 0, 255), (0, 0, float("nan")), ("0", 0, 0), (None, 0, 0)])
+def test_a_background_that_is_no_colour_is_refused(values):
+    with pytest.raises(InputError, match=r"background: .* give three numbers from 0 to 1"):
+        background_colour(values)

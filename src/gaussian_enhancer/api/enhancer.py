@@ -23,6 +23,7 @@ from gaussian_enhancer.infer.validated_inputs import ValidatedInputs, validate_i
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.runs.runtime import choose_device
+from gaussian_enhancer.scene.photos import background_colour
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Camera
 
@@ -68,7 +69,7 @@ class Enhancer:
         options: EnhancementOptions | None = None,
     ) -> None:
         self.pretrained, self.device = pretrained, _device(device)
-        self.background = _colour(background)
+        self.background = background_colour(background)
         self.options = EnhancementOptions() if options is None else options
         self.reference_config = self.options.reference_config(pretrained, "expected")
         self._set_enhancer = self.options.enhancer(pretrained, self.reference_config, self.device)
@@ -266,15 +267,3 @@ def _device(device: str | torch.device | None) -> torch.device:
     if chosen.type == "cuda" and not torch.cuda.is_available():
         raise InputError("device", f"is {device!r}, but torch finds no CUDA device", 'give "cpu"')
     return chosen
-
-
-def _colour(values: Sequence[int | float]) -> tuple[float, float, float]:
-    """Convert a colour to three floats in [0, 1].
-
-    Raises:
-        InputError: there are not three values, or one is out of range.
-    """
-    colour = tuple(float(value) for value in values)
-    if len(colour) != 3 or not all(0 <= value <= 1 for value in colour):
-        raise InputError("background", f"is {values!r}", "give three numbers from 0 to 1")
-    return colour[0], colour[1], colour[2]

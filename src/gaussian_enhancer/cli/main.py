@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from gaussian_enhancer.configurations import configurations as configurations
+from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import INTERRUPTED, InputError, LostProcessError
 from gaussian_enhancer.files import unwritable
 

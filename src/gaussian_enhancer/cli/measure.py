@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from omegaconf import DictConfig, ListConfig
+from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
@@ -26,6 +26,7 @@ from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
+from gaussian_enhancer.scene.photos import background_colour
 
 
 def run(cfg: DictConfig) -> float | None:
@@ -99,18 +100,10 @@ def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:
 def _measure(
     files: Sequence[ImageFiles], distances: Sequence[PerceptualDistance], cfg: DictConfig
 ) -> tuple[Record, ...]:
-    steps = measure_files(files, distances, _colour(cfg.background))
+    steps = measure_files(files, distances, background_colour(cfg.background))
     console = Console(stderr=True)
     hidden = hides_progress(cfg, console)
     return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
-
-
-def _colour(values: ListConfig) -> tuple[float, float, float]:
-    """Return the colour as a tuple; refuse anything but three numbers from 0 to 1."""
-    if len(values) != 3 or not all(isinstance(value, int | float) and 0 <= value <= 1 for value in values):
-        raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
-    red, green, blue = (float(value) for value in values)
-    return red, green, blue
 
 
 def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str, Table]:

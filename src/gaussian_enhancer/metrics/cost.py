@@ -57,6 +57,11 @@ class Timing:
         return statistics.median(ratios), ratios[outside], ratios[count - 1 - outside]
 
 
+def device_description(device: torch.device) -> str:
+    """What a protocol says of the device that times were measured on, threads of the CPU included."""
+    return "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
+
+
 def timed(
     calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"
 ) -> dict[str, Timing]:

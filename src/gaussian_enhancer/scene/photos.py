@@ -4,6 +4,7 @@ Pixels are taken as they are stored: an EXIF orientation is not applied, since s
 stored pixels. Axes: c channels (3, or 4 with alpha), h height, w width, H and W the same after resizing.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,18 @@ def composite(image: Float[Tensor, "c h w"], background: tuple[float, float, flo
         return image
     colour, alpha = image[:3], image[3:]
     return colour * alpha + image.new_tensor(background)[:, None, None] * (1 - alpha)
+
+
+def background_colour(values: Sequence[object]) -> tuple[float, float, float]:
+    """A colour behind transparent images, as a tuple.
+
+    Raises:
+        InputError: there are not three numbers from 0 to 1.
+    """
+    numbers = [float(value) for value in values if isinstance(value, int | float) and 0 <= value <= 1]
+    if len(values) != 3 or len(numbers) != 3:
+        raise InputError("background", f"is {list(values)}", "give three numbers from 0 to 1")
+    return numbers[0], numbers[1], numbers[2]
 
 
 def read_photo(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float[Tensor, "3 h w"]:
