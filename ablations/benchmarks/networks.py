@@ -22,7 +22,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from ablations.study.engine import Study, job
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.infer.weights import NETWORKS, count_parameters, design_of
-from gaussian_enhancer.metrics.cost import timed
+from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.types import NetworkInput
@@ -132,7 +132,7 @@ def microseconds(networks: list[Network], views: NetworkInput, rounds: int) -> l
 
     calls = {str(index): partial(enhance, network) for index, network in enumerate(networks)}
     pixels = [call() for call in calls.values()]
-    times = timed(calls, rounds, warm_up=0)
+    times = time_interleaved(calls, rounds, warm_up=0)
     return [1e3 * one.milliseconds / count for one, count in zip(times.values(), pixels, strict=True)]
 
 

@@ -22,7 +22,7 @@ from ablations.benchmarks.synthetic_views import read_views
 from gaussian_enhancer import memory
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.metrics.cost import peak_memory
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.runtime import start
 
 SMALL = 64
@@ -64,7 +64,7 @@ def _enhance(name: str, dtype: str, cfg: DictConfig, device: torch.device, views
 def _alone(cfg: DictConfig, call: Callable[..., None], small: Any, whole: Any) -> float:
     """Megabytes of a call on the whole input, in a process of its own, after a call on the small one."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(_measured, plain(cfg), call, small, whole).result()
+        return pool.submit(_measured, plain_values(cfg), call, small, whole).result()
 
 
 def _measured(values: dict[str, Any], call: Callable[..., None], small: Any, whole: Any) -> float:

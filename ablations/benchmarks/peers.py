@@ -58,7 +58,7 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
-from gaussian_enhancer.metrics.cost import Timing, device_description, timed
+from gaussian_enhancer.metrics.cost import Timing, device_description, time_interleaved
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
@@ -171,7 +171,7 @@ def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, vi
         if isinstance(way.call, Forward):
             way.call.network.compile()  # of ours also what the whole enhancement calls
     calls = {**{name: call for name, (call, _, _) in fixed.items()}, **{k: way.call for k, way in possible.items()}}
-    times = timed(calls, cfg.rounds, 1, device)
+    times = time_interleaved(calls, cfg.rounds, 1, device)
     protocol = _protocol(cfg, device)
     for name, (_, amount, unit) in fixed.items():
         rate: dict[str, float | None] = {
@@ -233,7 +233,7 @@ def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder
             calls[key] = partial(_to_file, key, enhance, stopwatch, folder / "enhanced.png")
     fixed = {name: call for name, call, _, _ in yardsticks(device)}
     with clocked_parts(stopwatch):
-        times = timed({**fixed, **calls}, cfg.rounds, 1, device)
+        times = time_interleaved({**fixed, **calls}, cfg.rounds, 1, device)
     for key, (peer, height, width, place) in asked.items():
         laps = stopwatch.laps[key][1:]  # without the warm-up
         decoded = _timing([sum(lap.values()) - lap[READ] for lap in laps])
@@ -263,7 +263,7 @@ def tried_records(cfg: DictConfig) -> Iterator[Record]:
         f"{place} {name}": getattr(one, name) for place, one in enumerate(all_trials) for name in ("before", "after")
     }
     with torch.inference_mode():
-        times = timed(calls, cfg.rounds, 1)
+        times = time_interleaved(calls, cfg.rounds, 1)
     for place, one in enumerate(all_trials):
         before, after = (times[f"{place} {name}"] for name in ("before", "after"))
         ratio, low, high = after.times_faster(before)
@@ -283,7 +283,7 @@ def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]
         IMPORTS: [sys.executable, "-c", "import torch"],
     }
     calls = {name: partial(_process, command) for name, command in commands.items()}
-    for name, timing in timed(calls, cfg.cold_rounds, 1).items():
+    for name, timing in time_interleaved(calls, cfg.cold_rounds, 1).items():
         ends = dict(zip((LOW, HIGH), timing.quartiles, strict=True))
         metrics: dict[str, float | None] = {"milliseconds": timing.milliseconds, **ends}
         yield Record(COLD, "", "", "", "", name, metrics, size=SMALL[::-1], protocol="whole processes, caches filled")

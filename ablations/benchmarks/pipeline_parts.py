@@ -29,8 +29,8 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "warp": ((alignment, "reproject"),),
     "check and rank": (
         (alignment, "photometric_difference"),
-        (alignment, "photo_consistent"),
-        (alignment, "worth_of"),
+        (alignment, "hide_inconsistent"),
+        (alignment, "reference_weight"),
         (alignment, "rank"),
     ),
     "align, the rest": ((ReferenceConfig, "align"),),

@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from ablations.study.engine import Study, job
 from gaussian_enhancer.loss.terms import dssim
-from gaussian_enhancer.metrics.cost import timed
+from gaussian_enhancer.metrics.cost import time_interleaved
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
 
 
@@ -33,7 +33,7 @@ def measured(cfg: DictConfig) -> list[dict[str, Any]]:
         unlike = dssim(image[None], photo[None]).mean()
         (0.8 * (image - photo).abs().mean() + 0.2 * unlike).backward()
 
-    times = timed({"own": own, "autograd": autograd}, cfg.rounds)
+    times = time_interleaved({"own": own, "autograd": autograd}, cfg.rounds)
     row = {
         "size": f"{cfg.height}x{cfg.width}",
         "own_ms": times["own"].milliseconds,

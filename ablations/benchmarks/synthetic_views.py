@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.scene.cameras import Side, write_cameras
 from gaussian_enhancer.scene.image_files import write_image
-from gaussian_enhancer.scene.in_memory import held
+from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.procedural import procedural_scene
@@ -45,7 +45,7 @@ def synthetic_views(height: int, width: int, family: str = "outdoor", finer: boo
     scene = _scene(family, height, width)
     target = scene.test[len(scene.test) // 2]
     nearest = sorted(scene.train, key=lambda index: (abs(index - target), index))[:REFERENCES]
-    views = [held(_view(scene, index, family, finer)) for index in (target, *nearest)]
+    views = [read_once(_view(scene, index, family, finer)) for index in (target, *nearest)]
     return RenderedSet(scene.name, (views[0],), tuple(views[1:]), own_depth=True)
 
 

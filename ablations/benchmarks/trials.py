@@ -19,17 +19,17 @@ from ablations.benchmarks.networks import example
 from gaussian_enhancer.align.projection import Landing, read_at, read_both
 from gaussian_enhancer.infer.change_confidence import (
     BLOCK,
+    apply_shares_compiled,
+    apply_shares_torch,
     block_products,
     products_compiled,
-    shares_applied,
-    shares_applied_compiled,
 )
-from gaussian_enhancer.infer.colour_completion import completed, completed_compiled
-from gaussian_enhancer.network.colour_clamping import clamped, clamped_compiled
-from gaussian_enhancer.network.halving import halved, unshuffled
+from gaussian_enhancer.infer.colour_completion import complete_compiled, complete_torch
+from gaussian_enhancer.network.colour_clamping import clamp_compiled, clamp_torch
+from gaussian_enhancer.network.halving import halve, pixel_unshuffle
 from gaussian_enhancer.network.output_head import OUTPUTS, compose
-from gaussian_enhancer.network.pyramid import upsampled
-from gaussian_enhancer.network.ssif_sr import merged
+from gaussian_enhancer.network.pyramid import upsample_bicubic
+from gaussian_enhancer.network.ssif_sr import merge_torch
 from gaussian_enhancer.scene.png import encode_png
 from gaussian_enhancer.types import NetworkInput
 
@@ -70,7 +70,7 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
         f"{unshuffle}, two pixels as one word",
         "a third of the time: one pass instead of two, half as many elements",
         lambda: unshuffled_before(planes),
-        lambda: unshuffled(planes),
+        lambda: pixel_unshuffle(planes),
     )
     yield Trial(
         f"{unshuffle}, pixel by pixel",
@@ -83,7 +83,7 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
         "means over 2x2 pixels, rows first",
         "a third of the time: rows are added by vector instructions",
         lambda: F.avg_pool2d(views.references[0], 2),
-        lambda: halved(views.references[0]),
+        lambda: halve(views.references[0]),
     )
     decoded, trust = torch.rand(1, OUTPUTS, height, width), torch.rand(1, REFERENCES, 1, height // 2, width // 2)
     yield Trial(
@@ -126,15 +126,15 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
     yield Trial(
         "colours clamped by a compiled kernel, a row at a time",
         "a third of the time: a window's limits stay in the cache instead of six passes a channel",
-        lambda: clamped(image, views, 1),
-        lambda: clamped_compiled(image, views, 1),
+        lambda: clamp_torch(image, views, 1),
+        lambda: clamp_compiled(image, views, 1),
     )
     cells = torch.rand(1, 13, 75, 100)
     yield Trial(
         "colours completed by a compiled kernel",
         "half of the time: the model's twelve planes are never written at full size",
-        lambda: completed(image, views.render, opaque, cells),
-        lambda: completed_compiled(image, views.render, opaque, cells),
+        lambda: complete_torch(image, views.render, opaque, cells),
+        lambda: complete_compiled(image, views.render, opaque, cells),
     )
     yield Trial(
         "products of a block for the confidence by a compiled kernel",
@@ -146,14 +146,14 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
     yield Trial(
         "shares of the change applied by a compiled kernel",
         "a third of the time: shares and means are never written at full size",
-        lambda: shares_applied(image, views.render, shares),
-        lambda: shares_applied_compiled(image, views.render, shares),
+        lambda: apply_shares_torch(image, views.render, shares),
+        lambda: apply_shares_compiled(image, views.render, shares),
     )
-    photos, smaller = views.references, halved(views.references)
-    half_seen, trust = halved(views.visibility), torch.rand(1, REFERENCES, 1, height // 2, width // 2)
+    photos, smaller = views.references, halve(views.references)
+    half_seen, trust = halve(views.visibility), torch.rand(1, REFERENCES, 1, height // 2, width // 2)
 
     def merge() -> tuple[Tensor | None, ...]:
-        together, trusted = merged(image, photos, smaller, half_seen, trust)
+        together, trusted = merge_torch(image, photos, smaller, half_seen, trust)
         return together.references, together.reference_renders, together.visibility, trusted
 
     yield Trial(
@@ -166,7 +166,7 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
         "images enlarged by 4 by a compiled kernel, axis by axis",
         "a third of the time: 8 products a pixel instead of 16, by vector instructions",
         lambda: F.interpolate(image, scale_factor=4, mode="bicubic"),
-        lambda: upsampled(image, 4),
+        lambda: upsample_bicubic(image, 4),
     )
     rows, columns = torch.meshgrid(torch.arange(height) + 0.8, torch.arange(width) + 0.7, indexing="ij")
     landing = Landing(columns[None], rows[None], torch.ones(1, height, width))

@@ -21,10 +21,10 @@ from gaussian_enhancer.align.references import Pool
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.plan import Rules
-from gaussian_enhancer.metrics.cost import Timing, timed
+from gaussian_enhancer.metrics.cost import Timing, time_interleaved
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.video import Filmed, VideoOutput, film, read_output
+from gaussian_enhancer.runs.video import Filmed, VideoOutput, prepare_film, read_output
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
 from gaussian_enhancer.video.frames import FrameFolder
@@ -80,21 +80,21 @@ def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
         rounds: of each, in turn, after one that is not counted.
     """
     pool = Pool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
-    drawn = list(bench.fresh(pool).drawn())
-    frames = list(bench.fresh(pool).enhanced(drawn))
+    drawn = list(bench.fresh(pool).draw_frames())
+    frames = list(bench.fresh(pool).enhance_frames(drawn))
 
     def together() -> None:
         film = bench.fresh()
         bench.encode(film, film)
 
     calls = {
-        "render": lambda: list(bench.fresh().drawn()),
-        "enhance": lambda: list(bench.fresh(pool).enhanced(drawn)),
-        "write": lambda: list(bench.fresh().written(frames)),
+        "render": lambda: list(bench.fresh().draw_frames()),
+        "enhance": lambda: list(bench.fresh(pool).enhance_frames(drawn)),
+        "write": lambda: list(bench.fresh().write_frames(frames)),
         "encode": lambda: bench.encode(bench.fresh(), frames),
         TOGETHER: together,
     }
-    return timed(calls, rounds, warm_up=1, device=bench.filmed.enhancer.device)
+    return time_interleaved(calls, rounds, warm_up=1, device=bench.filmed.enhancer.device)
 
 
 def summary(times: dict[str, Timing], frames: int) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
     """
     load = os.getloadavg()[0]
     composed = compose_job("video", cfg, cfg.overrides, run=cfg.run, frames=cfg.frames)
-    filmed = film(composed, device)
+    filmed = prepare_film(composed, device)
     output = read_output(composed, filmed.path)
     frames = len(filmed.path.cameras)
 

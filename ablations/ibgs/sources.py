@@ -15,7 +15,7 @@ from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import Pool
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.metrics.image_quality import colour_map
+from gaussian_enhancer.metrics.image_quality import fit_colour_map
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.types import Camera
 
@@ -159,7 +159,7 @@ def exposure_map(render: Float[Tensor, "3 h w"], sources: Sources) -> Float[Tens
     """
     for colours, visible in zip(sources.colours, sources.visible[:, 0], strict=True):
         if int(visible.sum()) >= LEAST:
-            return colour_map(render[:, visible].double(), colours[:, visible].double()).float()
+            return fit_colour_map(render[:, visible].double(), colours[:, visible].double()).float()
     return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from ablations.ibgs.network import IBGSResidual, ResidualInput
 from ablations.ibgs.sources import SourceChoice, Sources, exposure_map, mapped_colours
 from gaussian_enhancer.align.references import Pool, read_target
-from gaussian_enhancer.checkpoint import build_filled, described, read_checkpoint, write_checkpoint
+from gaussian_enhancer.checkpoint import build_filled, parse_metadata, read_checkpoint, write_checkpoint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.loss.terms import dssim
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -252,7 +252,7 @@ class TrainedResidual:
             InputError: the file is damaged or holds something else.
         """
         values, metadata = read_checkpoint(path, FORMAT)
-        card: dict[str, Any] = described(metadata, "card", path)
+        card: dict[str, Any] = parse_metadata(metadata, "card", path)
         network = build_filled(IBGSResidual, {}, values, path).eval()
         settings, choice = ResidualSettings(**card["settings"]), SourceChoice(**card["choice"])
         return cls(network, str(card["fit"]), int(card["step"]), settings, choice)

@@ -21,7 +21,7 @@ from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.runs.instantiate import require
 
 
-def written(cfg: DictConfig) -> Path:
+def output_path(cfg: DictConfig) -> Path:
     """The folder of page and pictures."""
     return Path(cfg.output or Path(cfg.runs) / "dashboard")
 

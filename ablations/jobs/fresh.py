@@ -17,7 +17,7 @@ from omegaconf import DictConfig
 
 from ablations.jobs.pages import ROOT
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 
 CLAIM = "as shipped"
 """Words of a page that are false once a shipped file has changed."""
@@ -85,7 +85,7 @@ def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
         root: of a checkout.
         cfg: conf/fresh.yaml, composed.
     """
-    values = plain(cfg)
+    values = plain_values(cfg)
 
     def page(path: str, records: Sequence[str], inputs: Sequence[str]) -> CommittedPage:
         return CommittedPage(path, tuple(records), {name: values["inputs"][name] for name in inputs})

@@ -25,8 +25,8 @@ from gaussian_enhancer.infer.plan import Plan, Rules
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import Pretrained, load_weights
-from gaussian_enhancer.metrics.cost import Timing, peak_memory, timed
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.cost import Timing, peak_memory, time_interleaved
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 from gaussian_enhancer.runs.instantiate import build
@@ -53,7 +53,7 @@ class PlanOutcome:
     images: tuple[Enhanced, ...]
 
 
-def written(cfg: DictConfig) -> Path:
+def output_path(cfg: DictConfig) -> Path:
     """The file of records."""
     return Path(cfg.results) / f"leaving_out_{cfg.worlds.name}.jsonl"
 
@@ -76,7 +76,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[str]:
         lambda scene: _cell(cfg, scene, console),
         ("scene",),
         option="worlds",
-        records=written(cfg),
+        records=output_path(cfg),
         report=lambda: _reported(cfg, console),
     )
 
@@ -162,9 +162,9 @@ def _measured(cfg: DictConfig, cell: StudyCell, background: bool) -> Iterator[Re
         outcomes[name] = enhanced_by(rules[name], pretrained, rendered, device)
 
     calls: dict[str, Callable[[], object]] = {name: partial(enhance, name) for name in rules}
-    times = timed(calls, cfg.repeats, 1, device)
+    times = time_interleaved(calls, cfg.repeats, 1, device)
     alone = replace(rendered, targets=rendered.targets[:1])
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
     for name, one in outcomes.items():
         peak = peak_memory(lambda one=one: enhanced_by(one.plan.rules, pretrained, alone, device), device)  # type: ignore[misc]
         record = _scene_record(fit.name, cell, name, one, times[name], peak, background)

@@ -29,7 +29,7 @@ from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.scene.photos import read_photo
 
 
-def written(cfg: DictConfig) -> Path | None:
+def output_path(cfg: DictConfig) -> Path | None:
     """The folder of the scale's tables; None where they are only told of."""
     return None if cfg.dry_run else Path(cfg.results) / cfg.scale.name
 

@@ -26,9 +26,9 @@ from ablations.tradeoff.trainings import training_records
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.presets import Preset, write_presets
-from gaussian_enhancer.metrics.lpips import asked_distances
+from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.metrics.records import Record, read_records
-from gaussian_enhancer.metrics.tradeoff import front
+from gaussian_enhancer.metrics.tradeoff import pareto_front
 
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
@@ -36,7 +36,7 @@ OFFERING, CHOOSING = "lr", "validation/"
 """The study that `enhance budget_ms=` chooses from, and the scenes that choices may be made on."""
 
 
-def written(cfg: DictConfig) -> Path:
+def output_path(cfg: DictConfig) -> Path:
     """The folder of records and diagrams."""
     return Path(cfg.results)
 
@@ -53,7 +53,7 @@ def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
     compared = read_studies(cfg)
     measure = partial(measured, cfg, compared, device)
     kinds = () if cfg.records_only else KINDS if cfg.kind == "all" else (cfg.kind,)
-    made = [Study((kind,), measure, records=written(cfg) / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
+    made = [Study((kind,), measure, records=output_path(cfg) / f"{kind}.jsonl", replaces_file=True) for kind in kinds]
     return [*made, Study((), measure, report=lambda: reported(cfg, compared, asked))]
 
 
@@ -76,7 +76,7 @@ def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.d
         limits = int(cfg.numerics.repeats), cfg.numerics.cases
         yield from numeric_records(*limits, device, CONSOLE, float(cfg.numerics.seconds))
     else:
-        distances = asked_distances(cfg.lpips, cfg.backbones, device)
+        distances = requested_distances(cfg.lpips, cfg.backbones, device)
         with TemporaryDirectory() as folder:
             ready = SettingLoader(cfg, device, Path(folder))
             for study in compared:
@@ -94,7 +94,7 @@ def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: Tradeoff
     Raises:
         InputError: a file cannot be read or written.
     """
-    folder = written(cfg)
+    folder = output_path(cfg)
     records = {kind: read_records(file) for kind in KINDS if (file := folder / f"{kind}.jsonl").is_file()}
     titles = {study.name: study.title for study in compared}
     paths = list(write_pages(Path(cfg.markdown), folder, records, titles, asked))
@@ -125,7 +125,7 @@ def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tupl
         setting = settings[f"{OFFERING}/{one.name}"]
         found = (setting.weights, setting.enhance, one.milliseconds, one.psnr, own[0].machine, own[0].commit)
         presets.append(Preset(one.name, *found))
-    kept = {point.name for point in front(offer.point for offer in presets)}
+    kept = {point.name for point in pareto_front(offer.point for offer in presets)}
     return tuple(offer for offer in presets if offer.name in kept)
 
 

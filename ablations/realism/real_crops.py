@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, energies
+from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, error_energies
 
 KINDS: Mapping[str, str] = {
     "needle": "anisotropy",
@@ -73,7 +73,7 @@ def crops(pairs: Sequence[tuple[Float[Tensor, "3 _ _"], Float[Tensor, "3 _ _"]]]
         for place in places(render.shape[-2], render.shape[-1], size):
             made, truth = cut(render, place, size), cut(photo, place, size)
             contrast = float(made.std() / truth.std().clamp_min(1e-6))
-            found.append(Crop(view, place, energies(made, truth), contrast))
+            found.append(Crop(view, place, error_energies(made, truth), contrast))
     return found
 
 

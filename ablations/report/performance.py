@@ -10,7 +10,7 @@ from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.study.sections import source_list
 from ablations.tradeoff.summary import HIGH, LOW, TIME
-from gaussian_enhancer.metrics.comparison import compare, paired
+from gaussian_enhancer.metrics.comparison import compare, pair_records
 from gaussian_enhancer.metrics.records import MISSING, Record
 
 YARDSTICK, NETWORK, ENHANCEMENT, PIPELINE, COLD, TRIED = (
@@ -96,7 +96,7 @@ def gains(sources: Sources) -> dict[str, float]:
     """Mean gain in PSNR over the render by method, in dB, on the views of docs/results/quality.md."""
     measured_variants = {record.variant for record in sources.quality if record.kind == "quality"}
     methods = [name for name in QUALITY if f"lr/{name}" in measured_variants and "lr/raw" in measured_variants]
-    return {n: compare(paired(sources.quality, "lr/raw", f"lr/{n}"), "psnr").gain for n in methods}
+    return {n: compare(pair_records(sources.quality, "lr/raw", f"lr/{n}"), "psnr").gain for n in methods}
 
 
 def times_ours(sources: Sources, name: str) -> float | None:

@@ -8,9 +8,9 @@ import pandas as pd
 from ablations.study.markdown import frame, markdown
 from ablations.study.plots import Mark, Panel, work_precision
 from ablations.tradeoff.summary import SettingSummary, summarise
-from gaussian_enhancer.metrics.comparison import written
+from gaussian_enhancer.metrics.comparison import format_value
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.metrics.tradeoff import Point, best_within, beyond_best, cheapest_within, front
+from gaussian_enhancer.metrics.tradeoff import Point, best_within, cheapest_within, error_above_best, pareto_front
 
 ALL = "all"
 BASELINES = ("raw", "bicubic")
@@ -116,7 +116,7 @@ def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, st
             continue
         by_name = {setting.name: setting for setting in settings}
         points = points_of(settings)
-        cheapest = cheapest_within(points, beyond_best(points, limits.decibels))
+        cheapest = cheapest_within(points, error_above_best(points, limits.decibels))
         budget = limits.milliseconds / settings[0].megapixels
         best_point = best_within(points, budget)
         size = f"{settings[0].megapixels:.3f} MP"
@@ -129,7 +129,7 @@ def _choices(groups: Mapping[str, tuple[tuple[SettingSummary, ...], dict[str, st
             else:
                 setting = by_name[chosen.name]
                 rows.append(
-                    (group, question, setting.name, f"{setting.milliseconds:.0f}", written("psnr", setting.psnr))
+                    (group, question, setting.name, f"{setting.milliseconds:.0f}", format_value("psnr", setting.psnr))
                 )
     return markdown(frame(("scenes", "asked", "setting", "ms/MP", "PSNR, dB"), rows))
 
@@ -145,15 +145,15 @@ def setting_table(settings: Sequence[SettingSummary]) -> pd.DataFrame:
     Args:
         settings: settings, each over the same views.
     """
-    front_names = {point.name for point in front(points_of(settings))}
+    front_names = {point.name for point in pareto_front(points_of(settings))}
     distances = list(dict.fromkeys(name for one in settings for name in one.perceptual))
     rows = []
     for one in sorted(settings, key=lambda one: one.milliseconds):
         name = f"**{one.name}**" if one.name in front_names else one.name
         compiling = "" if one.compiling is None else f"{one.compiling:.0f}"
         memory = "" if one.memory is None else f"{one.memory:.0f}"
-        errors = [written("psnr", one.psnr), written("ssim", one.dssim)]
-        errors += [written(key, one.perceptual.get(key)) for key in distances]
+        errors = [format_value("psnr", one.psnr), format_value("ssim", one.dssim)]
+        errors += [format_value(key, one.perceptual.get(key)) for key in distances]
         rows.append((name, f"{one.milliseconds:.0f}", f"{one.low:.0f} to {one.high:.0f}", memory, compiling, *errors))
     heads = ("setting", "ms/MP", "quartiles", "peak MB", "compiling, s", "PSNR, dB", "1 - SSIM")
     return frame((*heads, *(ERRORS.get(name, name) for name in distances)), rows)

@@ -21,8 +21,8 @@ from torch import Tensor
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.align.alignment import Pixels
-from gaussian_enhancer.align.coarse_visibility import coarse
-from gaussian_enhancer.align.exposure import in_exposure_of
+from gaussian_enhancer.align.coarse_visibility import coarsen
+from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import read_target
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
@@ -34,7 +34,7 @@ from gaussian_enhancer.infer.weights import Pretrained, load_weights
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.scene.frozen import refuse_frozen
 from gaussian_enhancer.scene.renders import read_run
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 ALLOWED = 0.02
 """dB that passing blocks through may cost."""
@@ -51,9 +51,9 @@ def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device
         if view.read_photo is None or one.plan is None:
             continue
         target, photo = read_target(view), view.read_photo()
-        before, after = (blocks(((quantised(i) - photo) ** 2).mean(0)) for i in (target.image, one.image))
-        references = [planner.pool.read(index, False) for index in planner.chosen(one.plan) or ()]
-        orders = {"predicted": predicted(coarse(target), references, before.shape), "bound": before - after}
+        before, after = (blocks(((quantise_8_bit(i) - photo) ** 2).mean(0)) for i in (target.image, one.image))
+        references = [planner.pool.read(index, False) for index in planner.reference_indices(one.plan) or ()]
+        orders = {"predicted": predicted(coarsen(target), references, before.shape), "bound": before - after}
         metrics: dict[str, float | None] = {}
         for name, order in orders.items():
             passed = passable(order, before - after, float(after.mean()))
@@ -68,9 +68,9 @@ def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Te
     for reference in references:
         if reference.render is None or reference.camera is None or target.camera is None or target.depth is None:
             raise InputError(reference.name, "has no render, camera or depth", "give runs of the job fit")
-        seen = in_exposure_of(reference.image, reference.render)
+        seen = match_exposure(reference.image, reference.render)
         error = (seen - reference.render).abs().mean(0, keepdim=True).expand(3, -1, -1)
-        small = coarse(replace(reference, image=error))
+        small = coarsen(replace(reference, image=error))
         warped = reproject(target.camera, target.depth, small.camera, small.image, small.depth, target.alpha)  # type: ignore[arg-type]
         errors, visible = (
             F.adaptive_avg_pool2d(x[:1], (shape[0], shape[1]))[0] for x in (warped.colour, warped.visibility)

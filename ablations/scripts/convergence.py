@@ -32,10 +32,10 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 BLOCK = 16
 HARM = 0.5
@@ -73,7 +73,9 @@ def harm(
     render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 ) -> dict[str, float]:
     """The share of blocks that are harmed, and the squared error removed and added, as shares of the render's."""
-    before, after = (blocks(quantised(image), quantised(photo)).clamp_min(1e-7) for image in (render, enhanced))
+    before, after = (
+        blocks(quantise_8_bit(image), quantise_8_bit(photo)).clamp_min(1e-7) for image in (render, enhanced)
+    )
     harmed = (10 * torch.log10(after / before) > HARM).float().mean()
     removed, added = ((s * (before - after)).clamp_min(0).sum() / before.sum() for s in (1, -1))
     return {"blocks_harmed": float(harmed), "error_removed": float(removed), "error_added": float(added)}
@@ -198,7 +200,7 @@ def extremes(made: Mapping[str, Method], fit: Path) -> Iterator[tuple[str, Image
     enhanced = enhanced_views(read_run(fit, step), {method: first.of(fit, step).enhance})
     views = sorted(enhanced, key=lambda one: _gain(one, method))
     for word, one, crop in (("worst", views[0], harmed_block), ("best", views[-1], worst_block)):
-        images = (quantised(image) for image in (one.render, one.results[method].image, one.photo))
+        images = (quantise_8_bit(image) for image in (one.render, one.results[method].image, one.photo))
         shown = Compared(Path(one.view.name).stem, step, *images)
         text = (
             f"{scene} ({role_of(scene)}), {step:,} steps, view {shown.name}: the {word} of {len(views)}, "
@@ -320,7 +322,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
             method.of(fit, step)  # what is missing is refused before anything is measured
-    distances = asked_distances(cfg.lpips, cfg.backbones, device) if chosen else []
+    distances = requested_distances(cfg.lpips, cfg.backbones, device) if chosen else []
 
     def measure(fit: Path) -> Iterator[dict[str, object]]:
         yield from rows(methods, fit, distances, cfg.last)
@@ -329,7 +331,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
                 write_picture(Path(cfg.pictures) / f"{name}.jpg", picture, text)
 
     def above(frame: pd.DataFrame, page: Path) -> list[str]:
-        return overall(frame, TableLayout(**plain(cfg.row_table))) if cfg.last else diagram(frame, page)
+        return overall(frame, TableLayout(**plain_values(cfg.row_table))) if cfg.last else diagram(frame, page)
 
     return Study(chosen, measure, KEYS, COLUMNS, option="methods", derived=with_roles, above=above, below=pictured)
 

@@ -35,7 +35,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.input_files import read_yaml
 from gaussian_enhancer.metrics.image_quality import psnr
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.instantiate import build
@@ -44,7 +44,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.render import render
-from gaussian_enhancer.types import Camera, quantised
+from gaussian_enhancer.types import Camera, quantise_8_bit
 
 SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
     ("expected", "expected", "exact", False, False),
@@ -232,7 +232,7 @@ def measured(
             if aligned.renders is None:
                 reasons["propagated_psnr"] = "the run kept no renders of its training views"
             else:
-                simple["propagated_psnr"] = psnr(quantised(propagated(one.render, aligned)), one.photo)
+                simple["propagated_psnr"] = psnr(quantise_8_bit(propagated(one.render, aligned)), one.photo)
             yield one.view, name, {**found.metrics, **shown, **simple}, {**found.reasons, **reasons}
 
 
@@ -249,7 +249,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
     Raises:
         InputError: weights or runs cannot be used.
     """
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
     pretrained = load_weights(cfg.weights)
     enhancer = SetEnhancer(pretrained.network, pretrained.reference_config, device, strength=cfg.strength)
     note = f"{PROTOCOL}; weights {Path(cfg.weights).name}, strength {cfg.strength:g}"

@@ -21,7 +21,7 @@ from ablations.study.fits import refuse_without_views
 from ablations.study.rows import RowFile, with_gains
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.scene.renders import read_run
 
@@ -130,7 +130,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[StudiedRun]:
         return Study((), lambda one: (), KEYS, COLUMNS, derived=gains)
     held = RowFile(Path(cfg.records), KEYS, COLUMNS).read_or_empty()
     runs = chosen(cfg.runs, set(zip(held["scene"], held["splat"], strict=True)))
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
     ((method, made),) = enhancers([cfg.weights], device).items()
     return Study(runs, lambda one: rows(one, method, made, distances), KEYS, COLUMNS, derived=gains)
 

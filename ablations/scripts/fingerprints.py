@@ -18,8 +18,8 @@ from torch import Tensor
 
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
-from gaussian_enhancer.degrade.gates.adaptive import calibrated
-from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint
+from gaussian_enhancer.degrade.gates.adaptive import calibrate_gate
+from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, measure_fingerprint
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.frozen import refuse_untrained
 from gaussian_enhancer.scene.rendered import RenderedView
@@ -42,7 +42,7 @@ def spread(views: Sequence[RenderedView], count: int) -> tuple[Images, Images]:
 
 def measured(views: Sequence[RenderedView], count: int) -> Fingerprint:
     """The fingerprint of at most so many views, evenly spaced."""
-    return fingerprint(*spread(views, count))
+    return measure_fingerprint(*spread(views, count))
 
 
 def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None:
@@ -52,7 +52,7 @@ def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None
         photos = spread(targets, photographs)[1]
         generator = torch.Generator().manual_seed(0)
         # Held-out views are measured themselves, so that nothing has to be made up for.
-        gate = calibrated(measured(targets, count), photos, generator, held_out={}, draws=1)
+        gate = calibrate_gate(measured(targets, count), photos, generator, held_out={}, draws=1)
         gate.to_file(folder / f"{run.name}-{step}.json")
 
 

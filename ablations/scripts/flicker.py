@@ -38,7 +38,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.path_references import PathReferences
-from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.metrics.records import Record
 from gaussian_enhancer.runs.inputs import render_capture
@@ -111,7 +111,7 @@ def rendered_sequence(
     enhanced = list(enhancer(rendered))
     chosen = {"enhanced": enhanced}
     for factor in hysteresis:
-        enhancer.reference_config = PathReferences.of(single, factor)
+        enhancer.reference_config = PathReferences.from_config(single, factor)
         chosen[f"{PATH}{factor:g}"] = list(enhancer(rendered))
     enhancer.reference_config = single
     places, raw = [], []
@@ -138,7 +138,7 @@ def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> 
     """Frames as the job enhance gives them with ``temporal_smoothing=share``."""
     before: PreviousChange | None = None
     for view, enhanced in zip(rendered.targets, frames, strict=True):
-        image, before = smoothed_over_time(enhanced, read_target(view), before, share)
+        image, before = smooth_change(enhanced, read_target(view), before, share)
         yield image
 
 

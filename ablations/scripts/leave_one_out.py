@@ -16,7 +16,7 @@ from omegaconf import DictConfig
 from ablations.scripts.convergence import role_of
 from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits, scene_of
-from gaussian_enhancer.align.exposure import in_exposure_of
+from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
 from gaussian_enhancer.errors import InputError
@@ -42,7 +42,7 @@ def measured(view: RenderedView, pool: Pool, enhancer: SetEnhancer) -> dict[str,
     if view.read_photo is None:
         raise InputError(view.name, "has no photo to compare with", "give runs with held-out photos")
     target, photo = read_target(view), view.read_photo()
-    truth = in_exposure_of(photo, target.image)
+    truth = match_exposure(photo, target.image)
     enhanced = enhancer.enhance(join(target, enhancer.reference_config.align(target, view, pool)))[0]
     change, wanted = enhanced - target.image, truth - target.image
     share = float((change * wanted).sum() / change.square().sum().clamp_min(1e-9))

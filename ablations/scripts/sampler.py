@@ -19,8 +19,8 @@ from ablations.study.engine import Study, job
 from ablations.study.fits import finished_fits
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.adaptive import calibrated
-from gaussian_enhancer.degrade.gates.fingerprint import fingerprint
+from gaussian_enhancer.degrade.gates.adaptive import calibrate_gate
+from gaussian_enhancer.degrade.gates.fingerprint import measure_fingerprint
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.degrade.simulator import Simulator
@@ -46,8 +46,8 @@ def measured(cfg: DictConfig) -> Iterator[dict[str, Any]]:
     """
     views = [one.target for one in real_renders(finished_fits(cfg.runs), cfg.renders)]
     photo, real = (torch.stack([_crop(getattr(view, side)) for view in views]) for side in ("read_photo", "read"))
-    gate = calibrated(
-        fingerprint(list(real), list(photo)), list(photo[:4]), torch.Generator().manual_seed(0), held_out={}
+    gate = calibrate_gate(
+        measure_fingerprint(list(real), list(photo)), list(photo[:4]), torch.Generator().manual_seed(0), held_out={}
     )
     manual = Simulator(gate)(View(photo), torch.Generator().manual_seed(0)).image
     model = load_model(cfg.generator_weights).model

@@ -6,7 +6,7 @@ import torch
 
 from ablations.realism.realism import Row
 from gaussian_enhancer.degrade.artefact_types import TYPES
-from gaussian_enhancer.degrade.gates.adaptive import calibrated_on
+from gaussian_enhancer.degrade.gates.adaptive import calibrate_on_splat
 from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
 from gaussian_enhancer.degrade.generative.weights import diffused
@@ -34,7 +34,7 @@ class AdaptedGates:
         for other, gate in self.known:
             if other is splat:
                 return gate
-        self.known.append((splat, calibrated_on(splat, torch.Generator().manual_seed(0), photos=self.photos)))
+        self.known.append((splat, calibrate_on_splat(splat, torch.Generator().manual_seed(0), photos=self.photos)))
         return self.known[-1][1]
 
 

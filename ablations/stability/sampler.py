@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ablations.stability.case import Case, Problem, Tolerance
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, LinearSchedule, Sampler, Schedule
-from gaussian_enhancer.degrade.generative.factors import Factors, cells, white
+from gaussian_enhancer.degrade.generative.factors import Factors, grid_size, white_noise
 from gaussian_enhancer.degrade.generative.second_stage import FactorModel
 from gaussian_enhancer.degrade.generative.weights import load_model
 
@@ -98,7 +98,7 @@ def _sample_codes(name: str, sampler: Sampler, module: nn.Module | None, inputs:
         raise TypeError(f"{type(module).__name__} is no factor model")
     manual = inputs["manual"]
     features = module.denoiser.features(manual)
-    rows, columns = cells(*manual.shape[-2:])
+    rows, columns = grid_size(*manual.shape[-2:])
     design = module.design
     zeros = manual.new_zeros(1, design.vector), manual.new_zeros(1, design.grid, rows, columns)
     generators = spawn(1, torch.Generator().manual_seed(10))
@@ -106,7 +106,7 @@ def _sample_codes(name: str, sampler: Sampler, module: nn.Module | None, inputs:
     def predict(noisy: Factors, time: Tensor) -> Factors:
         return module.denoiser(noisy, time, features)
 
-    codes = sampler(predict, white(Factors(*zeros), generators), SCHEDULES[name], generators)
+    codes = sampler(predict, white_noise(Factors(*zeros), generators), SCHEDULES[name], generators)
     return torch.cat([codes.vector.flatten(), codes.grid.flatten()])
 
 

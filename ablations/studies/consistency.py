@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Camera, quantised
+from gaussian_enhancer.types import Camera, quantise_8_bit
 
 PROTOCOL = (
     "8-bit images; the next frame read bilinearly through this frame's rendered depth; pixels weighed by visibility, "
@@ -86,12 +86,12 @@ def warped_error(
     for frame, frame_place in ((image, place), (other, other_place)):
         _same_size(frame, frame_place)
     depth_test = other_place.depth, place.alpha, tolerance
-    warped = reproject(place.camera, place.depth, other_place.camera, quantised(other), *depth_test)
+    warped = reproject(place.camera, place.depth, other_place.camera, quantise_8_bit(other), *depth_test)
     weight = warped.visibility.double()
     total = float(weight.sum())
     if total == 0:
         return WarpedError(math.nan, math.nan, 0.0)
-    difference = (quantised(image) - warped.colour).double()
+    difference = (quantise_8_bit(image) - warped.colour).double()
     mean = float((difference.abs() * weight).sum()) / (3 * total)
     square = float((difference.square() * weight).sum()) / (3 * total)
     return WarpedError(mean, math.sqrt(square), total / weight.numel())

@@ -25,7 +25,7 @@ from ablations.study.rows import Measurement, RowFile, frame_of, line_of, with_p
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.records import MISSING
-from gaussian_enhancer.runs.instantiate import plain, require
+from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.runs.runtime import start
 
@@ -92,14 +92,17 @@ def job(
         require(cfg)
         studies = make(cfg, start(cfg.runtime))
         *other_studies, study = studies if isinstance(studies, Sequence) else (studies,)
-        digest = digest_of({name: value for name, value in plain(cfg).items() if name not in NO_EFFECT})
+        digest = digest_of({name: value for name, value in plain_values(cfg).items() if name not in NO_EFFECT})
         with_report = (study,) if study.report is not None else ()
         for measured_study in (*other_studies, *with_report):
             if file := measured_study.file(cfg.get("records")):
                 measure_and_add(measured_study, file, digest)
         if study.report is not None:
             return study.report()
-        frame, layout = study.derived(measure_study(study, cfg.records, digest)), TableLayout(**plain(cfg.row_table))
+        frame, layout = (
+            study.derived(measure_study(study, cfg.records, digest)),
+            TableLayout(**plain_values(cfg.row_table)),
+        )
         if cfg.get("page"):
             path = Path(cfg.page)
             write_text(path, page(frame, layout, study.above(frame, path), study.below(path)))

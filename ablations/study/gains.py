@@ -10,7 +10,7 @@ from ablations.study.engine import Study
 from ablations.study.enhanced_views import enhanced_views
 from ablations.study.fits import finished_fits, scene_of
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.metrics.lpips import asked_distances
+from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.scene.renders import read_run
 
 METRICS = ("psnr", "psnr_aligned", "ssim", "lpips_alex")
@@ -27,7 +27,7 @@ def gain_study(enhancers: Mapping[str, SetEnhancer], cfg: DictConfig, device: to
     Raises:
         InputError: a pattern names no finished run.
     """
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
 
     def measure(run: Path) -> list[dict[str, object]]:
         rows: list[dict[str, object]] = []

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 from tabulate import DataRow, TableFormat
 
-from gaussian_enhancer.metrics.comparison import written
+from gaussian_enhancer.metrics.comparison import format_value
 
 ROW = DataRow("| ", " | ", " |")
 FORMAT = TableFormat(
@@ -42,5 +42,5 @@ def escape_markdown(text: str) -> str:
 
 def format_gain(metric: str, gain: float, low: float, high: float) -> str:
     """Format a gain with its interval, if it has one."""
-    ends = [written(metric, end, signed=True) for end in (low, high)]
-    return written(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")
+    ends = [format_value(metric, end, signed=True) for end in (low, high)]
+    return format_value(metric, gain, signed=True) + (f" [{', '.join(ends)}]" if all(ends) else "")

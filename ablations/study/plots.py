@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gaussian_enhancer.metrics.tradeoff import Point, front
+from gaussian_enhancer.metrics.tradeoff import Point, pareto_front
 
 MARKERS = "os^DXP"
 STYLE = {
@@ -114,7 +114,7 @@ def _panel(axis: Any, panel: Panel, names: Sequence[str], lines: dict[str, Any])
         axis.annotate(
             panel.baseline[0], (0.01, baseline_error), xycoords=axis.get_yaxis_transform(), va="bottom", fontsize=8
         )
-    front_points = pareto_front(curves, baseline_error)
+    front_points = front_of_curves(curves, baseline_error)
     if front_points:
         x, y = [point.cost for point in front_points], [point.error for point in front_points]
         axis.step([*x, axis.get_xlim()[1]], [*y, y[-1]], where="post", color="black", alpha=0.18, linewidth=5, zorder=0)
@@ -149,10 +149,10 @@ def _round_ticks(axis: Any, low: float, high: float) -> None:
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def pareto_front(curves: Mapping[str, Sequence[Mark]], base: float | None) -> tuple[Point, ...]:
+def front_of_curves(curves: Mapping[str, Sequence[Mark]], base: float | None) -> tuple[Point, ...]:
     """The Pareto front of all curves, without points no better than the baseline, which takes no time."""
     points = [Point(f"{name}, {mark.label}", mark.x, mark.y) for name, marks in curves.items() for mark in marks]
-    return tuple(point for point in front(points) if base is None or point.error < base)
+    return tuple(point for point in pareto_front(points) if base is None or point.error < base)
 
 
 def bar_panels(title: str, panels: Sequence[tuple[str, Mapping[str, float], Sequence[float], str]]) -> str:

@@ -18,7 +18,7 @@ from ablations.study.markdown import markdown
 from ablations.study.sample import ScoreSample
 from ablations.study.statistics import interval
 from gaussian_enhancer.configurations import configurations
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 
 ALL = "all"
 """Name of the group over all values of a column."""
@@ -57,7 +57,7 @@ class TableLayout:
 
 def read_layout(name: str) -> TableLayout:
     """Read a layout of ``conf/row_table``."""
-    return TableLayout(**plain(OmegaConf.load(configurations() / "row_table" / f"{name}.yaml")))  # type: ignore[arg-type]
+    return TableLayout(**plain_values(OmegaConf.load(configurations() / "row_table" / f"{name}.yaml")))  # type: ignore[arg-type]
 
 
 class OptionalNumber(float):

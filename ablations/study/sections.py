@@ -10,7 +10,7 @@ from ablations.study.markdown import format_gain, frame
 from ablations.study.results import Results
 from ablations.study.sample import SceneSplat
 from ablations.study.statistics import interval
-from gaussian_enhancer.metrics.comparison import written
+from gaussian_enhancer.metrics.comparison import format_value
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
 
 TITLES = {
@@ -131,7 +131,7 @@ def _mean_and_gain(results: Results, pairs: Sequence[SceneSplat], method: str, m
     values = results.sample(pairs, method, metric)
     if not values.values:
         return "missing"
-    value = written(metric, values.mean())
+    value = format_value(metric, values.mean())
     if method == results.study.baseline:
         return value
     gains = results.sample(pairs, method, metric, results.study.baseline)

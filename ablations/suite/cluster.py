@@ -21,8 +21,8 @@ from ablations.suite.plan import PlannedRun, RunSpec, plan_runs
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
-from gaussian_enhancer.runs.instantiate import plain
-from gaussian_enhancer.runs.lock import waiting
+from gaussian_enhancer.runs.instantiate import plain_values
+from gaussian_enhancer.runs.lock import wait_for_holders
 from gaussian_enhancer.runs.runtime import choose_device
 
 MAX_WORKERS = 4
@@ -59,7 +59,7 @@ def make_runs_ahead(cfg: DictConfig, experiments: Sequence[Experiment], console:
     if not cfg.scheduler:
         cfg.runtime.threads = max(1, len(os.sched_getaffinity(0)) // workers)
     with _client(cfg, workers) as client:
-        futures = submit_runs(client, steps, plain(cfg))
+        futures = submit_runs(client, steps, plain_values(cfg))
         for count, future in enumerate(as_completed(list(futures.values())), 1):
             step = next(planned_run for planned_run in steps if futures[planned_run.name].key == future.key)
             error = future.exception() if _failed_itself(future, step, futures) else None
@@ -150,7 +150,7 @@ def _make(settings: dict[str, Any], work: RunSpec, digest: str, inputs: Sequence
     runs, table_experiment = Runs(cfg), read_experiment(work.table, cfg.scale)
     GlobalHydra.instance().clear()
     hydra_context = initialize_config_dir(str(configurations()), version_base="1.3")
-    with FileLock(locks / f"{work.job}-{digest}"), hydra_context, waiting():
+    with FileLock(locks / f"{work.job}-{digest}"), hydra_context, wait_for_holders():
         try:
             if work.job == "fit":
                 runs.make_fit(work.fit)

@@ -25,7 +25,7 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import reason_of
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.cost import device_description, peak_memory, timed
+from gaussian_enhancer.metrics.cost import device_description, peak_memory, time_interleaved
 from gaussian_enhancer.metrics.provenance import this_machine
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records, write_records
 from gaussian_enhancer.runs import status as status
@@ -85,7 +85,7 @@ def _size_records(runs: Runs, weights: Mapping[str, str], job: DictConfig) -> tu
     """The records of an output size; read from disk if this machine has measured the same weights before."""
     run = find_run(job, "cost")
     if run is None or not run.done:
-        with status.attempt():
+        with status.track_runs():
             run = open_run(job, "cost", job.size)
             records = tuple(_timed(runs, weights, job.size, tuple(job.shape), run.folder.name))
             write_records(run.folder / "records.jsonl", records)
@@ -97,7 +97,7 @@ def _timed(runs: Runs, weights: Mapping[str, str], size: str, shape: tuple[int, 
     device = start(runs.cfg.runtime)
     cached_plane = cache(plane)
     calls = {method: _enhance_call(path, shape, device, cached_plane) for method, path in weights.items()}
-    times = timed(calls, int(runs.cfg.scale.repeats), 1, device)
+    times = time_interleaved(calls, int(runs.cfg.scale.repeats), 1, device)
     calls.clear()
     cached_plane.cache_clear()  # peak memory then counts only a method's own inputs
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from ablations.study.description import FAITHFUL, Method, SceneGroup, TableDescription
 from ablations.suite.evaluation import StudyCell
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 
 USUAL, UPSCALE = "usual", "finer"
 """Names of the trainings that a scale describes: at the render's own resolution, and for super-resolution."""
@@ -102,7 +102,7 @@ def read_experiment(name: str, scale: DictConfig) -> Experiment:
     """
     path = next(iter(ablations().glob(f"*/{name}.yaml")))
     try:
-        study = plain(OmegaConf.load(path))  # type: ignore[arg-type]
+        study = plain_values(OmegaConf.load(path))  # type: ignore[arg-type]
         learns = {str(method): str(values.pop("learns", USUAL)) for method, values in study["methods"].items()}
         common = tuple(study.get("train", ()))
         methods = {
@@ -176,7 +176,7 @@ def paper_values(study: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, .
 
 @functools.cache
 def _papers_tables(path: Path) -> dict[str, Any]:
-    return plain(OmegaConf.load(path))  # type: ignore[arg-type]
+    return plain_values(OmegaConf.load(path))  # type: ignore[arg-type]
 
 
 def _method(values: Mapping[str, Any], recipe: Sequence[str], common: Sequence[str]) -> Method:

@@ -8,11 +8,11 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ablations.suite.upsampled import bicubic, fine_photos, high_resolution_renders
 from gaussian_enhancer.checkpoint import checkpoint_digest, find_checkpoint
-from gaussian_enhancer.cli.pipeline import enhanced, finished_fit
+from gaussian_enhancer.cli.pipeline import enhance_run, fit_run
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_folders import Label, measure_files, pair_folders
-from gaussian_enhancer.metrics.lpips import asked_distances
+from gaussian_enhancer.metrics.lpips import requested_distances
 from gaussian_enhancer.metrics.pair import PROTOCOL
 from gaussian_enhancer.metrics.records import Record, read_records, write_records
 from gaussian_enhancer.runs.compose import compose_job
@@ -129,7 +129,7 @@ def _enhanced_folder(
     job = compose_checked("enhance", cfg, overrides if states_plan else ("plan=full", *overrides))
     with open_dict(job):
         job.update({"weights": method_weights(cfg, method_settings), **job_options})
-    folder = enhanced(job)
+    folder = enhance_run(job)
     sources["enhance"] = folder.name
     return folder / f"test/ours_{run_steps(folder)[-1]}/enhanced"
 
@@ -146,7 +146,7 @@ def fitted_cell(cfg: DictConfig, cell: StudyCell) -> Path:
         InputError: the fit is missing and ``fit_missing`` is false, or it cannot be made.
     """
     refusal = InputError(f"{cell.scene} {cell.splat}", "is not fitted", f"gaussian-enhancer fit {' '.join(cell.fit)}")
-    return finished_fit(compose_checked("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
+    return fit_run(compose_checked("fit", cfg, cell.fit), None if cfg.fit_missing else refusal).folder
 
 
 def method_weights(cfg: DictConfig, method_settings: DictConfig) -> str:
@@ -211,7 +211,7 @@ def measure_now(cfg: DictConfig, label: Label, images: MethodImages) -> tuple[Re
         InputError: file names or sizes do not match, or a file cannot be read.
     """
     device = start(cfg.runtime)
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
     files = pair_folders(images.folder, images.photos, label)[:: images.every]
     return tuple(measure_files(files, distances))
 

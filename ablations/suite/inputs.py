@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.scene.datasets import dataset_names, published_dataset
 from gaussian_enhancer.scene.published import download_command, missing_parts
 
@@ -74,7 +74,7 @@ def _values(file: Path) -> Mapping[str, Any]:
     content = OmegaConf.load(file)
     if not isinstance(content, DictConfig):
         raise InputError(file, "is no mapping", "restore it")
-    return plain(content)
+    return plain_values(content)
 
 
 def _path(scene: DictConfig) -> tuple[Path | None, str]:

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from ablations.suite.descriptions import Experiment
 from ablations.suite.evaluation import StudyCell, compose_checked, measure_now, method_images
 from gaussian_enhancer.cli import train, train_generator
-from gaussian_enhancer.cli.pipeline import finished_fit
+from gaussian_enhancer.cli.pipeline import fit_run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.metrics.backbones import data_backbones
@@ -29,7 +29,7 @@ from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.runs.instantiate import require
 from gaussian_enhancer.runs.run import Run, find_run, open_run, run_digest
-from gaussian_enhancer.train.trainer import alike
+from gaussian_enhancer.train.trainer import result_configuration
 
 T = TypeVar("T")
 
@@ -129,7 +129,7 @@ class Runs:
 
     def simulator_digest(self, seed: int) -> str:
         """The digest of the training of a seed's second stage."""
-        return self._digest(("train_generator", seed), lambda: alike(self.simulator_job(seed)))
+        return self._digest(("train_generator", seed), lambda: result_configuration(self.simulator_job(seed)))
 
     def simulator(self, seed: int) -> Run:
         """The second stage of a seed; if missing, its fits are made and it is trained now.
@@ -142,15 +142,15 @@ class Runs:
 
     def _simulator(self, seed: int) -> Run:
         job = self.simulator_job(seed)
-        run = find_run(alike(job), "train_generator")
+        run = find_run(result_configuration(job), "train_generator")
         if run is None or not run.done:
             if not self.cfg.train_missing:
                 remedy = f"gaussian-enhancer tables scale={self.cfg.scale.name}"
                 raise InputError(f"the simulator of seed {seed}", "is not trained yet", remedy)
             self._fit_all(str(self.cfg.scale.simulator.learns))
-            with status.attempt():
+            with status.track_runs():
                 train_generator.run(job)
-            run = find_run(alike(job), "train_generator")
+            run = find_run(result_configuration(job), "train_generator")
         if run is None or not run.done:
             raise KeyboardInterrupt
         return run
@@ -248,7 +248,7 @@ class Runs:
         self, experiment: Experiment, cell: StudyCell, method: str, seed: int | None, job: DictConfig
     ) -> None:
         choice = experiment.table.methods[method]
-        with status.attempt():
+        with status.track_runs():
             row_run = open_run(job, "row", f"{cell.scene}-{cell.splat}-{method}")
             cell_fit = self._call_once(job.fit, partial(self.make_fit, cell.fit))
             weights = self.weights(experiment, method, seed)
@@ -277,14 +277,14 @@ class Runs:
             InputError: it is missing and ``fit_missing`` is false, or it cannot be made.
         """
         refusal = InputError("the fit", "is not made yet", f"gaussian-enhancer fit {' '.join(overrides)}")
-        return finished_fit(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
+        return fit_run(self.fit_job(overrides), None if self.cfg.fit_missing else refusal)
 
     def _train_method(self, experiment: Experiment, method: str, job: DictConfig) -> Run:
         """Make a training's fits and simulator, then train; returns the finished training."""
         self._fit_all(experiment.learns[method])
         if self.uses_seed_simulator(job):
             self.simulator(int(job.seed))
-        with status.attempt():
+        with status.track_runs():
             train.run(job)
         run = find_run(train.with_effect(job), "train")
         if run is None or not run.done:

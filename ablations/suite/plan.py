@@ -18,7 +18,7 @@ from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.run import find_run, run_digest
 from gaussian_enhancer.runs.status import NAMES, State, state_of
-from gaussian_enhancer.train.trainer import alike
+from gaussian_enhancer.train.trainer import result_configuration
 
 JOBS = ("fit", "train_generator", "train", "row", "cost")
 """Kinds of runs, in the order in which they are executed."""
@@ -172,7 +172,9 @@ class _Plan:
         """Add the training of a seed's simulator after its fits; returns the training's name."""
         inputs = self.fits(experiment, str(self.cfg.scale.simulator.learns))
         work, key = RunSpec("train_generator", experiment.table.name, seed=seed), ("train_generator", seed)
-        return self._add(work, f"seed{seed}", lambda: alike(self.runs.simulator_job(seed)), tuple(inputs), key=key)
+        return self._add(
+            work, f"seed{seed}", lambda: result_configuration(self.runs.simulator_job(seed)), tuple(inputs), key=key
+        )
 
     def _uses_seed_simulator(self, experiment: Experiment, method: str, seed: int) -> bool:
         """Whether a training uses the simulator of its own seed; False if its configuration cannot be composed yet."""

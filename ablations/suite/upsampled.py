@@ -11,7 +11,7 @@ from jaxtyping import Float
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_config
 from gaussian_enhancer.runs.inputs import render_capture
@@ -59,7 +59,7 @@ def bicubic(cfg: DictConfig, folder: Path, label: str, photos: Path) -> Path:
     def images() -> Named:
         sizes = {path.stem: read_header(path) for path in list_images(photos)}
         for path in list_images(folder):
-            enlarged = upsampled(read_photo(path)[None], UPSCALE)[0].clamp(0, 1)
+            enlarged = upsample_bicubic(read_photo(path)[None], UPSCALE)[0].clamp(0, 1)
             size = sizes.get(path.stem)
             yield path.name, enlarged if size is None else resize(enlarged, size.height, size.width)
 
@@ -93,7 +93,7 @@ def _cached_images(
     run_cfg = OmegaConf.create({"runs": cfg.runs, **values})
     run = find_run(run_cfg, job)
     if run is None or not run.done:
-        with status.attempt():
+        with status.track_runs():
             run = open_run(run_cfg, job, label)
             for name, image in images():
                 write_image(run.folder / "images" / name, image)

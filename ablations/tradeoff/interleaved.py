@@ -21,12 +21,12 @@ from ablations.tradeoff.settings import TradeoffStudy
 from ablations.tradeoff.summary import HIGH, LOW, TIME
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError, reason_of
-from gaussian_enhancer.metrics.cost import device_description, peak_memory, timed
+from gaussian_enhancer.metrics.cost import device_description, peak_memory, time_interleaved
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import PROTOCOL, measure_pair
 from gaussian_enhancer.metrics.records import Record, missing_record
 from gaussian_enhancer.runs.inputs import read_task
-from gaussian_enhancer.scene.in_memory import single
+from gaussian_enhancer.scene.in_memory import single_target_sets
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 KIND = "tradeoff"
@@ -103,7 +103,7 @@ def held_views(cfg: DictConfig, fit: Path, study: TradeoffStudy) -> tuple[Render
     task = read_task(job, "cpu", study.finer)
     if study.finer and task.note:
         raise InputError(fit, task.note, "give scenes whose finer photos are known")
-    return single(task.rendered, study.views)
+    return single_target_sets(task.rendered, study.views)
 
 
 def _weights(study: TradeoffStudy, ready: SettingLoader) -> tuple[dict[str, str], dict[str, str]]:
@@ -161,7 +161,7 @@ def _call_and_store(call: Callable[[], Tensor], images: list[Tensor]) -> None:
 
 def _compile_seconds(call: Callable[[], object], device: torch.device) -> float:
     """Seconds of compilation: the time of a first call minus that of the second."""
-    first, second = timed({"": call}, repeats=2, warm_up=0, device=device)[""].repeats
+    first, second = time_interleaved({"": call}, repeats=2, warm_up=0, device=device)[""].repeats
     return max(0.0, first - second) / 1e3
 
 
@@ -176,10 +176,10 @@ def _view_records(
 ) -> Iterator[Record]:
     calls = {name: first_call.call for name, first_call in firsts.items()}
     # Measuring peak memory returned memory to the system: a warm-up round allocates it again, as in long use.
-    warm_up = timed(calls, repeats=1, warm_up=0, device=device)
+    warm_up = time_interleaved(calls, repeats=1, warm_up=0, device=device)
     rounds = 1e3 * study.seconds / max(1e-6, sum(first_call.milliseconds for first_call in warm_up.values()))
     repeats = max(1, min(study.repeats, int(rounds)))
-    times = timed(calls, repeats, 0, device)
+    times = time_interleaved(calls, repeats, 0, device)
     (target,) = view.targets
     memory = "allocated on the device" if device.type == "cuda" else "of the whole process"
     protocol = f"{PROTOCOL}; {device_description(device)}: median and quartiles of {repeats} interleaved repeats "

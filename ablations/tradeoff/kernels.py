@@ -25,7 +25,7 @@ from gaussian_enhancer.align.reproject import reproject
 from gaussian_enhancer.degrade.artefacts.blur import oriented_kernels
 from gaussian_enhancer.degrade.artefacts.downsampling import KINDS, resampling_matrix
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, LinearSchedule, Sampler, Schedule
-from gaussian_enhancer.degrade.generative.factors import Factors, cells
+from gaussian_enhancer.degrade.generative.factors import Factors, grid_size
 from gaussian_enhancer.degrade.generative.weights import load_model
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.network.deform import deformable_sample
@@ -163,7 +163,7 @@ def latent(device: torch.device) -> Cases:
     image = F.interpolate(
         torch.rand(1, 3, 16, 16, generator=generator, dtype=torch.float64), size=(SIDE, SIDE), mode="bicubic"
     )
-    rows, columns = cells(SIDE, SIDE)
+    rows, columns = grid_size(SIDE, SIDE)
     sizes = (1, model.design.vector), (1, model.design.grid, rows, columns)
     initial_noise = Factors(*(torch.randn(size, generator=generator, dtype=torch.float64).to(device) for size in sizes))
     cosine_schedule, manual = CosineSchedule(), image.clamp(0, 1).to(device)

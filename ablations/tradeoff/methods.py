@@ -16,13 +16,13 @@ from ablations.suite.method_runs import Runs
 from ablations.tradeoff.settings import NULL_NETWORKS, Setting
 from gaussian_enhancer.align.alignment import Unwarped
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.cli.enhance import ready
+from gaussian_enhancer.cli.enhance import load_enhancement
 from gaussian_enhancer.cli.train import with_effect
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import find_run
 from gaussian_enhancer.scene.rendered import RenderedSet
@@ -90,7 +90,7 @@ class SettingLoader:
         job = compose_checked("enhance", self.cfg, setting.enhance if states_plan else ("plan=full", *setting.enhance))
         with open_dict(job):
             job.update({"weights": weights, "run": str(run)})
-        enhancer, *_ = ready(job, self.device)
+        enhancer, *_ = load_enhancement(job, self.device)
         if setting.warp == "none":
             enhancer.reference_config = replace(enhancer.reference_config, warp=Unwarped())
         if setting.compiled:
@@ -103,7 +103,7 @@ class SettingLoader:
         def enhanced(view: RenderedSet) -> Float[Tensor, "3 _ _"]:
             planner = None if plan_rules.full else Planner(plan_rules, enhancer.reference_config, view)
             image = next(enhancer(view, planner)).image
-            return upsampled(image[None], 4)[0].clamp(0, 1) if setting.upscale else image
+            return upsample_bicubic(image[None], 4)[0].clamp(0, 1) if setting.upscale else image
 
         return enhanced
 

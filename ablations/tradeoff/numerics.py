@@ -13,7 +13,7 @@ from torch import Tensor
 from ablations.tradeoff.kernels import deformable, latent, networks, reprojection, resampling
 from ablations.tradeoff.rasterisers import rasterisers
 from gaussian_enhancer.errors import InputError, reason_of, refuse_unknown
-from gaussian_enhancer.metrics.cost import device_description, timed
+from gaussian_enhancer.metrics.cost import device_description, time_interleaved
 from gaussian_enhancer.metrics.records import Record, missing_record
 
 KIND = "numerics"
@@ -80,7 +80,7 @@ def case_records(case: Computation, repeats: int, device: torch.device, seconds:
             yield missing_record(way, reason, scene=case.name)
     calls = {way: partial(_call_and_discard, case.ways[way]) for way in errors}
     repeats = repeats if seconds_per_round * repeats <= seconds else max(1, int(seconds / seconds_per_round))
-    times = timed(calls, repeats, 0, device)  # no warm-up: each was called once above
+    times = time_interleaved(calls, repeats, 0, device)  # no warm-up: each was called once above
     protocol = f"{device_description(device)}: median and quartiles of {repeats} interleaved repeats; relative error: "
     protocol += "root mean square of the difference from float64 over that of float64's result"
     for way, (relative, largest) in errors.items():

@@ -13,7 +13,7 @@ from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.network.baselines.bicubic import Bicubic
 from gaussian_enhancer.network.baselines.identity import Identity
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 
 NULL_NETWORKS: dict[str, Callable[[], Network]] = {"identity": Identity, "bicubic": Bicubic}
 KEYS = ("network", "weights", "train", "learns", "enhance", "warp", "upscale", "compiled", "only")
@@ -97,7 +97,7 @@ def read_studies(cfg: DictConfig) -> tuple[TradeoffStudy, ...]:
     Raises:
         InputError: a study is unknown, or a setting is invalid.
     """
-    curves = plain(cfg.curves)
+    curves = plain_values(cfg.curves)
     density = tuple(curves.pop("density"))
     selected = tuple(curves) if cfg.studies is None else tuple(cfg.studies)
     refuse_unknown("studies", selected, curves)

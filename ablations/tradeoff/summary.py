@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gaussian_enhancer.metrics.records import MISSING, Record
-from gaussian_enhancer.metrics.tradeoff import mean_squared
+from gaussian_enhancer.metrics.tradeoff import mean_squared_error
 
 TIME, LOW, HIGH = "milliseconds_per_megapixel", "lower_quartile", "upper_quartile"
 """Metrics of a timing record: median and quartiles over repeats, in milliseconds per megapixel of output."""
@@ -55,7 +55,7 @@ class SettingSummary:
             metric: "mse" (from the mean PSNR: the geometric mean over views), "dissimilarity", or the name of an LPIPS.
         """
         if metric == "mse":
-            return mean_squared(self.psnr)
+            return mean_squared_error(self.psnr)
         return self.dssim if metric == "dissimilarity" else self.perceptual.get(metric)
 
 

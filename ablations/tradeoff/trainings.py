@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from ablations.report.dashboard.runs import Curve, read_curves
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import Record, missing_record
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import digest_of
 
 KIND = "training"
@@ -49,7 +49,7 @@ def _steps(cfg: DictConfig) -> int:
 
 def _digest_without_seeds(cfg: DictConfig) -> str:
     """The digest of a training's configuration without its seeds."""
-    values = plain(cfg)
+    values = plain_values(cfg)
     if "loading" in values["data"]:
         values["data"]["loading"].pop("seed", None)
     return digest_of({key: value for key, value in values.items() if key != "seed"})

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
-from gaussian_enhancer.input_files import parse_json, refusal, refuse_larger, regular_file, shown
+from gaussian_enhancer.input_files import abbreviate, parse_json, refusal, refuse_larger, regular_file
 
 _N = TypeVar("_N", bound=nn.Module)
 SHIPPED = Path(__file__).resolve().parent / "weights"
@@ -72,7 +72,7 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
         raise InputError(path, f"is no whole safetensors file ({size} bytes: {error})", MEND) from error
 
 
-def described(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, Any]:
+def parse_metadata(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, Any]:
     """Parse an entry of a file's metadata, which is a JSON object.
 
     Args:
@@ -87,7 +87,7 @@ def described(metadata: Mapping[str, str], name: str, path: Path) -> dict[str, A
         raise InputError(path, f"describes no {name}", MEND)
     value = parse_json(metadata[name], f"{path}: its {name}")
     if not isinstance(value, dict):
-        raise InputError(path, f"has a {name} that is no mapping ({shown(value)})", MEND)
+        raise InputError(path, f"has a {name} that is no mapping ({abbreviate(value)})", MEND)
     return value
 
 
@@ -171,7 +171,7 @@ def checkpoint_digest(path: Path) -> str:
     """
     tensors, metadata = _read(path)
     hashed_metadata = {name: text for name, text in metadata.items() if name != "card"}
-    strength = described(metadata, "card", path).get("strength", 1) if "card" in metadata else 1
+    strength = parse_metadata(metadata, "card", path).get("strength", 1) if "card" in metadata else 1
     if strength != 1:
         hashed_metadata["strength"] = repr(strength)
     digest = hashlib.sha256(json.dumps(hashed_metadata, sort_keys=True).encode())
@@ -188,7 +188,7 @@ def find_checkpoint(source: str | Path) -> Path:
         InputError: the source is neither.
     """
     if not isinstance(source, str | Path):
-        raise InputError("weights", f"is {shown(source)}", "name a file or shipped weights")
+        raise InputError("weights", f"is {abbreviate(source)}", "name a file or shipped weights")
     path = Path(source)
     shipped = SHIPPED / f"{source}.safetensors"
     if path.is_file():
@@ -199,7 +199,7 @@ def find_checkpoint(source: str | Path) -> Path:
     raise InputError(f"weights {source}", "is neither a file nor a shipped name", f"name a file, or one of: {names}")
 
 
-def whole_number(value: object, low: int, high: int) -> int:
+def check_whole_number(value: object, low: int, high: int) -> int:
     """Return a value of a design that must be an integer from ``low`` to ``high``.
 
     Raises:

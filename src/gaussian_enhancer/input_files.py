@@ -154,7 +154,7 @@ def refuse_larger_archive(path: str | Path) -> None:
     refuse_larger(path, size + unpacked, f"announces {unpacked} bytes")
 
 
-def shown(value: object) -> str:
+def abbreviate(value: object) -> str:
     """Text of a value for an error message, abbreviated whatever the value's size or depth."""
     return _SHORT.repr(value)
 

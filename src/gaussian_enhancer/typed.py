@@ -9,7 +9,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import shown
+from gaussian_enhancer.input_files import abbreviate
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
 
@@ -109,7 +109,7 @@ def refusal(error: ValidationError, subject: str, kind: Any = None) -> InputErro
     if not parts and type(None) in get_args(kind):
         rules.append("null")
     name = ".".join([*filter(None, [subject]), *parts])
-    return InputError(name, f"is {shown(errors[0]['input'])}", f"give {' or '.join(dict.fromkeys(rules))}")
+    return InputError(name, f"is {abbreviate(errors[0]['input'])}", f"give {' or '.join(dict.fromkeys(rules))}")
 
 
 def _rule(error: ErrorDetails) -> str:

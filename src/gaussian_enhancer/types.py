@@ -51,12 +51,12 @@ class Region:
         """Number of pixels."""
         return (self.bottom - self.top) * (self.right - self.left)
 
-    def grown(self, margin: int, height: int, width: int) -> "Region":
+    def expand(self, margin: int, height: int, width: int) -> "Region":
         """The region with a margin on every side, clipped to the image."""
         top, left = max(0, self.top - margin), max(0, self.left - margin)
         return Region(top, left, min(height, self.bottom + margin), min(width, self.right + margin))
 
-    def within(self, outer: "Region") -> "Region":
+    def relative_to(self, outer: "Region") -> "Region":
         """The same pixels in the coordinates of a region around them."""
         return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
 
@@ -119,7 +119,7 @@ class Camera(Movable):
             pose = torch.cat([pose, pose.new_tensor([[0, 0, 0, 1]])])
         if not torch.allclose(pose[3], pose.new_tensor([0, 0, 0, 1]), atol=1e-6):
             raise InputError("camera pose", f"has the last row {pose[3].tolist()}", "give (0, 0, 0, 1)")
-        return cls(intrinsics.float(), rigid(pose, "camera").float(), int(height), int(width))
+        return cls(intrinsics.float(), orthonormal_pose(pose, "camera").float(), int(height), int(width))
 
     @property
     def rotation(self) -> Float[Tensor, "3 3"]:
@@ -238,7 +238,7 @@ class NetworkInput(Movable):
     reference_renders: Float[Tensor, "b r 3 h w"] | None = None
     fine_references: Float[Tensor, "b r 3 H W"] | None = None
 
-    def mapped(self, change: Callable[[Tensor, int], Tensor]) -> "NetworkInput":
+    def map_images(self, change: Callable[[Tensor, int], Tensor]) -> "NetworkInput":
         """The views with every image changed alike: cut out, padded, flipped.
 
         Args:
@@ -277,23 +277,23 @@ FARTHEST_DEPTH = 1e12
 """Scene units; beyond, squares of differences overflow. Blender writes 1e10 for the background."""
 
 
-def usable(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
+def usable_depth(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
     """Where depth is a finite, positive length of at most `FARTHEST_DEPTH`, which half precision takes for infinite."""
     near = (depth > 0) & (depth <= FARTHEST_DEPTH)  # NaN is neither
     return near & torch.isfinite(depth) if depth.dtype == torch.float16 else near
 
 
-def precise(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
+def single_precision(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
     """The values in single precision where they are in half; others as they are."""
     return values.to(torch.promote_types(values.dtype, torch.float32))
 
 
-def quantised(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
+def quantise_8_bit(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
     """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
     return torch.round(image.clamp(0, 1) * 255) / 255
 
 
-def rigid(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
+def orthonormal_pose(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
     """Make the rotation of a pose exactly orthonormal; files round it.
 
     Args:

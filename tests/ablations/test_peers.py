@@ -46,7 +46,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.metrics.cost import Timing, timed
+from gaussian_enhancer.metrics.cost import Timing, time_interleaved
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 from support.job_config import initialised
 
@@ -186,7 +186,7 @@ def test_a_graphics_card_is_waited_for_at_both_ends(monkeypatch) -> None:
         stopwatch.around("network", lambda: None)()
     assert len(waited) == 4
     waited.clear()
-    timed({"a": lambda: None, "b": lambda: None}, repeats=3, warm_up=0, device="cuda")
+    time_interleaved({"a": lambda: None, "b": lambda: None}, repeats=3, warm_up=0, device="cuda")
     assert len(waited) == 2 * 2 * 3
 
 
@@ -369,6 +369,6 @@ def test_ours_is_at_most_so_many_times_a_convolution(whole: bool, most: float) -
     peer = of_weights()
     call = enhancement(peer, "float32", plane(256, 256), CPU) if whole else peers.forward(peer, "float32", 256, 256, 3)
     yardstick = next(found for name, found, *_ in yardsticks(CPU) if name == "convolution, float32")
-    times = timed({"ours": call, "yardstick": yardstick}, repeats=5, warm_up=2)
+    times = time_interleaved({"ours": call, "yardstick": yardstick}, repeats=5, warm_up=2)
     ratio, *_ = times["yardstick"].times_faster(times["ours"])
     assert ratio < most

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.align.photo_consistency import photometric_difference, rank, worth_of
+from gaussian_enhancer.align.photo_consistency import photometric_difference, rank, reference_weight
 from gaussian_enhancer.align.reproject import Warped
 
 
@@ -13,7 +13,7 @@ def test_ranking_prefers_what_agrees_and_what_is_new():
     wrong = Warped((image + 0.3) * left, left)
     everywhere = Warped((image + 0.3), torch.ones(1, 32, 32))
     wrong, everywhere, good_left, good_right = (
-        worth_of(one, photometric_difference(one, image)) for one in (wrong, everywhere, good_left, good_right)
+        reference_weight(one, photometric_difference(one, image)) for one in (wrong, everywhere, good_left, good_right)
     )
     assert rank([wrong, good_right, good_left], keep=2) == [2, 1]
     assert rank([everywhere, good_left, good_left, good_right], keep=2) == [1, 3]

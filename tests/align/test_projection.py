@@ -106,7 +106,7 @@ def test_gradients_reach_the_photo_and_the_depth():
     assert photo.grad.abs().sum() > 0
     assert depth.grad.abs().sum() > 0
     with torch.no_grad():
-        assert projection.compiled(photo, depth)
+        assert projection.can_use_kernels(photo, depth)
 
 
 def test_the_footprint_of_large_views_is_sampled():
@@ -127,7 +127,7 @@ def view(camera: Camera, distance: float) -> Pixels:
 def test_alignment_on_a_device_equals_that_on_the_processor():
     target, reference = view(TARGET, 3.0), view(REFERENCE.resized(48, 64), 3.0)
     here = Reprojected()(target, [reference], 1)
-    there = Reprojected()(target.on(torch.device("cuda")), [reference.on(torch.device("cuda"))], 1)
+    there = Reprojected()(target.to_device(torch.device("cuda")), [reference.to_device(torch.device("cuda"))], 1)
     assert there.references.device.type == "cuda"
     torch.testing.assert_close(there.references.cpu(), here.references, rtol=0, atol=0.02)
     torch.testing.assert_close(there.visibility.cpu(), here.visibility, rtol=0, atol=0.02)

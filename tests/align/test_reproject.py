@@ -144,7 +144,7 @@ def test_a_change_is_linear_between_samples(side):
 def test_every_second_pixel_lands_where_it_did():
     projection = ReferenceProjection.between(TARGET, REFERENCE, torch.zeros(1, dtype=torch.float64))
     depth = torch.rand(1, 33, 47, generator=torch.Generator().manual_seed(0), dtype=torch.float64) + 2
-    every, second = land(projection, depth), land(projection.strided(2), depth[..., ::2, ::2])
+    every, second = land(projection, depth), land(projection.with_stride(2), depth[..., ::2, ::2])
     torch.testing.assert_close(second.x, every.x[..., ::2, ::2])
     torch.testing.assert_close(second.y, every.y[..., ::2, ::2])
 

@@ -20,7 +20,7 @@ from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.compose import compose_job
 from gaussian_enhancer.scene.renders import read_run, run_steps
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.io.open import read_splat
 from gaussian_enhancer.splat.io.ply import read_ply, write_ply
 from gaussian_enhancer.types import Gaussians
@@ -40,7 +40,7 @@ def kinds() -> dict[str, Gaussians]:
     return {
         "3dgs": replace(sheet, sh=torch.cat([sheet.sh, torch.zeros(len(sheet), 3, 3)], 1)),
         "2dgs": replace(sheet, log_scales=sheet.log_scales[:, :2]),
-        "mip_splatting": replace(sheet, smoothing=smoothing_size(sheet.means, CAMERAS)),
+        "mip_splatting": replace(sheet, smoothing=filter_size(sheet.means, CAMERAS)),
     }
 
 

@@ -6,13 +6,13 @@ import pytest
 import torch
 
 from gaussian_enhancer.align.references import ReferenceConfig
-from gaussian_enhancer.cli.enhance import run, with_effect
+from gaussian_enhancer.cli.enhance import effective_options, run
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.image_folders import pair_run
 from gaussian_enhancer.metrics.records import read_records
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.image_files import write_image
@@ -20,7 +20,7 @@ from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.splat.io.ply import write_ply
-from gaussian_enhancer.types import Gaussians, quantised
+from gaussian_enhancer.types import Gaussians, quantise_8_bit
 from support import paths
 from support.bright_weights import write_bright_weights
 from support.job_config import job_config
@@ -180,9 +180,9 @@ def test_folders_without_cameras_are_enhanced_and_renders_of_another_place_stay(
 
 def test_recovery_is_part_of_a_runs_address_only_where_folders_are_given(plane_run):
     for given, same_address in ((f"run={plane_run}", True), ("renders=a", False)):
-        with_key = with_effect(configured(given))
+        with_key = effective_options(configured(given))
         assert ("recover_geometry" not in with_key) is same_address
-        assert with_key != with_effect(configured(given, "recover_geometry=false"))
+        assert with_key != effective_options(configured(given, "recover_geometry=false"))
 
 
 def test_a_splat_is_rendered_with_its_capture(plane_run, weights, tmp_path, monkeypatch):
@@ -250,7 +250,7 @@ def test_a_run_is_enlarged_beside_photos_as_fine(plane_run, fine_weights, tmp_pa
     for view in finer.targets:
         assert torch.equal(read_photo(side / "gt" / view.name), view.read_photo())
     render = read_photo(plane_run / "test/ours_100/renders/view_000.png")
-    expected = quantised(upsampled(render[None], 4)[0])
+    expected = quantise_8_bit(upsample_bicubic(render[None], 4)[0])
     torch.testing.assert_close(read_photo(side / "renders/view_000.png"), expected)
     files = pair_run(folder, None)
     assert {file.label.variant for file in files} == {"raw", "enhanced"}
@@ -314,13 +314,15 @@ def test_single_items_are_forced(plane_run, weights, tmp_path, capsys):
 
 def test_what_changes_no_image_is_no_part_of_a_runs_address(plane_run):
     auto, full = configured(f"run={plane_run}"), configured(f"run={plane_run}", "plan=full")
-    assert with_effect(full) == with_effect(
+    assert effective_options(full) == effective_options(
         configured(f"run={plane_run}", "plan=full", "dry_run=true", "temporal_smoothing=0")
     )
-    assert with_effect(full) != with_effect(configured(f"run={plane_run}", "plan=full", "temporal_smoothing=0.5"))
-    assert "plan" not in with_effect(full)
-    assert with_effect(auto) != with_effect(full)
-    assert with_effect(auto) != with_effect(configured(f"run={plane_run}", "plan.share=0.2"))
+    assert effective_options(full) != effective_options(
+        configured(f"run={plane_run}", "plan=full", "temporal_smoothing=0.5")
+    )
+    assert "plan" not in effective_options(full)
+    assert effective_options(auto) != effective_options(full)
+    assert effective_options(auto) != effective_options(configured(f"run={plane_run}", "plan.share=0.2"))
     assert auto.dry_run is False
 
 

@@ -196,11 +196,11 @@ def test_every_job_has_a_module_that_runs_it():
 
 def test_a_job_locks_what_its_module_says_or_its_records(tmp_path):
     module = types.ModuleType("toy")
-    assert cli.written_by(module, OmegaConf.create({"records": "found.jsonl"})) == Path("found.jsonl")
-    assert cli.written_by(module, OmegaConf.create({"records": None})) is None
-    assert cli.written_by(module, OmegaConf.create({"records": "???"})) is None
-    module.written = lambda cfg: tmp_path
-    assert cli.written_by(module, OmegaConf.create({"records": "found.jsonl"})) == tmp_path
+    assert cli.output_path_of(module, OmegaConf.create({"records": "found.jsonl"})) == Path("found.jsonl")
+    assert cli.output_path_of(module, OmegaConf.create({"records": None})) is None
+    assert cli.output_path_of(module, OmegaConf.create({"records": "???"})) is None
+    module.output_path = lambda cfg: tmp_path
+    assert cli.output_path_of(module, OmegaConf.create({"records": "found.jsonl"})) == tmp_path
 
 
 def test_the_list_of_jobs_names_each_once(capsys):

@@ -3,7 +3,7 @@ import torch
 
 from gaussian_enhancer.degrade import manual
 from gaussian_enhancer.degrade.artefacts.region import soft_region
-from gaussian_enhancer.degrade.artefacts.rng import named, spawn
+from gaussian_enhancer.degrade.artefacts.rng import named_generator, spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 from gaussian_enhancer.degrade.manual import degrade
@@ -73,7 +73,7 @@ def test_strengths_stay_with_their_samples():
 def test_a_regional_step_acts_by_the_share_of_its_region(seed):
     view = View(torch.zeros(1, 3, 64, 96))
     done = degrade(view, [(ArtefactStep("colour", 1.0, regional=True),)], generators(1, seed)).image
-    own = named("colour", int(torch.randint(2**62, (), generator=generators(1, seed)[0])))
+    own = named_generator("colour", int(torch.randint(2**62, (), generator=generators(1, seed)[0])))
     region = soft_region(64, 96, [own], view.image)
     torch.testing.assert_close(done, region.expand_as(done))
     assert region.min() < 0.5 < 0.95 < region.max() <= 1

@@ -17,7 +17,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Photo, Scene
-from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.methods import MipSplatting, ThreeDGS, TwoDGS
 from support.synthetic_runs import coloured_sheet, plane_camera, plane_view
 
@@ -52,7 +52,7 @@ def sheet(method=None) -> SplatRenderer:
         gaussians = dataclasses.replace(gaussians, log_scales=gaussians.log_scales[:, :2])
     if isinstance(method, MipSplatting):
         cameras = [plane_camera(index, *SIZE) for index in range(8) if index % 4]
-        gaussians = dataclasses.replace(gaussians, smoothing=smoothing_size(gaussians.means, cameras))
+        gaussians = dataclasses.replace(gaussians, smoothing=filter_size(gaussians.means, cameras))
     return SplatRenderer(gaussians, method, (0.0, 0.0, 0.0), 0.01)
 
 

@@ -16,10 +16,10 @@ from gaussian_enhancer.infer.change_confidence import (
     INPUTS,
     STEP,
     ChangeConfidence,
+    apply_shares_compiled,
+    apply_shares_torch,
     block_features,
     block_products,
-    shares_applied,
-    shares_applied_compiled,
     split_change,
 )
 from gaussian_enhancer.infer.enhancer import SetEnhancer
@@ -119,9 +119,9 @@ def test_compiled_shares_equal_their_readable_twin(size: tuple[int, int]):
     draw = torch.Generator().manual_seed(0)
     enhanced, render = torch.rand(2, 2, 3, *size, generator=draw)
     shares = torch.rand(2, 2, *(-(-side // BLOCK) for side in size), generator=draw)
-    expected = shares_applied(enhanced.double(), render.double(), shares.double())
-    torch.testing.assert_close(shares_applied(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
-    torch.testing.assert_close(shares_applied_compiled(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
+    expected = apply_shares_torch(enhanced.double(), render.double(), shares.double())
+    torch.testing.assert_close(apply_shares_torch(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
+    torch.testing.assert_close(apply_shares_compiled(enhanced, render, shares).double(), expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("references", [0, 1, 8])

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.infer.colour_completion import complete_change, completed, completed_compiled
+from gaussian_enhancer.infer.colour_completion import complete_change, complete_compiled, complete_torch
 from gaussian_enhancer.types import NetworkInput
 
 HEIGHT, WIDTH = 60, 80
@@ -99,4 +99,4 @@ def test_any_size_stays_finite(height: int, width: int) -> None:
 @pytest.mark.parametrize(("size", "cells"), [((31, 45), (7, 10)), ((4, 6), (4, 6)), ((9, 5), (1, 1))])
 def test_the_compiled_kernel_equals_its_readable_twin(size: tuple[int, int], cells: tuple[int, int]):
     given = torch.rand(2, 3, *size), torch.rand(2, 3, *size), torch.rand(2, 1, *size), torch.rand(2, 13, *cells) - 0.5
-    torch.testing.assert_close(completed_compiled(*given), completed(*given), rtol=0, atol=1e-5)
+    torch.testing.assert_close(complete_compiled(*given), complete_torch(*given), rtol=0, atol=1e-5)

@@ -89,7 +89,7 @@ def test_what_a_program_cannot_take_is_refused() -> None:
         program_inputs(views(32, 32, 3), signature)
     with pytest.raises(InputError, match="reference_renders: is not given"):
         program_inputs(dataclasses.replace(views(32, 32, 1), reference_renders=None), signature)
-    both = dataclasses.replace(views(32, 32, 1), depth_unit=None).mapped(lambda image, _: torch.cat([image, image]))
+    both = dataclasses.replace(views(32, 32, 1), depth_unit=None).map_images(lambda image, _: torch.cat([image, image]))
     with pytest.raises(InputError, match="one view at a time"):
         program_inputs(both, signature)
 

@@ -38,11 +38,11 @@ CONFIG = ReferenceConfig(references=1, candidates=1)
 
 def test_a_camera_that_wavers_between_two_photos_keeps_one():
     assert changes(chosen(CONFIG, WAVERING)) == 19
-    assert changes(chosen(PathReferences.of(CONFIG), WAVERING)) == 0
+    assert changes(chosen(PathReferences.from_config(CONFIG), WAVERING)) == 0
 
 
 def test_a_photo_is_left_when_another_is_clearly_better():
-    found = chosen(PathReferences.of(CONFIG), [0.1 * k for k in range(71)])
+    found = chosen(PathReferences.from_config(CONFIG), [0.1 * k for k in range(71)])
     assert found[0] == (0,)
     assert found[-1] == (7,)
     assert changes(found) <= 7
@@ -50,20 +50,20 @@ def test_a_photo_is_left_when_another_is_clearly_better():
 
 
 def test_a_path_goes_on_where_it_stopped():
-    whole = PathReferences.of(dataclasses.replace(CONFIG, candidates=3))
+    whole = PathReferences.from_config(dataclasses.replace(CONFIG, candidates=3))
     expected = chosen(whole, WAVERING)
-    first = PathReferences.of(dataclasses.replace(CONFIG, candidates=3))
+    first = PathReferences.from_config(dataclasses.replace(CONFIG, candidates=3))
     begun = chosen(first, WAVERING[:7])
-    second = PathReferences.of(dataclasses.replace(CONFIG, candidates=3))
+    second = PathReferences.from_config(dataclasses.replace(CONFIG, candidates=3))
     second.kept[:] = first.kept
     assert begun + chosen(second, WAVERING[7:]) == expected
 
 
 def test_without_hysteresis_and_without_references_it_chooses_as_for_single_views():
-    assert chosen(PathReferences.of(CONFIG, hysteresis=1.0), WAVERING) == chosen(CONFIG, WAVERING)
-    none = PathReferences.of(ReferenceConfig(references=0, candidates=0))
+    assert chosen(PathReferences.from_config(CONFIG, hysteresis=1.0), WAVERING) == chosen(CONFIG, WAVERING)
+    none = PathReferences.from_config(ReferenceConfig(references=0, candidates=0))
     assert chosen(none, WAVERING[:2]) == [(), ()]
 
 
 def test_two_configurations_share_nothing():
-    assert PathReferences.of(CONFIG).kept is not PathReferences.of(CONFIG).kept
+    assert PathReferences.from_config(CONFIG).kept is not PathReferences.from_config(CONFIG).kept

@@ -11,7 +11,7 @@ from gaussian_enhancer.align.references import ReferenceConfig, read_target
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.plan import Rules
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Region
@@ -85,7 +85,7 @@ def test_an_untrained_network_returns_the_render_whatever_is_left_out():
     (one,) = SetEnhancer(small(), ReferenceConfig())(rendered, planner)
     assert torch.equal(one.image, render)
     (fine,) = SetEnhancer(SSIFSR((8, 8, 8), (1, 1, 1)), ReferenceConfig(), precision="float32")(rendered, planner)
-    expected = upsampled(render[None], 4)[0].clamp(0, 1)
+    expected = upsample_bicubic(render[None], 4)[0].clamp(0, 1)
     inner = torch.nn.functional.max_pool2d((render != 1).any(0).float()[None], 9, 1, 4)[0] == 0
     flat = inner.repeat_interleave(4, 0).repeat_interleave(4, 1)
     assert torch.equal(fine.image[:, flat], expected[:, flat])
@@ -118,7 +118,7 @@ def test_references_that_see_nothing_are_left_out_with_their_share():
     plan, planner = planned(things(behind(1), thing(2), thing(4)))
     assert set(plan.references or ()) == {"2.png", "4.png"}
     assert plan.left_out == {"1.png": 0.0}
-    assert {planner.index[name] for name in plan.references or ()} == set(planner.chosen(plan) or ())
+    assert {planner.index[name] for name in plan.references or ()} == set(planner.reference_indices(plan) or ())
     (one,) = SetEnhancer(trained(), ReferenceConfig())(things(behind(1), thing(2), thing(4)), planner)
     assert set(one.references) == {"2.png", "4.png"}
     every, _ = planned(things(behind(1), thing(2)), dataclasses.replace(AUTO, references="all"))
@@ -135,7 +135,7 @@ def test_no_more_references_are_warped_than_are_kept():
 
 def test_references_that_are_not_warped_belong_to_the_whole_image():
     plan, planner = planned(things(), reference_config=ReferenceConfig(Unwarped()))
-    assert (plan.regions, planner.chosen(plan)) == (None, None)
+    assert (plan.regions, planner.reference_indices(plan)) == (None, None)
 
 
 @pytest.mark.parametrize("make", [small, trained])
@@ -163,6 +163,6 @@ def test_candidates_of_small_views_are_looked_at_only_where_background_is_left_o
     everything = dataclasses.replace(small, tiles="all")
     plan, planner = planned(things(), everything)
     assert (plan.references, plan.regions, plan.left_out) == (None, None, {})
-    assert planner.chosen(plan) is None
+    assert planner.reference_indices(plan) is None
     larger, _ = planned(things(), dataclasses.replace(everything, small=SIZE[0] * SIZE[1] - 1))
     assert larger.references is not None

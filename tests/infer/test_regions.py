@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.infer.regions import BLOCK, background_blocks, cut_pixels, regions_of
+from gaussian_enhancer.infer.regions import BLOCK, background_blocks, cover_with_regions, cut_pixels
 from gaussian_enhancer.types import Region
 from support.synthetic_runs import plane_camera, plane_view
 
@@ -36,7 +36,7 @@ def test_regions_hold_every_needed_pixel_once_and_cost_no_more_than_one_rectangl
         needed[row, column] = True
     height, width = 6 * BLOCK - 5, 7 * BLOCK - 9
     times = torch.zeros(height, width)
-    for region in regions_of(needed, height, width, margin):
+    for region in cover_with_regions(needed, height, width, margin):
         region.cut(times).add_(1)
     wanted = needed.repeat_interleave(BLOCK, 0).repeat_interleave(BLOCK, 1)[:height, :width]
     assert (times[wanted] == 1).all()
@@ -50,11 +50,11 @@ def test_regions_hold_every_needed_pixel_once_and_cost_no_more_than_one_rectangl
 def test_far_apart_things_get_regions_of_their_own_and_near_ones_share():
     needed = torch.zeros(8, 8, dtype=torch.bool)
     needed[0, 0] = needed[7, 7] = True
-    assert regions_of(needed, 128, 128, 16) == (Region(0, 0, 16, 16), Region(112, 112, 128, 128))
+    assert cover_with_regions(needed, 128, 128, 16) == (Region(0, 0, 16, 16), Region(112, 112, 128, 128))
     near = torch.zeros(8, 8, dtype=torch.bool)
     near[3, 2] = near[3, 4] = True
-    assert regions_of(near, 128, 128, 16) == (Region(48, 32, 64, 80),)
-    assert regions_of(torch.zeros(8, 8, dtype=torch.bool), 128, 128, 16) == ()
+    assert cover_with_regions(near, 128, 128, 16) == (Region(48, 32, 64, 80),)
+    assert cover_with_regions(torch.zeros(8, 8, dtype=torch.bool), 128, 128, 16) == ()
 
 
 def test_a_cut_camera_sees_what_the_whole_one_sees_there():
@@ -64,7 +64,7 @@ def test_a_cut_camera_sees_what_the_whole_one_sees_there():
     whole, part = (one.K @ (one.rotation @ point + one.world_to_camera[:3, 3]) for one in (camera, cut))
     torch.testing.assert_close(whole[:2] / whole[2] - torch.tensor([16.0, 8.0]), part[:2] / part[2])
     assert (cut.height, cut.width) == (32, 48)
-    assert region.within(Region(0, 8, 48, 64)) == Region(8, 8, 40, 56)
+    assert region.relative_to(Region(0, 8, 48, 64)) == Region(8, 8, 40, 56)
 
 
 @pytest.mark.parametrize("region", [Region(16, 16, 48, 48), Region(0, 0, 48, 32)])

@@ -10,7 +10,7 @@ from gaussian_enhancer.align.alignment import Pixels
 from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
-from gaussian_enhancer.infer.temporal_smoothing import smoothed_over_time
+from gaussian_enhancer.infer.temporal_smoothing import smooth_change
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.scene.renders import read_run
 from support.synthetic_runs import plane_camera, plane_view
@@ -24,9 +24,9 @@ def frame(index: int) -> Pixels:
 
 def test_a_standing_camera_averages_the_changes():
     target = frame(0)
-    first, before = smoothed_over_time(target.image + 0.1, target, None, 0.6)
+    first, before = smooth_change(target.image + 0.1, target, None, 0.6)
     torch.testing.assert_close(first, target.image + 0.1)
-    second, _ = smoothed_over_time(target.image - 0.1, target, before, 0.6)
+    second, _ = smooth_change(target.image - 0.1, target, before, 0.6)
     torch.testing.assert_close(second, target.image + 0.4 * -0.1 + 0.6 * 0.1, rtol=0, atol=1e-5)
 
 
@@ -34,8 +34,8 @@ def test_a_change_follows_the_surface():
     here, there = frame(0), frame(1)
     marked = here.image.clone()
     marked[:, 20:28, 28:36] += 0.2
-    _, before = smoothed_over_time(marked, here, None, 0.5)
-    found, _ = smoothed_over_time(there.image, there, before, 0.5)
+    _, before = smooth_change(marked, here, None, 0.5)
+    found, _ = smooth_change(there.image, there, before, 0.5)
     change = (found - there.image).mean(0)
     assert change.max() == pytest.approx(0.1, abs=1e-3)
     across = (change.sum(0) * torch.arange(64)).sum() / change.sum()
@@ -46,9 +46,9 @@ def test_a_change_follows_the_surface():
 def test_what_only_one_frame_shows_is_left_alone():
     target = frame(0)
     assert target.depth is not None
-    _, before = smoothed_over_time(target.image + 0.1, target, None, 0.5)
+    _, before = smooth_change(target.image + 0.1, target, None, 0.5)
     nearer = dataclasses.replace(target, depth=target.depth / 2)
-    found, _ = smoothed_over_time(nearer.image, nearer, before, 0.5)
+    found, _ = smooth_change(nearer.image, nearer, before, 0.5)
     torch.testing.assert_close(found, nearer.image)
 
 
@@ -56,7 +56,7 @@ def test_what_only_one_frame_shows_is_left_alone():
 def test_what_is_needed_is_named(lacking):
     target = dataclasses.replace(frame(0), **{lacking: None})
     with pytest.raises(InputError, match=f"no {lacking}.*temporal_smoothing=0"):
-        smoothed_over_time(target.image, target, None, 0.5)
+        smooth_change(target.image, target, None, 0.5)
 
 
 def test_frames_of_a_run_are_steadied_in_their_order(plane_run):

@@ -8,7 +8,7 @@ from gaussian_enhancer.align.depth_normalisation import depth_unit
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.tiles import enhance_tiled
 from gaussian_enhancer.network.deform import Deformable
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.ssif_sr import SSIFSR
 from gaussian_enhancer.types import NetworkInput
 
@@ -49,8 +49,8 @@ def test_impossible_tiles_are_refused(sides):
 def test_tiles_of_a_network_that_enlarges():
     seen = large(150, 97)
     sides = {"tile": 64, "halo": 16, "blend": 16, "scale": 4}
-    tiled = enhance_tiled(lambda v: upsampled(v.render, 4), seen, **sides)
-    torch.testing.assert_close(tiled, upsampled(seen.render, 4))
+    tiled = enhance_tiled(lambda v: upsample_bicubic(v.render, 4), seen, **sides)
+    torch.testing.assert_close(tiled, upsample_bicubic(seen.render, 4))
     fine = dataclasses.replace(seen, fine_references=torch.rand(1, 2, 3, 600, 388))
     shown = enhance_tiled(lambda v: v.fine_references[:, 1], fine, **sides)
     torch.testing.assert_close(shown, fine.fine_references[:, 1])
@@ -66,4 +66,4 @@ def test_no_seam_in_a_super_resolved_image():
         whole = network(seen)
         error = (enhance_tiled(network, seen, tile=128, halo=48, blend=16, scale=4) - whole).abs()
     assert error.max() < 0.01
-    assert (whole - upsampled(seen.render, 4)).abs().max() > 0.1
+    assert (whole - upsample_bicubic(seen.render, 4)).abs().max() > 0.1

@@ -117,7 +117,7 @@ def part(parts, name):
 def test_everything_is_used_where_everything_is_there():
     rendered = things()
     found = validate_inputs(rendered, ReferenceConfig(), AUTO)
-    assert (found.rendered, found.reference_config, found.lacks) == (rendered, ReferenceConfig(), ())
+    assert (found.rendered, found.reference_config, found.missing_references) == (rendered, ReferenceConfig(), ())
     assert {one.name: one.used for one in found.parts} == {
         "super-resolution": False,
         "cameras": True,
@@ -132,7 +132,7 @@ def test_depth_that_is_switched_off_takes_the_references_along():
     assert found.reference_config.references == 0
     assert all(view.read_depth is None for view in (*found.rendered.targets, *found.rendered.references))
     assert part(found.parts, "depth").why == "switched off"
-    assert "cannot be reprojected" in found.lacks[0]
+    assert "cannot be reprojected" in found.missing_references[0]
 
 
 def test_references_without_the_camera_that_others_have_are_left_out_by_auto_alone():
@@ -145,16 +145,18 @@ def test_references_without_the_camera_that_others_have_are_left_out_by_auto_alo
     assert "1 without a camera left out, 1.png" in part(found.parts, "references").why
     full = validate_inputs(mixed, ReferenceConfig(), Rules())
     assert full.reference_config.references == 0
-    assert "1.png has no camera" in full.lacks[0]
+    assert "1.png has no camera" in full.missing_references[0]
 
 
 def test_fine_photos_are_not_asked_for_where_they_are_not_known():
     found = validate_inputs(things(), ReferenceConfig(fine=True), AUTO, scale=4)
     assert not found.reference_config.fine
-    assert "enlarging without their detail" in found.lacks[0]
+    assert "enlarging without their detail" in found.missing_references[0]
 
 
 def test_references_are_refused_where_there_are_none():
     with pytest.raises(InputError, match="no photo to refer to"):
         validate_inputs(replace(things(), references=()), ReferenceConfig(), AUTO)
-    assert validate_inputs(replace(things(), references=()), ReferenceConfig(references=0), AUTO).lacks == ()
+    assert (
+        validate_inputs(replace(things(), references=()), ReferenceConfig(references=0), AUTO).missing_references == ()
+    )

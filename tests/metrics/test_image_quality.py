@@ -5,9 +5,9 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from gaussian_enhancer.metrics.image_quality import colour_aligned, psnr, psnr_aligned, ssim
+from gaussian_enhancer.metrics.image_quality import align_colours, psnr, psnr_aligned, ssim
 from gaussian_enhancer.splat.fit.similarity import photometric_loss, prepare
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 
 def images(height: int = 24, width: int = 37, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -75,7 +75,7 @@ def test_the_mask_weighs_pixels() -> None:
 
 def test_eight_bits_are_those_of_a_file() -> None:
     values = torch.tensor([-1.0, 0.0, 0.4999 / 255, 0.5001 / 255, 0.5, 1.0, 2.0]).expand(3, 1, 7)
-    assert (quantised(values)[0, 0] * 255).round().tolist() == [0, 0, 0, 1, 128, 255, 255]
+    assert (quantise_8_bit(values)[0, 0] * 255).round().tolist() == [0, 0, 0, 1, 128, 255, 255]
 
 
 def test_an_affine_colour_change_is_taken_out() -> None:
@@ -97,7 +97,7 @@ def test_aligning_never_loses(seed: int) -> None:
 )
 def test_images_of_few_colours_can_be_aligned(image: torch.Tensor) -> None:
     _, photo = images(9, 9)
-    aligned = colour_aligned(image, photo)
+    aligned = align_colours(image, photo)
     assert torch.isfinite(aligned).all()
     assert psnr(aligned, photo) >= psnr(image, photo) - 1e-6
     if image.std() == 0:

@@ -71,12 +71,12 @@ def test_backbones_of_the_data_folder_are_found_and_what_nobody_asked_for_is_lef
     tmp_path: Path, squeeze: dict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lpips, "USUAL", ("lpips_vgg", "lpips_squeeze"))
-    assert lpips.asked_distances(None) == []
+    assert lpips.requested_distances(None) == []
     features = {key.removeprefix("features."): value for key, value in squeeze.items() if "features" in key}
     (tmp_path / "data/lpips").mkdir(parents=True)
     torch.save(features, tmp_path / "data/lpips/squeezenet1_1_features.pth")
-    assert [one.name for one in lpips.asked_distances(None)] == ["lpips_squeeze"]
-    named = lpips.asked_distances(["lpips_vgg", "lpips_squeeze"])
+    assert [one.name for one in lpips.requested_distances(None)] == ["lpips_squeeze"]
+    named = lpips.requested_distances(["lpips_vgg", "lpips_squeeze"])
     assert [bool(one.reason) for one in named] == [True, False]
 
 

@@ -7,17 +7,17 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_quality import psnr, ssim
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
 from gaussian_enhancer.metrics.pair import measure_pair
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 
 def test_both_images_are_brought_to_eight_bits_first() -> None:
     draw = torch.Generator().manual_seed(0)
     image, photo = (torch.rand(3, 20, 20, generator=draw) * 1.2 - 0.1 for _ in range(2))
     found = measure_pair(image, photo).metrics
-    assert found["psnr"] == psnr(quantised(image), quantised(photo))
-    assert found["ssim"] == ssim(quantised(image), quantised(photo))
+    assert found["psnr"] == psnr(quantise_8_bit(image), quantise_8_bit(photo))
+    assert found["ssim"] == ssim(quantise_8_bit(image), quantise_8_bit(photo))
     assert measure_pair(photo, photo + 0.4 / 255).metrics["psnr"] != math.inf
-    assert measure_pair(quantised(photo), quantised(photo) + 0.4 / 255).metrics["psnr"] == math.inf
+    assert measure_pair(quantise_8_bit(photo), quantise_8_bit(photo) + 0.4 / 255).metrics["psnr"] == math.inf
 
 
 def test_what_cannot_be_measured_has_a_reason() -> None:

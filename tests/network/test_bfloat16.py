@@ -12,10 +12,10 @@ from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated, DepthModulation
 from gaussian_enhancer.network.fuse import Trust, TrustFusion
-from gaussian_enhancer.network.halving import halved
+from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.network.output_head import compose
-from gaussian_enhancer.network.pyramid import shrunk, upsampled
-from gaussian_enhancer.network.ssif_sr import Tail, merged
+from gaussian_enhancer.network.pyramid import average_views, upsample_bicubic
+from gaussian_enhancer.network.ssif_sr import Tail, merge_torch
 from gaussian_enhancer.network.stem import Gather
 from gaussian_enhancer.types import NetworkInput
 
@@ -52,7 +52,7 @@ def features(*shape):
 
 def merge(views, seen, trust):
     """Images and trust of merged references; those of a view are at twice the resolution of what is seen of them."""
-    found, together = merged(views.render, views.references, halved(views.references), seen, trust)
+    found, together = merge_torch(views.render, views.references, halve(views.references), seen, trust)
     return found.references, found.visibility, found.reference_renders, together
 
 
@@ -80,9 +80,9 @@ def part(name):
         "gather without depth": lambda t: gather(example(depth=False)),
         "compose": lambda t: compose(t(decoded), views, trust),
         "compose without renders": lambda t: compose(t(decoded), example(renders=False), trust),
-        "shrink": lambda t: shrunk(views, 2).references,
-        "enlarge by 2": lambda t: upsampled(views.references[0], 2),
-        "enlarge by 4": lambda t: upsampled(views.references[0], 4),
+        "shrink": lambda t: average_views(views, 2).references,
+        "enlarge by 2": lambda t: upsample_bicubic(views.references[0], 2),
+        "enlarge by 4": lambda t: upsample_bicubic(views.references[0], 4),
         "merge": lambda t: merge(views, seen, trust),
         "merge nearly nothing": lambda t: merge(views, torch.where(seen < 0.7, 0.0, seen), 1e-5 * trust),
         "tail": lambda t: tail(t(grown), NetworkInput(views.render, photo, views.visibility[:, :1]), trust[:, :1]),
@@ -119,30 +119,30 @@ def flat(found):
 
 def test_kernels_are_for_plain_images_without_a_gradient() -> None:
     image = torch.rand(1, 3, 4, 4)
-    assert bfloat16.compilable(image, None)
-    assert not bfloat16.compilable(image.double())
-    assert not bfloat16.compilable(image, image.to("meta"))
-    assert not bfloat16.compilable(image.clone().requires_grad_())
+    assert bfloat16.can_use_kernels(image, None)
+    assert not bfloat16.can_use_kernels(image.double())
+    assert not bfloat16.can_use_kernels(image, image.to("meta"))
+    assert not bfloat16.can_use_kernels(image.clone().requires_grad_())
     with FlopCounterMode(display=False):
-        assert not bfloat16.compilable(image)
+        assert not bfloat16.can_use_kernels(image)
 
 
 def test_the_fused_ways_are_for_inference_in_bfloat16_alone() -> None:
     image = torch.rand(1, 3, 4, 4)
-    assert not bfloat16.fusable(image)
+    assert not bfloat16.can_fuse(image)
     with torch.autocast("cpu", torch.bfloat16):
-        assert not bfloat16.fusable(image)  # a gradient may be asked for
+        assert not bfloat16.can_fuse(image)  # a gradient may be asked for
         with torch.inference_mode():
-            assert bfloat16.fusable(image)
-            assert not bfloat16.fusable(image.double())
-            assert not bfloat16.fusable(image, image.to("meta"))
+            assert bfloat16.can_fuse(image)
+            assert not bfloat16.can_fuse(image.double())
+            assert not bfloat16.can_fuse(image, image.to("meta"))
             with FlopCounterMode(display=False):
-                assert not bfloat16.fusable(image)
+                assert not bfloat16.can_fuse(image)
 
 
 def test_words_keep_bits() -> None:
     image = torch.randn(2, 8, 3, 5).bfloat16()
-    words = bfloat16.bits(image)
+    words = bfloat16.kernel_words(image)
     assert words.shape == (2, 3, 5, 8)
     back = torch.from_numpy(words.view("int16")).view(torch.bfloat16).permute(0, 3, 1, 2)
     assert torch.equal(back, image)

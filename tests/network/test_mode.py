@@ -12,7 +12,7 @@ from gaussian_enhancer.network.deform import Deformation
 from gaussian_enhancer.network.paper.sif import PaperSIF
 from gaussian_enhancer.network.paper.ssif_lr import PaperSSIFLR
 from gaussian_enhancer.network.paper.ssif_sr import PaperSSIFSR
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.runs.instantiate import build
 from support import paths
@@ -116,7 +116,7 @@ def test_paper_mode_is_the_papers(fusion, kind):
     assert list(build(cfg.loss).terms) == ["charbonnier"]
     assert cfg.coarse == 0
     seen = views(height=16, width=16)
-    assert torch.equal(network(seen), upsampled(seen.render, network.scale))
+    assert torch.equal(network(seen), upsample_bicubic(seen.render, network.scale))
 
 
 @pytest.mark.parametrize("fusion", ["nafnet", "ssif_lr_unshared"])

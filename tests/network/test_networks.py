@@ -15,7 +15,7 @@ from gaussian_enhancer.network.deform import Deformable, Deformation
 from gaussian_enhancer.network.depth_modulation import DepthModulation
 from gaussian_enhancer.network.fuse import Mean, Pair, Trust
 from gaussian_enhancer.network.network import CachesReferences, Network
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.types import NetworkInput
 
 SIZES = {"widths": (8, 8, 16), "blocks": (1, 1, 1)}
@@ -71,7 +71,7 @@ def views_for(network: Network, *args, references: int = 2, **kwargs) -> Network
 
 def start(network: Network, seen: NetworkInput) -> torch.Tensor:
     """What an untrained network returns."""
-    return upsampled(seen.render, network.scale)
+    return upsample_bicubic(seen.render, network.scale)
 
 
 def picked(seen: NetworkInput, order: list[int]) -> NetworkInput:
@@ -174,8 +174,8 @@ def test_a_shift_of_everything_shifts_the_result(learning):
     network = trained(learning)
     step, scale = network.stride, network.scale
     seen = views_for(network, height=32, width=320 + step)
-    left = seen.mapped(lambda image, n: image[..., : n * 320])
-    right = seen.mapped(lambda image, n: image[..., n * step :])
+    left = seen.map_images(lambda image, n: image[..., : n * 320])
+    right = seen.map_images(lambda image, n: image[..., n * step :])
     with torch.no_grad():
         one, other = network(left), network(right)
     middle = slice(scale * (160 - step), scale * 160)

@@ -11,7 +11,7 @@ from gaussian_enhancer.network.combine import Combined, Uncombined
 from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.output_head import Residual
-from gaussian_enhancer.network.pyramid import padded, shrunk
+from gaussian_enhancer.network.pyramid import average_views, pad_to_stride
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 
@@ -34,7 +34,7 @@ def test_untrained_every_scale_returns_its_render():
     scales = small(refine=Deformable()).stages(seen)
     assert [tuple(image.shape[-2:]) for image in scales] == [(10, 7), (20, 13), (40, 25)]
     assert torch.equal(scales[-1], seen.render)
-    whole = padded(seen, 16).render
+    whole = pad_to_stride(seen, 16).render
     torch.testing.assert_close(scales[0], F.avg_pool2d(whole, 4)[..., :10, :7])
     torch.testing.assert_close(scales[1], F.avg_pool2d(whole, 2)[..., :20, :13])
 
@@ -69,7 +69,7 @@ def test_coarsest_scale_is_aligned_to_its_own_first_result():
     network, seen = trained(), views()
     for parameter in network.settle.parameters():
         torch.nn.init.zeros_(parameter)
-    coarse = shrunk(padded(seen, 16), 4)
+    coarse = average_views(pad_to_stride(seen, 16), 4)
     gather = network.gather[0]
     first = network.output(network.decode[0](gather(coarse)[0]), coarse, gather(coarse)[1])
     torch.testing.assert_close(network.stages(seen)[0], first[..., :6, :10])

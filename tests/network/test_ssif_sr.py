@@ -9,9 +9,9 @@ from torch import nn
 from gaussian_enhancer.network import ssif_sr
 from gaussian_enhancer.network.deform import Deformable, Unrefined
 from gaussian_enhancer.network.fuse import Mean, Trust
-from gaussian_enhancer.network.halving import halved
+from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.network.output_head import Gated, Residual
-from gaussian_enhancer.network.ssif_sr import SSIFSR, merged
+from gaussian_enhancer.network.ssif_sr import SSIFSR, merge_torch
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -123,7 +123,7 @@ def test_detail_that_is_handed_on_knows_no_exposure_and_no_smooth_part():
     trust = torch.tensor([0.3, 0.1]).view(1, 2, 1, 1, 1).expand(1, 2, 1, 16, 16)
 
     def detail(photos: torch.Tensor) -> torch.Tensor:
-        one, _ = merged(torch.zeros(1, 3, 32, 32), photos, halved(photos), torch.ones_like(trust), trust)
+        one, _ = merge_torch(torch.zeros(1, 3, 32, 32), photos, halve(photos), torch.ones_like(trust), trust)
         assert one.reference_renders is not None
         return (one.references - one.reference_renders)[0, 0]
 
@@ -137,7 +137,7 @@ def test_detail_that_is_handed_on_knows_no_exposure_and_no_smooth_part():
 def test_one_merged_reference_is_their_mean_by_trust():
     photos, halved = torch.rand(1, 2, 3, 8, 8), torch.rand(1, 2, 3, 4, 4)
     trust = torch.tensor([0.3, 0.1]).view(1, 2, 1, 1, 1).expand(1, 2, 1, 4, 4)
-    one, together = merged(torch.zeros(1, 3, 8, 8), photos, halved, torch.ones(1, 2, 1, 4, 4), trust)
+    one, together = merge_torch(torch.zeros(1, 3, 8, 8), photos, halved, torch.ones(1, 2, 1, 4, 4), trust)
     torch.testing.assert_close(one.references[:, 0], 0.75 * photos[:, 0] + 0.25 * photos[:, 1])
     torch.testing.assert_close(together, torch.full((1, 1, 1, 4, 4), 0.4))
 
@@ -145,7 +145,7 @@ def test_one_merged_reference_is_their_mean_by_trust():
 def test_a_shift_of_everything_shifts_the_image():
     network, seen = trained(), views(104, 112)
     with torch.no_grad():
-        moved = network(seen.mapped(lambda image, n: image.roll((8 * n, 8 * n), (-2, -1))))
+        moved = network(seen.map_images(lambda image, n: image.roll((8 * n, 8 * n), (-2, -1))))
         still = network(seen).roll((32, 32), (-2, -1))
     inner = (..., slice(4 * 48, -4 * 40), slice(4 * 48, -4 * 40))
     torch.testing.assert_close(moved[inner], still[inner], rtol=0, atol=1e-4)

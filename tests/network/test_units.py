@@ -12,7 +12,7 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.ssif_lr import SSIFLR
 from gaussian_enhancer.scene.procedural import procedural_scene
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.types import Camera, quantised
+from gaussian_enhancer.types import Camera, quantise_8_bit
 
 VIEWS = 5
 
@@ -51,7 +51,7 @@ def enhanced(rendered: RenderedSet, depth: str) -> list[torch.Tensor]:
         if isinstance(module, nn.Conv2d) and not module.weight.any():
             nn.init.normal_(module.weight, std=0.05)
     enhancer = SetEnhancer(network, ReferenceConfig(Reprojected(depth=depth)), precision="float32")
-    return [quantised(one.image) for one in enhancer(rendered)]
+    return [quantise_8_bit(one.image) for one in enhancer(rendered)]
 
 
 @pytest.mark.parametrize("unit", [1e-8, 1e-4, 1e6])

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.report.cards import pictured
+from gaussian_enhancer.report.cards import pictured_indices
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.page import document, write_report
 from support.report_samples import NASTY, REASON, compared
@@ -137,11 +137,11 @@ def test_the_page_stays_small(views: list[ComparedView]) -> None:
 
 
 def test_a_long_report_pictures_an_even_choice_with_the_worst() -> None:
-    chosen = pictured(200, 77, 10)
+    chosen = pictured_indices(200, 77, 10)
     assert len(chosen) == 10
     assert {0, 77, 199} <= set(chosen)
     assert chosen == sorted(chosen)
-    assert pictured(5, None, 10) == [0, 1, 2, 3, 4]
+    assert pictured_indices(5, None, 10) == [0, 1, 2, 3, 4]
     views = [compared(f"{i}.png", 1.0 if i != 5 else -1.0, 1, height=8, width=8) for i in range(9)]
     text = document("t", views, {}, most_pictured=3)
     assert len(Checked(text).all("article")) == 3

@@ -9,4 +9,4 @@ from gaussian_enhancer.report.quantities import Quantity
 def test_a_difference_of_a_quantity_without_a_direction_is_written_with_its_sign(gain: float, written: str) -> None:
     count = Quantity("gaussians", "Gaussians", 2)
     assert count.verdict(gain) == "same"
-    assert count.gain_written(gain) == written
+    assert count.format_gain(gain) == written

@@ -15,11 +15,11 @@ from gaussian_enhancer.report import simulation, simulation_parts
 from gaussian_enhancer.report.simulation import ImageRow, Section, sheet, write_page
 from gaussian_enhancer.report.simulation_parts import (
     STRENGTHS,
+    describe_artefacts,
     gate_section,
     generator_section,
-    reduced,
     shown_depth,
-    told,
+    shrink_view,
     type_sections,
 )
 
@@ -88,9 +88,9 @@ def test_gates_show_what_they_drew_and_name_what_they_cannot() -> None:
 
 
 def test_steps_are_told_in_their_order() -> None:
-    assert told(()) == "nothing"
+    assert describe_artefacts(()) == "nothing"
     assert (
-        told([ArtefactStep("needle", 0.5), ArtefactStep("blur", 0.256, regional=True)])
+        describe_artefacts([ArtefactStep("needle", 0.5), ArtefactStep("blur", 0.256, regional=True)])
         == "needle 0.50 · blur 0.26 in a region"
     )
 
@@ -116,7 +116,7 @@ def test_without_stage_two_the_section_says_so() -> None:
 
 @pytest.mark.parametrize(("height", "width"), [(640, 480), (480, 640), (1, 1000), (1000, 1), (1, 1), (320, 20)])
 def test_copies_are_small_and_keep_their_shape(height: int, width: int) -> None:
-    small = reduced(view(height, width))
+    small = shrink_view(view(height, width))
     h, w = small.image.shape[-2:]
     assert max(h, w) == min(320, max(height, width))
     assert min(h, w) == max(1, round(min(height, width) * max(h, w) / max(height, width)))
@@ -127,7 +127,7 @@ def test_copies_are_small_and_keep_their_shape(height: int, width: int) -> None:
 def test_reduced_depth_has_no_values_between() -> None:
     depth = torch.zeros(1, 1, 8, 700)
     depth[..., ::2] = 7
-    small = reduced(View(torch.zeros(1, 3, 8, 700), depth))
+    small = shrink_view(View(torch.zeros(1, 3, 8, 700), depth))
     assert set(small.depth.unique().tolist()) == {0.0, 7.0}
 
 

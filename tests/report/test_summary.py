@@ -6,7 +6,7 @@ import pytest
 
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.quantities import KNOWN, quantities
-from gaussian_enhancer.report.summary import measured, summarise, worst_view
+from gaussian_enhancer.report.summary import measured_quantities, summarise, worst_view
 from support.report_samples import compared
 
 BY_KEY = {quantity.key: quantity for quantity in KNOWN}
@@ -46,7 +46,7 @@ def test_the_worst_frame_is_decided_by_colour_aligned_psnr_first() -> None:
         with_numbers("a", psnr=(20.0, 19.0), psnr_aligned=(20.0, 21.0)),
         with_numbers("b", psnr=(20.0, 21.0), psnr_aligned=(20.0, 20.5)),
     ]
-    assert worst_view([summarise(views, quantity) for quantity in measured(views)]) == 1
+    assert worst_view([summarise(views, quantity) for quantity in measured_quantities(views)]) == 1
 
 
 def test_unknown_metrics_are_kept_without_a_direction() -> None:

@@ -16,7 +16,7 @@ CONTEXT = multiprocessing.get_context("fork")  # at once, where a new interprete
 
 def holder(folder, line):
     """Hold a folder in another process until it is told to end."""
-    with lock.alone(Path(folder)):
+    with lock.exclusive(Path(folder)):
         line.send("held")
         line.recv()
 
@@ -40,7 +40,7 @@ def run_of(folder, size=1):
 
 def refused(folder, results):
     """Open a run, write files, and let the user's mistake end the attempt at it."""
-    with status.attempt(discard=True):
+    with status.track_runs(discard=True):
         run = open_run(run_of(folder), "toy", "a")
         for name in results:
             (run.folder / name).write_bytes(b"half of it")
@@ -52,12 +52,12 @@ def test_a_second_process_is_refused_and_touches_nothing(other, tmp_path):
     with pytest.raises(InputError, match="a: is being written by another process; wait until that one ends"):
         open_run(run_of(tmp_path / "a"), "toy", "a")
     assert sorted(tmp_path.rglob("*")) == before
-    with lock.alone(tmp_path / "b"):
+    with lock.exclusive(tmp_path / "b"):
         pass  # another folder is free
 
 
 def test_what_is_done_alone_is_refused_also_where_runs_are_waited_for(other, tmp_path):
-    with lock.waiting(), pytest.raises(InputError, match="another process"), lock.alone(tmp_path / "a"):
+    with lock.wait_for_holders(), pytest.raises(InputError, match="another process"), lock.exclusive(tmp_path / "a"):
         pass
 
 
@@ -66,7 +66,7 @@ def test_a_killed_process_holds_nothing(other, tmp_path):
     process.kill()
     process.join()
     assert process.exitcode == -signal.SIGKILL
-    with lock.alone(tmp_path / "a"):
+    with lock.exclusive(tmp_path / "a"):
         assert (tmp_path / "a" / lock.NAME).is_file()
 
 
@@ -80,20 +80,20 @@ def test_a_job_that_needs_the_run_waits(other, tmp_path, monkeypatch, capsys):
         return acquire(self, timeout, **options)
 
     monkeypatch.setattr(lock.FileLock, "acquire", ending)
-    with lock.waiting(), status.attempt():
+    with lock.wait_for_holders(), status.track_runs():
         open_run(run_of(tmp_path / "a"), "toy", "a").finish()
     assert "a: waiting for another process that writes it" in capsys.readouterr().err
     assert {path.name for path in (tmp_path / "a").iterdir()} == {"config.yaml", "done"}
 
 
 def test_nothing_is_left_of_a_lock_but_what_was_written(tmp_path):
-    with lock.alone(tmp_path / "new" / "folder"):
+    with lock.exclusive(tmp_path / "new" / "folder"):
         assert (tmp_path / "new" / "folder" / lock.NAME).is_file()
     assert not list(tmp_path.iterdir())
-    with lock.alone(tmp_path / "kept"):
+    with lock.exclusive(tmp_path / "kept"):
         (tmp_path / "kept" / "result").write_text("")
     assert [path.name for path in tmp_path.rglob("*")] == ["kept", "result"]
-    with lock.alone(tmp_path / "results.jsonl"):
+    with lock.exclusive(tmp_path / "results.jsonl"):
         assert [path.name for path in tmp_path.glob(".*")] == [".results.jsonl.lock"]
     assert not list(tmp_path.glob(".*"))
 
@@ -111,7 +111,7 @@ def test_a_refused_run_keeps_its_results(tmp_path):
 
 
 def test_a_process_may_take_its_own_lock_again(tmp_path):
-    with lock.alone(tmp_path):
-        with lock.alone(tmp_path):
+    with lock.exclusive(tmp_path):
+        with lock.exclusive(tmp_path):
             pass
         assert (tmp_path / lock.NAME).is_file()

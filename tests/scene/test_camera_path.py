@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.camera_path import PathSettings, capture_path, common_lens, even_sized, refuse_outside
+from gaussian_enhancer.scene.camera_path import PathSettings, capture_path, common_lens, refuse_outside, resize_to_even
 from gaussian_enhancer.types import Camera, identity_camera
 
 TARGET = torch.tensor([0.5, 0.25, 3.0])
@@ -141,15 +141,15 @@ def test_one_lens_serves_a_capture_of_several():
 
 
 def test_frames_have_even_sides():
-    (camera,) = even_sized([identity_camera(25, 33, 50.0)])
+    (camera,) = resize_to_even([identity_camera(25, 33, 50.0)])
     assert (camera.height, camera.width) == (24, 32)
     torch.testing.assert_close(camera.K, identity_camera(25, 33, 50.0).K)
-    (camera,) = even_sized([identity_camera(24, 32, 50.0)], height=12)
+    (camera,) = resize_to_even([identity_camera(24, 32, 50.0)], height=12)
     assert (camera.height, camera.width, float(camera.K[0, 0])) == (12, 16, 25.0)
     with pytest.raises(InputError, match="32x24 and 16x12"):
-        even_sized([identity_camera(24, 32, 50.0), identity_camera(12, 16, 50.0)])
+        resize_to_even([identity_camera(24, 32, 50.0), identity_camera(12, 16, 50.0)])
     with pytest.raises(InputError, match="at least 2x2"):
-        even_sized([identity_camera(24, 32, 50.0)], height=1)
+        resize_to_even([identity_camera(24, 32, 50.0)], height=1)
 
 
 def test_a_path_outside_the_capture_is_refused():

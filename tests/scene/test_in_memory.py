@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.scene.in_memory import held, single
+from gaussian_enhancer.scene.in_memory import read_once, single_target_sets
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
@@ -17,7 +17,7 @@ def view(name: str, reads: list[str]) -> RenderedView:
 
 def test_what_is_held_is_read_once_when_it_is_asked_for() -> None:
     reads: list[str] = []
-    kept = held(view("a", reads))
+    kept = read_once(view("a", reads))
     assert not reads
     assert kept.read() is kept.read()
     assert reads == ["a"]
@@ -31,7 +31,7 @@ def test_what_is_held_is_read_once_when_it_is_asked_for() -> None:
 def test_single_views_are_spread_evenly_and_share_their_references(count, chosen) -> None:
     reads: list[str] = []
     targets, references = (tuple(view(f"{mark}{i}", reads) for i in range(6)) for mark in ("", "r"))
-    sets = single(RenderedSet("s", targets, references), count)
+    sets = single_target_sets(RenderedSet("s", targets, references), count)
     assert [one.targets[0].name for one in sets] == chosen
     for one in sets:
         assert len(one.targets) == 1

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.posed import fitted_lens, rigid, unique_names
+from gaussian_enhancer.scene.posed import lens_at_size, orthonormal_pose, unique_names
 from gaussian_enhancer.scene.undistort import Lens
 
 SOURCE = Path("capture")
@@ -26,7 +26,7 @@ def test_rounded_rotation_becomes_exact_and_keeps_its_translation():
     pose = torch.eye(4, dtype=torch.float64)
     pose[:3, :3] += 1e-4 * torch.tensor([[1, 2, -1], [0, 1, 1], [2, 0, 1]])
     pose[:3, 3] = torch.tensor([1.0, 2.0, 3.0])
-    exact = rigid(pose, "a.png")
+    exact = orthonormal_pose(pose, "a.png")
     torch.testing.assert_close(exact[:3, :3] @ exact[:3, :3].T, torch.eye(3, dtype=torch.float64))
     torch.testing.assert_close(exact, pose, atol=3e-4, rtol=0)
     torch.testing.assert_close(exact[:3, 3], pose[:3, 3])
@@ -44,14 +44,14 @@ def test_poses_that_are_not_rigid_are_named(change, message):
     pose = torch.eye(4, dtype=torch.float64)
     change(pose)
     with pytest.raises(InputError, match=rf"a\.png.*{message}"):
-        rigid(pose, "a.png")
+        orthonormal_pose(pose, "a.png")
 
 
 def test_rounded_sizes_fit_and_other_aspects_do_not():
     lens = Lens("PINHOLE", 4946, 3286, (4000.0, 4000.0, 2473.0, 1643.0))
-    quarter = fitted_lens(lens, 822, 1237, Path("a.png"))
+    quarter = lens_at_size(lens, 822, 1237, Path("a.png"))
     assert (quarter.width, quarter.height) == (1237, 822)
     assert quarter.params[0] == pytest.approx(4000 * 1237 / 4946)
-    assert fitted_lens(lens, 3286, 4946, Path("a.png")) is lens
+    assert lens_at_size(lens, 3286, 4946, Path("a.png")) is lens
     with pytest.raises(InputError, match=r"a\.png.*1237x800.*4946x3286"):
-        fitted_lens(lens, 800, 1237, Path("a.png"))
+        lens_at_size(lens, 800, 1237, Path("a.png"))

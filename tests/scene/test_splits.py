@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.scene.splits import Split, every_nth, thinned
+from gaussian_enhancer.scene.splits import Split, every_nth, thin_training
 
 
 def test_every_eighth_is_held_out():
@@ -31,7 +31,7 @@ def test_files_own_split_is_followed_unless_refused():
 
 
 def test_thinned_by_one_keeps_all():
-    assert thinned((1, 2), (0,), 1, True) == ((1, 2), (0,))
+    assert thin_training((1, 2), (0,), 1, True) == ((1, 2), (0,))
 
 
 @pytest.mark.parametrize("values", [{"test_every": 1}, {"test_every": -2}, {"test_offset": 8}, {"train_every": 0}])

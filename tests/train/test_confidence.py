@@ -8,7 +8,7 @@ from gaussian_enhancer.infer.change_confidence import BLOCK, INPUTS, ChangeConfi
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run, run_steps
-from gaussian_enhancer.train.confidence import JudgedView, judged_views, train_confidence
+from gaussian_enhancer.train.confidence import JudgedView, judge_views, train_confidence
 
 
 def changing() -> SetEnhancer:
@@ -27,7 +27,7 @@ def test_blocks_tell_the_error_that_every_share_leaves(plane_run):
     aligned = enhancer.reference_config.align(target, view, Pool(rendered.references))
     enhanced = enhancer.enhance(join(target, aligned))[0]
     truth = apply_colour(photo, fit_colour(photo, target.image, torch.ones_like(photo[:1])))
-    found = next(judged_views(plane_run, enhancer))
+    found = next(judge_views(plane_run, enhancer))
     height, width = (-(-side // BLOCK) for side in target.image.shape[-2:])
     assert found.features.shape == (height * width, INPUTS)
     assert target.image.shape[-2] % BLOCK == target.image.shape[-1] % BLOCK == 0
@@ -46,12 +46,12 @@ def test_a_view_comes_overfitted_without_renders_and_where_it_has_more_than_two_
 ):
     rendered = read_run(plane_run)
     expected = 5 * len(rendered.targets) * len(run_steps(plane_run))
-    assert len(list(judged_views(plane_run, changing()))) == expected
+    assert len(list(judge_views(plane_run, changing()))) == expected
 
 
 def judged(confidence: ChangeConfidence, features: torch.Tensor) -> torch.Tensor:
     with torch.no_grad():
-        return confidence.judge(features.T[None, :, None])[0, :, 0].T
+        return confidence.predict_shares(features.T[None, :, None])[0, :, 0].T
 
 
 def apart(features: torch.Tensor, helpful: torch.Tensor) -> JudgedView:
@@ -88,7 +88,7 @@ def test_harm_that_counts_more_makes_it_hold_back():
 def test_a_block_loses_decibels_of_its_own_error():
     error = torch.tensor([1.0, 0.1, 0.1, 0.01])
     view = JudgedView(torch.zeros(4, INPUTS), torch.zeros(4, 2, 2), torch.zeros(4, 2), error)
-    lost = view.lost(torch.tensor([0.1, 0.1, -0.05, 0.1]))
+    lost = view.lost_decibels(torch.tensor([0.1, 0.1, -0.05, 0.1]))
     torch.testing.assert_close(lost, torch.tensor([0.4139, 3.0, 0.0, 3.0]), atol=1e-3, rtol=0)
 
 

@@ -12,9 +12,9 @@ from PIL import Image
 
 from gaussian_enhancer.cli.train import run, with_effect
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.run import effective, run_digest
+from gaussian_enhancer.runs.run import effective_config, run_digest
 from gaussian_enhancer.train.loggers import ResumableCSVLogger, make_loggers
-from gaussian_enhancer.train.trainer import device_count, processes
+from gaussian_enhancer.train.trainer import device_count, spawn_count
 from support import paths
 from support.wandb_log import history, records
 
@@ -202,7 +202,7 @@ def test_neither_logger_nor_study_nor_processes_make_another_run():
     for other in (*watched, "trainer.devices=2", "trainer.devices=1", "trainer.strategy=ddp"):
         same = with_effect(configured(*places, other))
         assert run_digest(same, "train") == run_digest(plain, "train"), other
-    assert "logger" not in effective(plain)
+    assert "logger" not in effective_config(plain)
     assert run_digest(with_effect(configured(*places, "seed=1")), "train") != run_digest(plain, "train")
 
 
@@ -218,7 +218,7 @@ def test_numbers_of_devices_are_lightnings(tmp_path):
     places = ("data.train=[]", "data.validation=[]", f"runs={tmp_path}")
     for words, count in (("1", 1), ("auto", 1), ("3", 3), ("[0,1]", 2), ("-1", 1)):
         assert device_count(configured(*places, f"trainer.devices={words}")) == count
-    assert processes(configured(*places, "trainer.devices=2", "trainer.strategy=ddp")) == 2
-    assert processes(configured(*places, "trainer.devices=2", "trainer.strategy=fsdp")) == 1  # Lightning's own affair
+    assert spawn_count(configured(*places, "trainer.devices=2", "trainer.strategy=ddp")) == 2
+    assert spawn_count(configured(*places, "trainer.devices=2", "trainer.strategy=fsdp")) == 1  # Lightning's own affair
     with pytest.raises(InputError, match="1 or more"):
         run(configured(*places, "trainer.devices=0"))

@@ -16,7 +16,7 @@ from gaussian_enhancer.network.sif import SIF
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.metrics import gains
 from gaussian_enhancer.train.module import EnhancerModule
-from gaussian_enhancer.train.non_finite import FEWEST, NonFiniteFilter, emptied, finite_samples, refuse_bad
+from gaussian_enhancer.train.non_finite import FEWEST, NonFiniteFilter, finite_samples, refuse_bad, zero_samples
 from gaussian_enhancer.train.samples import Sample, prepare_samples
 from gaussian_enhancer.types import Batch, NetworkInput
 
@@ -102,7 +102,7 @@ def test_weights_that_are_not_finite_end_the_training():
 def test_emptying_keeps_the_others():
     good = batch()
     kept = torch.tensor([True, False, True, True])
-    found = emptied(spoilt(good, 1, "references"), kept)
+    found = zero_samples(spoilt(good, 1, "references"), kept)
     assert torch.equal(found.views.references[kept], good.views.references[kept])
     assert not found.views.references[1].any()
     assert finite_samples(found).all()

@@ -214,11 +214,11 @@ def test_draws_without_simulation_are_what_they_were():
 
 def test_further_samples_are_drawn_for_simulated_crops_alone():
     simulation = Simulation(Simulator(NoGate()), 0.5)
-    draws = list(BalancedDraw([2, 3], 2000, 0, [4, 5], simulation.drawn))
+    draws = list(BalancedDraw([2, 3], 2000, 0, [4, 5], simulation.is_simulated))
     held_out = {0, 1, 6, 7, 8}
     assert {number for number, _ in draws} == set(range(14))
-    assert all(simulation.drawn(seed) for number, seed in draws if number not in held_out)
-    real = [number for number, seed in draws if not simulation.drawn(seed)]
+    assert all(simulation.is_simulated(seed) for number, seed in draws if number not in held_out)
+    real = [number for number, seed in draws if not simulation.is_simulated(seed)]
     assert set(real) == held_out
     assert 900 < len(real) < 1100
     assert 900 < sum(number < 6 for number, _ in draws) < 1100

@@ -13,14 +13,14 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.weights import design_of, load_weights
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.run import effective
+from gaussian_enhancer.runs.run import effective_config
 from gaussian_enhancer.scene.renders import read_run
 from gaussian_enhancer.train.crops import BalancedDraw
 from gaussian_enhancer.train.data import RunsData
 from gaussian_enhancer.train.ema import EMA
 from gaussian_enhancer.train.metrics import psnr
-from gaussian_enhancer.train.optimizers import configured as made_optimizer
 from gaussian_enhancer.train.optimizers import decayed_groups
+from gaussian_enhancer.train.optimizers import optimizer_configuration as made_optimizer
 from gaussian_enhancer.train.run_samples import RunSamples, find_runs
 from gaussian_enhancer.train.schedule import WarmupCosine
 from support import paths
@@ -126,14 +126,14 @@ def test_a_simulator_without_effect_is_neither_built_nor_part_of_the_run(monkeyp
         with_effect(configured(*MISSING, *other))
         for other in ([], ["gate=all"], ["data.simulation.training_views=true"])
     ]
-    assert effective(idle[0]) == effective(idle[1]) == effective(idle[2])
+    assert effective_config(idle[0]) == effective_config(idle[1]) == effective_config(idle[2])
     assert "gate" not in idle[0]
     monkeypatch.setattr(Simulator, "__init__", lambda self, *a, **k: pytest.fail("the simulator was built"))
     assert build(idle[0].data, samples={"cache": "unused"}).simulation is None
     shares = [
         with_effect(configured(*MISSING, "data.simulation.share=1.0", f"gate={gate}")) for gate in ("all", "random")
     ]
-    assert len({str(effective(cfg)) for cfg in (*shares, *idle)}) == 3
+    assert len({str(effective_config(cfg)) for cfg in (*shares, *idle)}) == 3
 
 
 def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
@@ -144,8 +144,8 @@ def test_weights_to_begin_with_are_named_by_what_they_hold(tmp_path):
     shipped, copy, other = (
         with_effect(configured(*MISSING, f"initial={one}")) for one in ("lr_tiny", copied, "lr_base")
     )
-    assert effective(shipped) == effective(copy)
-    assert len({str(effective(cfg)) for cfg in (plainly, shipped, other)}) == 3
+    assert effective_config(shipped) == effective_config(copy)
+    assert len({str(effective_config(cfg)) for cfg in (plainly, shipped, other)}) == 3
 
 
 def test_training_begins_with_weights_and_its_card_tells_of_them(plane_run, other_plane_run, tmp_path):
@@ -191,7 +191,7 @@ def test_parts_begin_with_weights_of_their_own():
         _network(other)
     with pytest.raises(InputError, match="no part of the network"):
         _network(configured(*cascade, "+initial.third=lr_tiny"))
-    assert len({str(effective(with_effect(one))) for one in (cfg, other, configured(*cascade))}) == 3
+    assert len({str(effective_config(with_effect(one))) for one in (cfg, other, configured(*cascade))}) == 3
 
 
 def test_training_on_simulated_renders_writes_a_card(plane_run, other_plane_run, tmp_path):

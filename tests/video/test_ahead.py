@@ -3,7 +3,7 @@ import threading
 import pytest
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.video.ahead import ahead
+from gaussian_enhancer.video.ahead import compute_ahead
 
 
 def test_items_come_in_their_order_from_another_thread():
@@ -14,7 +14,7 @@ def test_items_come_in_their_order_from_another_thread():
             threads.add(threading.get_ident())
             yield index
 
-    assert list(ahead(items(), 3)) == list(range(7))
+    assert list(compute_ahead(items(), 3)) == list(range(7))
     assert len(threads) == 1
     assert threading.get_ident() not in threads
 
@@ -27,7 +27,7 @@ def test_the_next_item_is_made_while_one_is_in_use():
         made.set()
         yield 1
 
-    stages = ahead(items(), 1)
+    stages = compute_ahead(items(), 1)
     assert next(stages) == 0
     assert made.wait(60)
     assert list(stages) == [1]
@@ -41,7 +41,7 @@ def test_no_more_is_made_than_asked_for_and_none_after_an_early_end():
             begun.append(index)
             yield index
 
-    stages = ahead(items(), 2)
+    stages = compute_ahead(items(), 2)
     assert next(stages) == 0
     stages.close()
     assert len(begun) <= 3
@@ -52,14 +52,14 @@ def test_an_error_comes_in_its_turn():
         yield 0
         raise InputError("frame 1", "is damaged", "delete it")
 
-    stages = ahead(items(), 3)
+    stages = compute_ahead(items(), 3)
     assert next(stages) == 0
     with pytest.raises(InputError, match="frame 1"):
         next(stages)
 
 
 def test_stages_can_be_chained():
-    assert list(ahead((2 * one for one in ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
+    assert list(compute_ahead((2 * one for one in compute_ahead(range(5))), 1)) == [0, 2, 4, 6, 8]
 
 
 def test_what_comes_before_ends_with_it():
@@ -71,7 +71,7 @@ def test_what_comes_before_ends_with_it():
         finally:
             ended.append(threading.get_ident())
 
-    stages = ahead((one for one in ahead(items())), 1)
+    stages = compute_ahead((one for one in compute_ahead(items())), 1)
     assert next(stages) == 0
     stages.close()
     assert ended == [threading.get_ident()]
@@ -89,7 +89,7 @@ def test_ctrl_c_in_the_consumer_ends_every_stage():
             ended.set()
 
     with pytest.raises(KeyboardInterrupt):
-        stopped(ahead(one for one in ahead(items())))
+        stopped(compute_ahead(one for one in compute_ahead(items())))
     assert ended.is_set()
     assert len(begun) < 10
 

@@ -78,7 +78,7 @@ def filmed(
     smoothing: float = 0.0,
     overlapped: bool | None = True,
 ) -> Film:
-    config = PathReferences.of(ReferenceConfig())
+    config = PathReferences.from_config(ReferenceConfig())
     enhancer = SetEnhancer(
         network or Brightening(), config, precision="float32", temporal_smoothing=smoothing, colour_clamping=0
     )
@@ -99,7 +99,7 @@ def test_four_slow_stages_take_hardly_longer_than_one(tmp_path: Path) -> None:
 def test_frames_come_in_order_and_are_those_of_one_stage_after_the_other(tmp_path: Path) -> None:
     together = filmed(path(), FrameFolder(tmp_path / "a"), smoothing=0.5)
     apart = filmed(path(), FrameFolder(tmp_path / "b"), smoothing=0.5)
-    one_by_one = list(apart.written(list(apart.enhanced(list(apart.drawn())))))
+    one_by_one = list(apart.write_frames(list(apart.enhance_frames(list(apart.draw_frames())))))
     found = list(together)
     assert [frame.index for frame in found] == list(range(FRAMES))
     for one, other in zip(found, one_by_one, strict=True):

@@ -3,13 +3,13 @@ import torch
 from PIL import Image
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 from gaussian_enhancer.video.frames import FrameFolder, frame_name
 
 
 def test_a_frame_comes_back_with_its_candidates(tmp_path):
     folder = FrameFolder(tmp_path / "frames")
-    image = quantised(torch.rand(3, 6, 8))
+    image = quantise_8_bit(torch.rand(3, 6, 8))
     assert not folder.has(3)
     folder.write(3, image, ["b.png", "ä.png"])
     assert folder.has(3)

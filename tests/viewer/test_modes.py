@@ -6,7 +6,7 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.report.figures import colour_map
 from gaussian_enhancer.types import identity_camera
-from gaussian_enhancer.viewer.modes import LARGEST, MODES, Mode, shaded
+from gaussian_enhancer.viewer.modes import LARGEST, MODES, Mode, apply_colour_map
 from gaussian_enhancer.viewer.stage import StageView, Times
 
 DARK, LIGHT = colour_map()[0], colour_map()[-1]
@@ -71,7 +71,7 @@ def test_the_modes_that_need_no_network_do_without():
 
 
 def test_values_outside_are_clamped():
-    found = shaded(torch.tensor([[-1.0, 2.0]]))
+    found = apply_colour_map(torch.tensor([[-1.0, 2.0]]))
     torch.testing.assert_close(found[:, 0, 0], DARK)
     torch.testing.assert_close(found[:, 0, 1], LIGHT)
 

@@ -19,7 +19,7 @@ from gaussian_enhancer.scene.path_files import read_path
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.page import PageSettings
 from gaussian_enhancer.viewer.saved import SavedFiles
-from gaussian_enhancer.viewer.serve import served
+from gaussian_enhancer.viewer.serve import serve_page
 from gaussian_enhancer.viewer.source import open_session
 
 pytestmark = pytest.mark.browser
@@ -106,7 +106,7 @@ def page(browser, configured, viewed, tmp_path_factory) -> Iterator[Opened]:
     session = open_session(configured(f"distilled={viewed / 'distilled.ply'}"), torch.device("cpu"))
     folder = tmp_path_factory.mktemp("saved") / "plane"
     settings = PageSettings(Mode("enhanced"), FULL, SMALL)
-    with served(session, SavedFiles(folder), settings, ("127.0.0.1", 0), told.append) as (_, address):
+    with serve_page(session, SavedFiles(folder), settings, ("127.0.0.1", 0), told.append) as (_, address):
         browser.get(address)
         opened = Opened(browser, folder, told)
         opened.until(lambda: opened.width == FULL, "the first full picture")

@@ -11,7 +11,7 @@ from gaussian_enhancer.runs.video import lay_path
 from gaussian_enhancer.scene.path_files import read_path
 from gaussian_enhancer.scene.photos import read_photo
 from gaussian_enhancer.viewer.cameras import PageCamera
-from gaussian_enhancer.viewer.saved import SavedFiles, path_through
+from gaussian_enhancer.viewer.saved import SavedFiles, path_through_cameras
 from support.job_config import initialised
 from support.synthetic_runs import plane_camera
 
@@ -20,7 +20,7 @@ KEPT = [PageCamera.of(CAPTURE[index]) for index in (0, 3, 7)]
 
 
 def test_a_saved_path_is_the_path_that_video_lays(tmp_path):
-    laid = path_through(KEPT, 320, 2.0, CAPTURE, 10.0)
+    laid = path_through_cameras(KEPT, 320, 2.0, CAPTURE, 10.0)
     file = SavedFiles(tmp_path / "saved").path(laid, 10.0)
     assert file.name == "path_001.json"
     with initialised():
@@ -37,7 +37,7 @@ def test_a_saved_path_is_the_path_that_video_lays(tmp_path):
 
 def test_frames_have_the_first_cameras_aspect_and_each_its_own_lens():
     wide = dataclasses.replace(KEPT[1], aspect=3.0, fov=1.5)
-    laid = path_through([KEPT[0], wide], 320, 1.0, CAPTURE)
+    laid = path_through_cameras([KEPT[0], wide], 320, 1.0, CAPTURE)
     assert {(camera.height, camera.width) for camera in laid} == {(240, 320)}
     assert len(laid) == 30
     assert float(laid[0].K[1, 1]) > float(laid[-1].K[1, 1])
@@ -45,10 +45,10 @@ def test_frames_have_the_first_cameras_aspect_and_each_its_own_lens():
 
 def test_a_path_that_video_would_refuse_is_not_saved():
     with pytest.raises(InputError, match="camera path: passes 1 cameras; add the cameras"):
-        path_through(KEPT[:1], 320, 2.0, CAPTURE)
+        path_through_cameras(KEPT[:1], 320, 2.0, CAPTURE)
     far = dataclasses.replace(KEPT[1], position=(0.0, 0.0, -50.0))
     with pytest.raises(InputError, match="camera path: leaves the capture"):
-        path_through([KEPT[0], far], 320, 2.0, CAPTURE)
+        path_through_cameras([KEPT[0], far], 320, 2.0, CAPTURE)
 
 
 def test_a_view_is_saved_with_its_camera_and_none_is_replaced(tmp_path):

@@ -15,12 +15,12 @@ from torch import Tensor
 
 from gaussian_enhancer.align.depth_search import SEARCHES, DepthKind, Source, refine_depth
 from gaussian_enhancer.align.exposure import apply_colour, fit_colour, fit_exposure
-from gaussian_enhancer.align.photo_consistency import photo_consistent, photometric_difference, rank, worth_of
-from gaussian_enhancer.align.projection import Interpolation, array, compiled
+from gaussian_enhancer.align.photo_consistency import hide_inconsistent, photometric_difference, rank, reference_weight
+from gaussian_enhancer.align.projection import Interpolation, can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped, fill_depth, footprint_between, reproject
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.photos import resize
-from gaussian_enhancer.types import Camera, Region, precise
+from gaussian_enhancer.types import Camera, Region, single_precision
 
 NOT_IMAGES = "name", "camera", "read_fine"
 """Fields of `Pixels` that hold no image."""
@@ -57,13 +57,13 @@ class Pixels:
             return None
         return fit_exposure(resize(self.image, *self.render.shape[-2:]), self.render)
 
-    def on(self, device: torch.device) -> "Pixels":
+    def to_device(self, device: torch.device) -> "Pixels":
         """The view with its images on a device; its camera, of which a few numbers are read, stays."""
         return self._map_images(lambda image: image.to(device))
 
-    def precise(self) -> "Pixels":
+    def to_single_precision(self) -> "Pixels":
         """The view with its images in single precision where they were in half."""
-        return self._map_images(precise)
+        return self._map_images(single_precision)
 
     def _map_images(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
         """The view with its images changed; the same object, with its cached values, if no image changes."""
@@ -112,7 +112,7 @@ class Unwarped:
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         """Take the first ``keep`` references."""
         height, width = target.image.shape[-2:]
-        chosen = [reference.precise() for reference in references[:keep]]
+        chosen = [reference.to_single_precision() for reference in references[:keep]]
         warped = []
         for reference in chosen:
             image = resize(reference.image, height, width)
@@ -173,7 +173,9 @@ class Reprojected:
             InputError: a view has no camera, or the target no depth.
         """
         with torch.autocast(target.image.device.type, enabled=False):
-            return self._warp(target.precise(), [reference.precise() for reference in references], keep)
+            return self._warp(
+                target.to_single_precision(), [reference.to_single_precision() for reference in references], keep
+            )
 
     def _warp(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
         if not references or keep == 0:
@@ -203,9 +205,9 @@ class Reprojected:
                 one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
             difference = photometric_difference(one, target.image)
             if self.photo_consistency is not None:
-                one = photo_consistent(one, difference, self.photo_consistency)
+                one = hide_inconsistent(one, difference, self.photo_consistency)
             warped.append(one)
-            worth.append(worth_of(one, difference, self.softness))
+            worth.append(reference_weight(one, difference, self.softness))
         order = rank(worth, keep)
         reads, fine = _fine_reads([references[i] for i in order]), None
         if reads:
@@ -278,13 +280,13 @@ def _write_fine_rows(
         top: the first of the rows.
         result: is written.
     """
-    if compiled(finely.colour, finely.visibility, coarse, result):
+    if can_use_kernels(finely.colour, finely.visibility, coarse, result):
         from gaussian_enhancer.align.reproject_kernels import finish_fine
         from gaussian_enhancer.splat.compiled import kernel_lock
 
         inputs = finely.colour, finely.visibility[0], colours, coarse
         with kernel_lock:
-            finish_fine(*map(array, inputs), top, result.numpy())
+            finish_fine(*map(kernel_image, inputs), top, result.numpy())
         return
     bottom = top + finely.colour.shape[-2]
     colour = F.interpolate(coarse[None, :, top // 4 : -(-bottom // 4)], scale_factor=4)[0]

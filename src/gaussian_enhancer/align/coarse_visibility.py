@@ -28,7 +28,7 @@ def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pi
     return replace(warp, depth="exact")(target, candidates, len(candidates))
 
 
-def shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
+def visible_shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
     """Share of the target's visible surface that each candidate shows, in [0, 1], best first.
 
     Args:
@@ -41,7 +41,7 @@ def shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, flo
     return dict(zip(seen.names, fractions, strict=True))
 
 
-def coarse(pixels: Pixels, edge: int = EDGE) -> Pixels:
+def coarsen(pixels: Pixels, edge: int = EDGE) -> Pixels:
     """A view on a coarse grid: colours averaged, depth and opacity read at single pixels, which mixes no surfaces."""
 
     def sized(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:

@@ -7,13 +7,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.types import precise, usable
+from gaussian_enhancer.types import single_precision, usable_depth
 
 
 def depth_unit(depth: Float[Tensor, "b 1 h w"]) -> Float[Tensor, " b"]:
     """The median usable depth of each image, 1 where there is none: the length that counts as 1."""
-    known_depth = torch.where(usable(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
-    return torch.nan_to_num(precise(known_depth).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
+    known_depth = torch.where(usable_depth(depth), depth, torch.full_like(depth, torch.nan)).flatten(1)
+    return torch.nan_to_num(single_precision(known_depth).nanmedian(dim=1).values, nan=1.0).clamp_min(1e-30)
 
 
 def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor, " b"]) -> Float[Tensor, "b 1 h w"]:
@@ -23,6 +23,6 @@ def normalised_inverse_depth(depth: Float[Tensor, "b 1 h w"], unit: Float[Tensor
         depth: z in scene units.
         unit: the length that counts as 1, > 0.
     """
-    known = usable(depth)
-    ratio = unit[:, None, None, None] / precise(torch.where(known, depth, torch.ones_like(depth)))
+    known = usable_depth(depth)
+    ratio = unit[:, None, None, None] / single_precision(torch.where(known, depth, torch.ones_like(depth)))
     return torch.where(known, ratio.clamp(0, 4), torch.zeros_like(ratio))

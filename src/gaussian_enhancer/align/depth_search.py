@@ -20,15 +20,15 @@ from gaussian_enhancer.align.photo_consistency import photometric_difference
 from gaussian_enhancer.align.projection import (
     IN_FRONT,
     ReferenceProjection,
-    array,
-    arrays,
-    compiled,
+    can_use_kernels,
+    kernel_image,
+    kernel_projection,
     land,
-    look_up,
     read_at,
+    sample_image,
 )
 from gaussian_enhancer.align.reproject import Warped, fill_depth
-from gaussian_enhancer.types import Camera, usable
+from gaussian_enhancer.types import Camera, usable_depth
 
 TINY = 1e-8
 """Added to variances of colour, so that rounding where photos are equal does not grow under the root."""
@@ -135,14 +135,14 @@ def refine_depth(
         consistent: let the photos' difference from each other count, as far as the kind's searches say.
     """
     if smooth and kind == "surface":
-        valid = usable(depth)
+        valid = usable_depth(depth)
         depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
     for how in SEARCHES[kind] if sources else ():
         how = how if consistent else replace(how, inconsistency=0.0)
         z = fill_depth(depth).to(render.dtype)[..., :: how.stride, :: how.stride].contiguous()
         image = render[..., :: how.stride, :: how.stride].contiguous()
         source_differences = [_prepare_source(target, z, image, source, how) for source in sources]
-        change = (_search_compiled if compiled(z, image) else search)(z, image, source_differences, how)
+        change = (_search_compiled if can_use_kernels(z, image) else search)(z, image, source_differences, how)
         change = _interpolate_change(change, how.stride, depth.shape[-2], depth.shape[-1])
         depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
     return depth
@@ -159,9 +159,9 @@ def search(
     for one in seen:
         landing = land(one.projection, z * multipliers)
         inside = (landing.inside * one.counts)[:, None]
-        away = (_apply_colours(look_up(one.photo, landing.x, landing.y), one.colours) - image) * inside
+        away = (_apply_colours(sample_image(one.photo, landing.x, landing.y), one.colours) - image) * inside
         count, total, squares = count + inside, total + away, squares + away.square().mean(1, keepdim=True)
-        rendered = (_apply_colours(look_up(one.render, landing.x, landing.y), one.colours) - image) * inside
+        rendered = (_apply_colours(sample_image(one.render, landing.x, landing.y), one.colours) - image) * inside
         difference = difference + rendered.abs().mean(1, keepdim=True)
     n = count.clamp_min(1)
     mean = difference / n
@@ -186,14 +186,16 @@ def _search_compiled(
     multipliers = np.exp(steps * np.float32(math.log1p(how.span)))
     cost, weight = np.empty((2, *z.shape[-2:], how.hypotheses), np.float32)
     best = np.empty(z.shape[-2:], np.float32)
-    matrices, offsets = (np.stack(one) for one in zip(*(arrays(one.projection)[:2] for one in seen), strict=True))
+    matrices, offsets = (
+        np.stack(one) for one in zip(*(kernel_projection(one.projection)[:2] for one in seen), strict=True)
+    )
     sizes = np.array([(one.projection.width, one.projection.height) for one in seen])
     with kernel_lock:
         images, starts = _side_by_side(seen)
         places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
-        colours = images, array(torch.cat([one.counts for one in seen])), _interleaved_channels(image)
+        colours = images, kernel_image(torch.cat([one.counts for one in seen])), _interleaved_channels(image)
         costs = np.float32(how.inconsistency), np.float32(TINY), cost, weight
-        find_costs(array(z[0]), multipliers, *places, *colours, *costs)
+        find_costs(kernel_image(z[0]), multipliers, *places, *colours, *costs)
         find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
     return torch.from_numpy(best)[None]
 
@@ -211,7 +213,7 @@ def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
     for start, length, one in zip(starts, rows, seen, strict=True):
         count = one.projection.height * one.projection.width
         pixels = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
-        pack(array(one.photo), array(one.render), array(one.colours), pixels)
+        pack(kernel_image(one.photo), kernel_image(one.render), kernel_image(one.colours), pixels)
         images[start + count : start + length] = 0
     return images, starts
 
@@ -228,7 +230,7 @@ def _prepare_source(
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)
     render = photo if source.render is None else _resized(source.render.to(image.dtype), height, width)
-    projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).strided(how.stride)
+    projection = ReferenceProjection.between(target, source.camera.resized(height, width), z).with_stride(how.stride)
     landing = land(projection, z)
     sampled = read_at(render, landing, (height, width), landing.inside)
     colours = fit_colour(sampled, image, landing.inside).to(photo)

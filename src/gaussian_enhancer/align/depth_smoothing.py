@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 
 STEPS = (4, 2)
 """Pixels between the 5x5 samples of each pass, as in the a-trous transform; the widest pass is first."""
@@ -41,12 +41,14 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
     for step in STEPS:
         margin = (REACH * step,) * 4
         padded, colours = (F.pad(image[None], margin, mode="replicate")[0] for image in (depth, render.to(depth)))
-        fit = _fitted_compiled if compiled(padded, colours) else fitted
+        fit = _fit_planes_compiled if can_use_kernels(padded, colours) else fit_planes_torch
         depth = depth / (1 + fit(padded, colours, step))
     return depth
 
 
-def fitted(depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int) -> Float[Tensor, "1 h w"]:
+def fit_planes_torch(
+    depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int
+) -> Float[Tensor, "1 h w"]:
     """Distance of each pixel's fitted plane beyond it, as a share of its inverse depth; readable twin of the kernel.
 
     Args:
@@ -78,7 +80,7 @@ def fitted(depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: 
     return (p - across * xp - down * yp) / (one - across * x - down * y)
 
 
-def _fitted_compiled(
+def _fit_planes_compiled(
     depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int
 ) -> Float[Tensor, "1 h w"]:
     """The same by a compiled kernel."""
@@ -89,5 +91,5 @@ def _fitted_compiled(
     result = depth.new_empty(1, height, width)
     constants = (np.float32(value) for value in (1 / SPREAD, 1 / (3 * CONTRAST), RIDGE, FURTHEST))
     with kernel_lock:
-        fit_planes(array(depth[0]), array(render), step, REACH, *constants, result[0].numpy())
+        fit_planes(kernel_image(depth[0]), kernel_image(render), step, REACH, *constants, result[0].numpy())
     return result

@@ -1,4 +1,4 @@
-"""Compiled fit of planes to depth: the same as `depth_smoothing.fitted`, row by row so that loops vectorise.
+"""Compiled fit of planes to depth: the same as `depth_smoothing.fit_planes_torch`, row by row so that loops vectorise.
 
 Axes: h height, w width; images are (channels, height, width) float32.
 """

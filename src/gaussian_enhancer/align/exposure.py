@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import array, compiled
-from gaussian_enhancer.types import precise
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
+from gaussian_enhancer.types import single_precision
 
 LEAST_MASS = 1e-3
 """Visible blocks below which no colours are fitted: gain 1 and offset 0."""
@@ -42,10 +42,10 @@ def fit_colour(
         Gain and offset of each channel; gains lie in [1/3, 3].
     """
     step = min(4, *source.shape[-2:])
-    if compiled(source, target, weight):
+    if can_use_kernels(source, target, weight):
         return _fit_compiled(source, target, weight, step, robustness, prior, iterations)
-    mass = F.avg_pool2d(precise(weight), step).flatten(1).double()
-    averaged = (F.avg_pool2d(precise(image) * weight, step).flatten(1).double() for image in (source, target))
+    mass = F.avg_pool2d(single_precision(weight), step).flatten(1).double()
+    averaged = (F.avg_pool2d(single_precision(image) * weight, step).flatten(1).double() for image in (source, target))
     s, t = (image / mass.clamp_min(1e-6) for image in averaged)
     gain, offset = mass.new_ones(3, 1), mass.new_zeros(3, 1)
     if float(mass.sum()) < LEAST_MASS:
@@ -79,7 +79,7 @@ def _fit_compiled(
     mass, means = np.empty(blocks, np.float32), np.empty((2, 3, blocks), np.float32)
     result = torch.tensor([[1.0, 0.0]], dtype=torch.float64).repeat(3, 1)
     with kernel_lock:
-        block_means(array(source), array(target), array(weight[0]), step, mass, means)
+        block_means(kernel_image(source), kernel_image(target), kernel_image(weight[0]), step, mass, means)
         if float(mass.sum(dtype=np.float64)) >= LEAST_MASS:
             fit_channels(mass, means, robustness, prior, iterations, result.numpy())
     return result
@@ -109,6 +109,6 @@ def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"])
     return (image * transform[:, :1, None]).add_(transform[:, 1:, None]).clamp_(0, 1)
 
 
-def in_exposure_of(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
+def match_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
     """A photo brought to the exposure of the render of its view (`fit_exposure`)."""
     return apply_colour(photo, fit_exposure(photo, render))

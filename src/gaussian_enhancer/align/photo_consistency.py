@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped
 
 WINDOW = 7
@@ -25,7 +25,7 @@ def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     agreement decides among those that show the same.
 
     Args:
-        worth: of each reference at each pixel, at least 0 (`worth_of`).
+        worth: of each reference at each pixel, at least 0 (`reference_weight`).
         keep: how many to return at most.
     """
     if not worth:
@@ -43,7 +43,9 @@ def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     return order
 
 
-def worth_of(warped: Warped, difference: Float[Tensor, "1 h w"], softness: float = 0.08) -> Float[Tensor, "1 h w"]:
+def reference_weight(
+    warped: Warped, difference: Float[Tensor, "1 h w"], softness: float = 0.08
+) -> Float[Tensor, "1 h w"]:
     """A reference's worth at each pixel: visibility x exp(-difference / softness).
 
     Args:
@@ -62,7 +64,7 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
         image: the render.
     """
     seen = warped.visibility
-    if compiled(warped.colour, image, seen):
+    if can_use_kernels(warped.colour, image, seen):
         return _rank_compiled(warped, image)
     difference = (warped.colour - image).abs().mean(0, keepdim=True)
     weighted, total = F.avg_pool2d(
@@ -79,12 +81,16 @@ def _rank_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tenso
     result = torch.empty_like(warped.visibility, memory_format=torch.contiguous_format)
     with kernel_lock:
         window_difference(
-            array(warped.colour), array(image), array(warped.visibility[0]), WINDOW // 2, result[0].numpy()
+            kernel_image(warped.colour),
+            kernel_image(image),
+            kernel_image(warped.visibility[0]),
+            WINDOW // 2,
+            result[0].numpy(),
         )
     return result
 
 
-def photo_consistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit: float) -> Warped:
+def hide_inconsistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit: float) -> Warped:
     """Set the reference's visibility to 0 where it differs from the render by more than a limit.
 
     Args:

@@ -60,7 +60,7 @@ class ReferenceProjection:
         matrix, offset = K @ rotation @ torch.linalg.inv(target.K.double()), K @ translation
         return cls(matrix.to(like), offset.to(like), reference.height, reference.width)
 
-    def strided(self, step: int) -> "ReferenceProjection":
+    def with_stride(self, step: int) -> "ReferenceProjection":
         """The map of every ``step``-th pixel of each row and column, from the first."""
         shift = (1 - step) / 2
         corner = self.matrix[:, 2] + shift * (self.matrix[:, 0] + self.matrix[:, 1])
@@ -96,7 +96,7 @@ def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Land
         projection: from the target to the reference.
         depth: z of the target, > 0 and finite.
     """
-    if len(depth) != 1 or not compiled(depth):
+    if len(depth) != 1 or not can_use_kernels(depth):
         x, y, _, inside = _landing(projection, depth)
         return Landing(x, y, inside.to(depth.dtype))
     from gaussian_enhancer.align.reproject_kernels import land as kernel
@@ -104,7 +104,7 @@ def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Land
 
     x, y, inside = (torch.empty_like(depth, memory_format=torch.contiguous_format) for _ in range(3))
     with kernel_lock:
-        kernel(array(depth[0]), *arrays(projection), x[0].numpy(), y[0].numpy(), inside[0].numpy())
+        kernel(kernel_image(depth[0]), *kernel_projection(projection), x[0].numpy(), y[0].numpy(), inside[0].numpy())
     return Landing(x, y, inside)
 
 
@@ -119,10 +119,12 @@ def depth_consistency(
         seen: z that the reference renders, of any size, read at the nearest pixel; where it is 0 the result is 1.
         tolerance: relative depth difference of one standard deviation, > 0.
     """
-    if not compiled(depth, seen):
+    if not can_use_kernels(depth, seen):
         x, y, z, _ = _landing(projection, depth)
         rows, columns = seen.shape[-2:]
-        sampled_depth = look_up(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[:, 0]
+        sampled_depth = sample_image(seen, x * (columns / projection.width), y * (rows / projection.height), "nearest")[
+            :, 0
+        ]
         difference = (z - sampled_depth) / (tolerance * z.clamp_min(torch.finfo(z.dtype).tiny))
         return torch.where(sampled_depth > 0, torch.exp(-0.5 * difference**2), 1.0)
     from gaussian_enhancer.align.reproject_kernels import check
@@ -130,7 +132,13 @@ def depth_consistency(
 
     result = torch.empty_like(depth, memory_format=torch.contiguous_format)
     with kernel_lock:
-        check(array(depth[0]), *arrays(projection), array(seen[0]), np.float32(tolerance), result[0].numpy())
+        check(
+            kernel_image(depth[0]),
+            *kernel_projection(projection),
+            kernel_image(seen[0]),
+            np.float32(tolerance),
+            result[0].numpy(),
+        )
     return result
 
 
@@ -144,7 +152,7 @@ def read_both(
 ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
     """`read_at` of two images; where they are of one size, cubic convolution reads them together."""
     together = interpolation == "bicubic" and image.shape == other.shape
-    if not (together and compiled(image, other, landing.x, where)):
+    if not (together and can_use_kernels(image, other, landing.x, where)):
         first, second = (read_at(one, landing, size, where, interpolation) for one in (image, other))
         return first, second
     from gaussian_enhancer.align.reproject_kernels import read_cubic_pair
@@ -152,9 +160,9 @@ def read_both(
 
     down, across = (np.float32(side / whole) for side, whole in zip(image.shape[-2:], size, strict=True))
     first, second = (image.new_empty(len(image), *where.shape[-2:]) for _ in range(2))
-    positions = array(landing.x[0]), array(landing.y[0]), across, down, array(where[0])
+    positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), across, down, kernel_image(where[0])
     with kernel_lock:
-        read_cubic_pair(array(image), array(other), *positions, first.numpy(), second.numpy())
+        read_cubic_pair(kernel_image(image), kernel_image(other), *positions, first.numpy(), second.numpy())
     return first, second
 
 
@@ -178,22 +186,22 @@ def read_at(
     eight_bit = image.dtype == torch.uint8
     if eight_bit and interpolation != "bilinear":
         raise ValueError("8-bit images are read bilinearly")
-    if not ((eight_bit or compiled(image)) and compiled(landing.x, where)):
+    if not ((eight_bit or can_use_kernels(image)) and can_use_kernels(landing.x, where)):
         values = image.to(landing.x) if eight_bit else image
-        samples = look_up(values, landing.x * across, landing.y * down, interpolation)[0]
+        samples = sample_image(values, landing.x * across, landing.y * down, interpolation)[0]
         return (samples if interpolation == "bilinear" else samples.clamp(0, 1)) * (where > 0)
     from gaussian_enhancer.align.reproject_kernels import read, read_cubic
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = where.new_empty(len(image), *where.shape[-2:])
-    positions = array(landing.x[0]), array(landing.y[0]), np.float32(across), np.float32(down)
+    positions = kernel_image(landing.x[0]), kernel_image(landing.y[0]), np.float32(across), np.float32(down)
     with kernel_lock:
         kernel = read if interpolation == "bilinear" else read_cubic
-        kernel(array(image), *positions, array(where[0]), result.numpy())
+        kernel(kernel_image(image), *positions, kernel_image(where[0]), result.numpy())
     return result
 
 
-def look_up(
+def sample_image(
     image: Float[Tensor, "c p q"], x: Float[Tensor, "m h w"], y: Float[Tensor, "m h w"], mode: str = "bilinear"
 ) -> Float[Tensor, "m c h w"]:
     """Read an image at pixel positions; outside, the border's colours.
@@ -211,7 +219,7 @@ def look_up(
     return samples.view(-1, count, height, width).transpose(0, 1)
 
 
-def compiled(*images: Tensor) -> bool:
+def can_use_kernels(*images: Tensor) -> bool:
     """Whether the compiled kernels can be used: single precision, on the CPU, and no gradient needed."""
     return all(
         image.device.type == "cpu"
@@ -221,12 +229,14 @@ def compiled(*images: Tensor) -> bool:
     )
 
 
-def array(image: Tensor) -> np.ndarray:
+def kernel_image(image: Tensor) -> np.ndarray:
     """An image as kernels read it."""
     return image.detach().contiguous().numpy()
 
 
-def arrays(projection: ReferenceProjection) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
+def kernel_projection(
+    projection: ReferenceProjection,
+) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
     """A projection as kernels read it: matrix, offset, width and height of the reference, and least z before it."""
     matrix, offset = (value.detach().float().contiguous().numpy() for value in (projection.matrix, projection.offset))
     return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(IN_FRONT)

@@ -43,7 +43,7 @@ class ReferenceConfig:
                 "candidates", f"is {self.candidates} for {self.references} references", "consider at least as many"
             )
 
-    def reaches(self, view: RenderedView) -> bool:
+    def can_align(self, view: RenderedView) -> bool:
         """Whether references can be brought to a target: to warp them takes its camera and its depth."""
         return not isinstance(self.warp, Reprojected) or (view.camera is not None and view.read_depth is not None)
 
@@ -66,7 +66,7 @@ class ReferenceConfig:
         """
         chosen = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
         device = target.image.device
-        return self.warp(target, [pool.read(index, self.fine).on(device) for index in chosen], self.references)
+        return self.warp(target, [pool.read(index, self.fine).to_device(device) for index in chosen], self.references)
 
 
 class Pool:

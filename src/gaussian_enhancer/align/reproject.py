@@ -20,7 +20,7 @@ from gaussian_enhancer.align.projection import (
     read_at,
     read_both,
 )
-from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable
+from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable_depth
 
 FAINTEST = 1 / 255
 FINER = 1.2
@@ -51,12 +51,12 @@ def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
     near and far leans to neither by scale. A map without any valid depth becomes 1 everywhere.
 
     Args:
-        depth: z in scene units; what is not `usable` is a hole.
+        depth: z in scene units; what is not `usable_depth` is a hole.
     """
     least, most = depth.aminmax()  # not a number where one value is none
     if bool((least > 0) & (most < torch.inf) & (most <= FARTHEST_DEPTH)):
         return depth
-    valid = usable(depth)
+    valid = usable_depth(depth)
     inverse = torch.where(valid, 1.0 / torch.where(valid, depth, torch.ones_like(depth)), torch.zeros_like(depth))
     levels = [(inverse[None], valid[None].to(depth.dtype))]
     while max(levels[-1][0].shape[-2:]) > 1:
@@ -112,7 +112,7 @@ def reproject(
     landing = land(projection, fill_depth(depth))
     visibility = landing.inside
     if alpha is None:
-        visibility = visibility * usable(depth)
+        visibility = visibility * usable_depth(depth)
     else:
         visibility = visibility * alpha.to(dtype).clamp(0, 1)
     if reference_depth is not None:

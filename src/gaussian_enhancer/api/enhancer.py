@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Reprojected, Unwarped
-from gaussian_enhancer.api.images import read_images, read_planes, same_size, sequence_of
+from gaussian_enhancer.api.images import check_same_size, one_per_image, read_images, read_planes
 from gaussian_enhancer.api.references import KnownReferences, Reference, sized_camera
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
@@ -167,7 +167,7 @@ class Enhancer:
         if not known.views:
             config = EnhancementOptions(max_references=0).reference_config(self.pretrained, "expected")
         validated = validate_inputs(rendered, config, rules, self.scale, known.pool)
-        if validated.lacks:
+        if validated.missing_references:
             reasons = [item.why for item in validated.parts if not item.used and item.name in REASONS]
             warnings.warn("; ".join(filter(None, reasons)), stacklevel=2)
         self._cache_references(known, validated)
@@ -177,7 +177,7 @@ class Enhancer:
         result = torch.stack([item.image for item in enhanced])
         if planner is not None:
             planner.known.clear()
-        return kind.restored(result)
+        return kind.restore_kind(result)
 
     def _known_references(self, references: Sequence[Reference] | None) -> KnownReferences:
         """References of a call: those that were added, or given ones, cached while calls give the same objects."""
@@ -185,7 +185,7 @@ class Enhancer:
             return self._kept
         if isinstance(references, Reference):
             raise InputError("references", "is one reference", "give a list: references=[reference]")
-        if not self._given.same(references):
+        if not self._given.are_same(references):
             self._given = KnownReferences.of(tuple(references), self.reference_config.fine)
         return self._given
 
@@ -200,9 +200,9 @@ class Enhancer:
         }
         for what, plane in planes.items():
             if plane is not None:
-                same_size(what, plane, "render", images)
-        cameras = sequence_of("camera", camera, count, batch)
-        names = [label or f"render {i}" for i, label in enumerate(sequence_of("name", name, count, batch))]
+                check_same_size(what, plane, "render", images)
+        cameras = one_per_image("camera", camera, count, batch)
+        names = [label or f"render {i}" for i, label in enumerate(one_per_image("name", name, count, batch))]
         if len(set(names)) < count:
             raise InputError("name", f"is {names}", "give each render of a batch a name of its own")
         return tuple(

@@ -12,7 +12,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import lost_references, prepared, with_geometry
+from gaussian_enhancer.runs.enhancement import lost_references, prepare_enhancement, recover_missing_geometry
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos, high_resolution_values
 from gaussian_enhancer.runs.inputs import InputPaths
 from gaussian_enhancer.runs.output import write_enhanced
@@ -101,12 +101,12 @@ def enhance_folder(
     )
     task = paths.read(target_device.type, pretrained.reference_config.fine)
     if recover_geometry:
-        task = with_geometry(task, pretrained, settings, Path(output) / "geometry")
-    enhancer, task, validated = prepared(pretrained, task, settings, target_device)
+        task = recover_missing_geometry(task, pretrained, settings, Path(output) / "geometry")
+    enhancer, task, validated = prepare_enhancement(pretrained, task, settings, target_device)
     planner = validated.planner(settings.rules)
     for read_file in file_reads(validated, False, planner, False):
         read_file()
-    for reason in filter(None, (task.note, *validated.lacks, *lost_references(enhancer, task, validated))):
+    for reason in filter(None, (task.note, *validated.missing_references, *lost_references(enhancer, task, validated))):
         warnings.warn(reason, stacklevel=2)
     images = enhancer(task.rendered, planner, validated.pool)
     enhanced = write_enhanced(images, Path(output), task.rendered, enhancer.network.scale)

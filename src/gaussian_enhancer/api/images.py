@@ -31,7 +31,7 @@ class ImageKind:
     like: Array
     batch: bool
 
-    def restored(self, images: Float[Tensor, "b 3 h w"]) -> Array:
+    def restore_kind(self, images: Float[Tensor, "b 3 h w"]) -> Array:
         """Convert images in [0, 1] to the form of the given image.
 
         Args:
@@ -102,7 +102,7 @@ def read_planes(name: str, planes: Any, batch: bool) -> Float[Tensor, "b 1 h w"]
     return (values if batch else values[None])[:, None]
 
 
-def same_size(name: str, image: Tensor, other_name: str, other: Tensor) -> None:
+def check_same_size(name: str, image: Tensor, other_name: str, other: Tensor) -> None:
     """Refuse two maps of one view that differ in size or number.
 
     Raises:
@@ -147,7 +147,7 @@ def _in_range(name: str, values: Tensor) -> Tensor:
     return values.clamp(0, 1)
 
 
-def sequence_of(name: str, values: Any, count: int, batch: bool) -> Sequence[Any]:
+def one_per_image(name: str, values: Any, count: int, batch: bool) -> Sequence[Any]:
     """One value per image.
 
     Args:

@@ -107,7 +107,7 @@ class KnownReferences:
             views[name] = _view(reference, name, fine)
         return cls(tuple(references), tuple(views.values()))
 
-    def same(self, references: Sequence[Reference]) -> bool:
+    def are_same(self, references: Sequence[Reference]) -> bool:
         """Whether these are the same objects as the references in use."""
         return len(references) == len(self.references) and all(map(lambda a, b: a is b, references, self.references))
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from omegaconf import DictConfig, open_dict
 from rich.console import Console
 
-from gaussian_enhancer.cli.pipeline import enhanced, finished_fit, measured
+from gaussian_enhancer.cli.pipeline import enhance_run, fit_run, measure_run
 from gaussian_enhancer.console import print_line
-from gaussian_enhancer.metrics.comparison import compare, paired
+from gaussian_enhancer.metrics.comparison import compare, pair_records
 from gaussian_enhancer.report.measured_run import open_measured, write_page
 from gaussian_enhancer.report.terminal import comparison_table, reasons
 from gaussian_enhancer.runs.compose import compose_job
@@ -32,10 +32,10 @@ def run(cfg: DictConfig) -> float | None:
     console = Console(stderr=True)
     fit_folder = _fit(cfg, console)
     console.rule("2 of 3  enhance the held-out views", align="left")
-    folder = enhanced(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
+    folder = enhance_run(compose_job("enhance", cfg, run=str(fit_folder), weights=cfg.weights))
     console.rule("3 of 3  measure and show", align="left")
     measure_job = compose_job("measure", cfg, run=str(folder), lpips=cfg.lpips, backbones=cfg.backbones)
-    records, folder = measured(measure_job, fit_folder)
+    records, folder = measure_run(measure_job, fit_folder)
     measured_run = open_measured(folder)
     demo_run = open_run(cfg, "demo", measure_job.scene_name)
     page = demo_run.folder / "report.html"
@@ -46,7 +46,7 @@ def run(cfg: DictConfig) -> float | None:
     if missing_reasons := reasons(measured_run.views):
         print_line(Console(), missing_reasons)
     print_line(console, f"{page.resolve().as_uri()}\n{time.monotonic() - started:.0f} s")
-    return compare(paired(records), "psnr_aligned").gain
+    return compare(pair_records(records), "psnr_aligned").gain
 
 
 def _fit(cfg: DictConfig, console: Console) -> Path:
@@ -57,4 +57,4 @@ def _fit(cfg: DictConfig, console: Console) -> Path:
     previous = find_run(job, "fit")
     note = "  (done before)" if previous is not None and previous.done else ""
     console.rule(f"1 of 3  fit a splat to a sparse capture{note}", align="left")
-    return finished_fit(job).folder
+    return fit_run(job).folder

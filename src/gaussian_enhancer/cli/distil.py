@@ -8,7 +8,7 @@ from rich.console import Console
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.distil.task import (
     DistilTask,
-    better_splat,
+    improve_splat,
     read_distil_task,
     read_enhancer,
     run_configuration,
@@ -35,10 +35,10 @@ def run(cfg: DictConfig) -> float | None:
     Raises:
         InputError: the input cannot be read, an option is out of range, or a file cannot be written.
     """
-    return held_out_psnr(distilled(cfg).folder)[1]
+    return held_out_psnr(distil_run(cfg).folder)[1]
 
 
-def distilled(cfg: DictConfig) -> Run:
+def distil_run(cfg: DictConfig) -> Run:
     """Return the finished run, which is made where it is missing.
 
     Its folder has the layout of a fit's folder. Step 0 is the splat that was given.
@@ -55,7 +55,7 @@ def distilled(cfg: DictConfig) -> Run:
     job = open_run(run_configuration(cfg, task), "distil", task.capture.name)
     console = Console(stderr=True)
     if not job.done:
-        with status.discarded_if_refused(job.folder):
+        with status.discard_if_refused(job.folder):
             _run_distillation(job, task, enhancer, cfg, console)
     psnr_before, psnr_after = held_out_psnr(job.folder)
     quality = "no view held out" if psnr_after is None else f"held-out PSNR {psnr_before:.2f} -> {psnr_after:.2f} dB"
@@ -67,7 +67,7 @@ def _run_distillation(
     job: Run, task: DistilTask, enhancer: SetEnhancer | None, cfg: DictConfig, console: Console
 ) -> None:
     started = time.monotonic()
-    gaussians = better_splat(
+    gaussians = improve_splat(
         task,
         enhancer,
         job.folder,

@@ -14,12 +14,12 @@ from gaussian_enhancer.align.references import Pool
 from gaussian_enhancer.infer.enhancer import Enhanced, SetEnhancer
 from gaussian_enhancer.infer.plan import Plan
 from gaussian_enhancer.infer.planner import Planner
-from gaussian_enhancer.runs.enhancement import ready
+from gaussian_enhancer.runs.enhancement import load_enhancement
 from gaussian_enhancer.runs.output import write_one
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.train.processes import launch
-from gaussian_enhancer.train.share import gathered
+from gaussian_enhancer.train.share import gather
 from gaussian_enhancer.train.trainer import quieten, stopped_by_ctrl_c
 
 
@@ -55,7 +55,7 @@ class Prediction(LightningModule):
         self.written.append(replace(enhanced, image=torch.empty(3, 0, 0), plan=None))
 
 
-def predicted(
+def enhance_part(
     enhancer: SetEnhancer,
     rendered: RenderedSet,
     folder: Path,
@@ -92,11 +92,11 @@ def predicted(
     views: DataLoader[int] = DataLoader(range(len(rendered.targets)), batch_size=None)  # type: ignore[arg-type]
     with stopped_by_ctrl_c(trainer):
         trainer.predict(module, views, return_predictions=False)
-    enhanced_views = {enhanced.name: enhanced for enhanced in gathered(module.written)}
+    enhanced_views = {enhanced.name: enhanced for enhanced in gather(module.written)}
     return [enhanced_views[view.name] for view in rendered.targets]
 
 
-def enhanced_together(folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int) -> list[Enhanced]:
+def enhance_in_processes(folder: Path, plan: Plan, cfg: DictConfig, accelerator: str, processes: int) -> list[Enhanced]:
     """Enhance a set in several processes by a finished plan.
 
     Args:
@@ -120,6 +120,6 @@ def _enhance_part(cfg: DictConfig, folder: Path, plan: Plan, processes: int) -> 
     """Enhance one process's part of the views."""
     device = start(cfg.runtime)
     device = torch.device("cuda", int(os.environ["LOCAL_RANK"])) if device.type == "cuda" else device
-    enhancer, task, validated = ready(cfg, device)
+    enhancer, task, validated = load_enhancement(cfg, device)
     planner = validated.planner(plan.rules, plan.views)
-    return predicted(enhancer, task.rendered, folder, processes, cfg.runtime.progress, planner)
+    return enhance_part(enhancer, task.rendered, folder, processes, cfg.runtime.progress, planner)

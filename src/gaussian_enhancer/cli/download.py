@@ -11,7 +11,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeR
 
 from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain, require
+from gaussian_enhancer.runs.instantiate import plain_values, require
 from gaussian_enhancer.scene.checksum import check_archive
 from gaussian_enhancer.scene.datasets import Archive, Dataset, dataset_of
 from gaussian_enhancer.scene.extract import unpack
@@ -19,7 +19,7 @@ from gaussian_enhancer.scene.fetch import Patience, fetch
 from gaussian_enhancer.scene.wanted import Wanted, checksum_note, listing, needed_archives, wanted_scenes
 
 
-def written(cfg: DictConfig) -> Path | None:
+def output_path(cfg: DictConfig) -> Path | None:
     """The folder of archives and scenes; None where they are only listed."""
     return None if cfg.dry_run else Path(cfg.folder).expanduser()
 
@@ -34,7 +34,7 @@ def run(cfg: DictConfig) -> None:
         InputError: an unknown scene, an address that is refused, a wrong checksum, a full disk.
     """
     require(cfg)
-    dataset = dataset_of(plain(cfg.dataset))
+    dataset = dataset_of(plain_values(cfg.dataset))
     folder = Path(cfg.folder).expanduser()
     wanted = wanted_scenes(dataset, folder, _names(cfg, "scenes"), _names(cfg, "images"))
     for line in listing(dataset, folder, wanted):
@@ -89,7 +89,7 @@ def _progress(console: Console, shown: bool) -> Progress:
 
 def _names(cfg: DictConfig, key: str) -> tuple[str, ...] | None:
     """The names that an option lists, or None."""
-    value = plain(cfg)[key]
+    value = plain_values(cfg)[key]
     if value is None:
         return None
     if not isinstance(value, list) or not value or not all(isinstance(entry, str) for entry in value):

@@ -17,14 +17,14 @@ from gaussian_enhancer.infer.preload import file_reads
 from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.metrics.records import write_records
 from gaussian_enhancer.runs.compose import compose_job
-from gaussian_enhancer.runs.enhancement import lost_references, process_count, ready, with_effect
+from gaussian_enhancer.runs.enhancement import effective_options, load_enhancement, lost_references, process_count
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.output import cost_records, keep_sources, write_enhanced
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 
 
-def written(cfg: DictConfig) -> Path | None:
+def output_path(cfg: DictConfig) -> Path | None:
     """The folder ``output``, which is no run; None where a run's folder is made, or nothing is written."""
     return Path(cfg.output) if cfg.output and not cfg.dry_run else None
 
@@ -50,8 +50,8 @@ def run(cfg: DictConfig) -> float | None:
     count = process_count(cfg)
     if cfg.distil:
         cfg = _with_distilled_splat(cfg)
-    cfg = within_budget(cfg, ready, start(cfg.runtime), console)
-    enhancer, task, validated = ready(cfg, start(cfg.runtime))
+    cfg = within_budget(cfg, load_enhancement, start(cfg.runtime), console)
+    enhancer, task, validated = load_enhancement(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
     planner = validated.planner(rules)
     hidden = hides_progress(cfg, console)
@@ -59,7 +59,7 @@ def run(cfg: DictConfig) -> float | None:
     for read_file in track(reads, "reading", console=console, disable=hidden):
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
-    notes = validated.lacks if rules.full and not cfg.dry_run else (plan.table(),)
+    notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
     _print_lines([task.note, *notes], Console() if cfg.dry_run else console)
     for warning in lost_references(enhancer, task, validated):
         console.print(f"WARNING: {warning}", style="bold red", highlight=False, soft_wrap=True, markup=False)
@@ -69,16 +69,16 @@ def run(cfg: DictConfig) -> float | None:
     def written_to(folder: Path) -> list[Enhanced]:
         total = len(task.rendered.targets)
         if min(count, total) > 1:
-            from gaussian_enhancer.cli.distributed_enhance import enhanced_together  # loads lightning
+            from gaussian_enhancer.cli.distributed_enhance import enhance_in_processes  # loads lightning
 
-            return enhanced_together(folder, plan, cfg, enhancer.device.type, min(count, total))
+            return enhance_in_processes(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, validated.pool)
         tracked = track(images, "enhancing", total=total, console=console, disable=hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
         return _print_summary(written_to(Path(cfg.output)), Path(cfg.output), console)
-    job = open_run(with_effect(cfg), "enhance", task.rendered.name)
+    job = open_run(effective_options(cfg), "enhance", task.rendered.name)
     step_folder = job.folder / "test" / f"ours_{task.step}"
     enhanced_views = written_to(step_folder / "enhanced")
     keep_sources(task.rendered, step_folder, enhancer.network.scale)
@@ -97,7 +97,7 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
     Raises:
         InputError: there is no splat to distil, options contradict ``distil``, or the splat cannot be distilled.
     """
-    from gaussian_enhancer.cli.distil import distilled  # imports training, which nothing else here needs
+    from gaussian_enhancer.cli.distil import distil_run  # imports training, which nothing else here needs
 
     if cfg.run is None and cfg.gaussians is None:
         raise InputError("distil", "is asked for without a splat", "give run=FOLDER, or gaussians=FILE with scene=...")
@@ -106,7 +106,7 @@ def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
             raise InputError(name, "comes with distil=true, which makes another splat", f"leave out {name} or distil")
     shared = {name: cfg[name] for name in ("run", "gaussians", "invalid", "method")}
     scene = {"scene": cfg.scene} if "scene" in cfg else {}
-    folder = distilled(compose_job("distil", cfg, **shared, **scene)).folder
+    folder = distil_run(compose_job("distil", cfg, **shared, **scene)).folder
     distilled_cfg = cfg.copy()
     if cfg.run is not None:
         distilled_cfg.run = str(folder)

@@ -41,7 +41,7 @@ def run(cfg: DictConfig) -> float | None:
     if not job.done:
         stopwatch = Stopwatch(bool(cfg.profile))
         started = time.monotonic()
-        with status.discarded_if_refused(job.folder):
+        with status.discard_if_refused(job.folder):
             gaussians = fit(
                 scene, method, job.folder, settings, device=device, progress=cfg.runtime.progress, stopwatch=stopwatch
             )

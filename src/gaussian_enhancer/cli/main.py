@@ -222,15 +222,15 @@ def task(job: str) -> Callable[[Any], Any]:
         from hydra.types import RunMode
 
         from gaussian_enhancer.cli.options import check_options
-        from gaussian_enhancer.runs.lock import alone, waiting
-        from gaussian_enhancer.runs.status import attempt
+        from gaussian_enhancer.runs.lock import exclusive, wait_for_holders
+        from gaussian_enhancer.runs.status import track_runs
 
         check_options(job, cfg)
         module = importlib.import_module(f"{package_of(job)}.{job}")
-        output = written_by(module, cfg)
+        output = output_path_of(module, cfg)
         wait = job in NEEDING or HydraConfig.get().mode == RunMode.MULTIRUN
         try:
-            with attempt(discard=True), waiting(wait), alone(output) if output else nullcontext():
+            with track_runs(discard=True), wait_for_holders(wait), exclusive(output) if output else nullcontext():
                 return module.run(cfg)
         except OSError as error:
             if error.errno not in DISK_REFUSES:
@@ -240,10 +240,10 @@ def task(job: str) -> Callable[[Any], Any]:
     return run
 
 
-def written_by(module: ModuleType, cfg: Any) -> Path | None:
-    """The path that a job writes outside of runs: from its module's ``written``, else the option ``records``."""
-    if hasattr(module, "written"):
-        return cast(Path | None, module.written(cfg))
+def output_path_of(module: ModuleType, cfg: Any) -> Path | None:
+    """The path that a job writes outside of runs: from its module's ``output_path``, else the option ``records``."""
+    if hasattr(module, "output_path"):
+        return cast(Path | None, module.output_path(cfg))
     records = cfg.get("records")
     return Path(records) if records else None
 

@@ -17,12 +17,12 @@ from gaussian_enhancer.metrics.comparison import (
     compare,
     gain_table,
     mean_table,
-    paired,
+    pair_records,
     record_table,
     view_table,
 )
 from gaussian_enhancer.metrics.image_folders import ImageFiles, Label, measure_files, pair_folders, pair_run
-from gaussian_enhancer.metrics.lpips import PerceptualDistance, asked_distances
+from gaussian_enhancer.metrics.lpips import PerceptualDistance, requested_distances
 from gaussian_enhancer.metrics.records import Record, write_records
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
@@ -64,7 +64,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
     """
     files = _files(cfg)
     device = start(cfg.runtime)
-    distances = asked_distances(cfg.lpips, cfg.backbones, device)
+    distances = requested_distances(cfg.lpips, cfg.backbones, device)
     records = _measure(files, distances, cfg)
     tables = _tables(records, _pairs(records))
     job = open_run(cfg, "measure", files[0].label.run)
@@ -77,7 +77,7 @@ def write_measurement(cfg: DictConfig) -> tuple[tuple[Record, ...], Path]:
 
 
 def _pairs(records: Sequence[Record]) -> tuple[VariantPair, ...]:
-    return paired(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
+    return pair_records(records) if {record.variant for record in records} == {"raw", "enhanced"} else ()
 
 
 def _files(cfg: DictConfig) -> tuple[ImageFiles, ...]:

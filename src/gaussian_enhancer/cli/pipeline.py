@@ -17,7 +17,7 @@ from gaussian_enhancer.runs import status
 from gaussian_enhancer.runs.run import Run, find_run
 
 
-def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
+def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
     """Return the finished run of a fit, which is made where it is missing.
 
     Args:
@@ -32,12 +32,12 @@ def finished_fit(job: DictConfig, refusal: InputError | None = None) -> Run:
         return existing
     if refusal is not None:
         raise refusal
-    with status.attempt():
+    with status.track_runs():
         fit.run(job)
     return _finished_run(job, "fit")
 
 
-def enhanced(job: DictConfig) -> Path:
+def enhance_run(job: DictConfig) -> Path:
     """Enhance a run, unless a finished enhancement of the same configuration exists.
 
     The digest of the weights enters the run's hash, so that a file with new content makes a new run.
@@ -53,14 +53,14 @@ def enhanced(job: DictConfig) -> Path:
     """
     with open_dict(job):
         job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))
-    run_configuration = enhance.with_effect(job)
+    run_configuration = enhance.effective_options(job)
     existing = find_run(run_configuration, "enhance")
     if existing is None or not existing.done:
         enhance.run(job)
     return _finished_run(run_configuration, "enhance").folder
 
 
-def measured(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
+def measure_run(job: DictConfig, fit_folder: Path) -> tuple[tuple[Record, ...], Path]:
     """Measure an enhanced run.
 
     Args:

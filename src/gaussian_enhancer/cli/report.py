@@ -11,7 +11,7 @@ from gaussian_enhancer.report.measured_run import open_measured, write_contact_s
 from gaussian_enhancer.runs.instantiate import require
 
 
-def written(cfg: DictConfig) -> Path:
+def output_path(cfg: DictConfig) -> Path:
     """The folder of the page."""
     return Path(cfg.output or cfg.measured)
 

@@ -10,12 +10,12 @@ from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate
 from gaussian_enhancer.degrade.generative.second_stage import DiffusedGenerator, PairedGenerator
 from gaussian_enhancer.degrade.simulator import SecondStage, Simulator
-from gaussian_enhancer.report.simulation_files import drawn_sample, provenance, write_record, write_sample, write_sheets
+from gaussian_enhancer.report.simulation_files import draw_sample, provenance, write_record, write_sample, write_sheets
 from gaussian_enhancer.report.simulation_parts import (
     gate_section,
     generator_section,
-    reduced,
     sample_section,
+    shrink_view,
     type_sections,
     view_section,
 )
@@ -23,11 +23,11 @@ from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.runs.simulation import (
+    choose_photo,
     chosen_gate,
-    fitted_run,
-    photographed,
+    gates_to_show,
+    read_fitted_run,
     run_fingerprint,
-    shown_gates,
     whole_option,
 )
 
@@ -48,8 +48,8 @@ def run(cfg: DictConfig) -> float | None:
     """
     device = start(cfg.runtime)
     seed, draws = whole_option(cfg, "seed", 0), whole_option(cfg, "draws", 1)
-    rendered = fitted_run(cfg)
-    photo = photographed(cfg, rendered).to(device)
+    rendered = read_fitted_run(cfg)
+    photo = choose_photo(cfg, rendered).to(device)
     console = Console(stderr=True)
     fingerprint = run_fingerprint(rendered)
     if fingerprint is not None:
@@ -59,11 +59,11 @@ def run(cfg: DictConfig) -> float | None:
     if isinstance(second_stage, PairedGenerator | DiffusedGenerator):
         second_stage.model.to(device)
     simulator = Simulator(gate, second_stage)
-    reduced_view = reduced(photo.view)
+    reduced_view = shrink_view(photo.view)
     sections = [
         view_section(reduced_view, photo.real),
         *type_sections(reduced_view, seed),
-        gate_section(reduced_view, shown_gates(gate, rendered), seed),
+        gate_section(reduced_view, gates_to_show(gate, rendered), seed),
         generator_section(photo.view, simulator, seed, photo.real),
     ]
     if isinstance(gate, AdaptiveGate):
@@ -73,11 +73,11 @@ def run(cfg: DictConfig) -> float | None:
     samples, pictures = [], []
     generators = spawn(draws, torch.Generator().manual_seed(seed))
     for number, generator in enumerate(track(generators, "simulating", console=console, disable=hidden)):
-        sample, view = drawn_sample(simulator, photo, generator, f"samples/{number:03d}.png")
+        sample, view = draw_sample(simulator, photo, generator, f"samples/{number:03d}.png")
         write_sample(job.folder / sample.file, view)
         samples.append(sample)
         if number < PICTURED:
-            pictures.append((sample.file, sample.steps, reduced(view)))
+            pictures.append((sample.file, sample.steps, shrink_view(view)))
     sections.append(sample_section(pictures, draws))
     write_sheets(job.folder, photo, sections, provenance(photo, cfg, fingerprint, gate))
     write_record(job.folder, seed, samples, fingerprint, gate)

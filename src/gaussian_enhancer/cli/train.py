@@ -21,11 +21,11 @@ from gaussian_enhancer.infer.weights import (
     take_values,
 )
 from gaussian_enhancer.runs.high_resolution import HighResolutionPhotos
-from gaussian_enhancer.runs.instantiate import build, plain, require
+from gaussian_enhancer.runs.instantiate import build, plain_values, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.train.processes import is_first, launch
-from gaussian_enhancer.train.trainer import alike, make_trainer, processes, quieten, stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import make_trainer, quieten, result_configuration, spawn_count, stopped_by_ctrl_c
 
 if TYPE_CHECKING:
     from gaussian_enhancer.network.network import Network
@@ -44,7 +44,7 @@ def run(cfg: DictConfig) -> float | None:
     cfg = _without_idle(cfg)
     require(cfg)
     start(cfg.runtime)
-    count = processes(cfg)
+    count = spawn_count(cfg)
     job = open_run(_naming_configuration(cfg), "train", cfg.label, locked=is_first())
     if job.done:
         print(f"trained already: {job.folder / 'weights.safetensors'}")
@@ -62,7 +62,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     # Slow imports, which are not needed to show help.
     from lightning import seed_everything
 
-    from gaussian_enhancer.train.loggers import watching
+    from gaussian_enhancer.train.loggers import finish_wandb_run
     from gaussian_enhancer.train.metrics import gains, psnr, ssim
     from gaussian_enhancer.train.module import EnhancerModule
 
@@ -75,7 +75,7 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
     trainer = make_trainer(cfg, job, "last")
     checkpoint = job.folder / "last.ckpt"
     started = time.time()
-    with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
+    with finish_wandb_run(trainer.loggers), stopped_by_ctrl_c(trainer):
         trainer.fit(
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
         )
@@ -83,12 +83,12 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
             print(f"stopped after {trainer.global_step} steps; the same command goes on from there")
             return None
         validation = {name: float(value) for name, value in trainer.validate(module, data, verbose=False)[0].items()}
-    non_finite = module.non_finite.of_all()
+    non_finite = module.non_finite.dropped_by_all()
     if not trainer.is_global_zero:
         return None
     reference_config = build(cfg.reference_config)
     card = {
-        **plain(cfg.card),
+        **plain_values(cfg.card),
         "design": design_of(module.network),
         "reference_config": reference_config_of(reference_config),
         "parameters": count_parameters(module.network),
@@ -184,7 +184,7 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 
 def _naming_configuration(cfg: DictConfig) -> DictConfig:
     """The configuration that names the run, from one without keys of no effect (`_without_idle`)."""
-    run_configuration = alike(cfg)
+    run_configuration = result_configuration(cfg)
     digests = {
         name: checkpoint_digest(find_checkpoint(weights)) for name, weights in _begun_with(run_configuration).items()
     }

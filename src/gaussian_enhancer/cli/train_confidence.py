@@ -15,11 +15,11 @@ from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.options import EnhancementOptions
 from gaussian_enhancer.infer.weights import build_reference_config, load_weights, reference_config_of, save_weights
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
 from gaussian_enhancer.scene.frozen import refuse_untrained
-from gaussian_enhancer.train.confidence import judged_views, train_confidence
+from gaussian_enhancer.train.confidence import judge_views, train_confidence
 
 
 def run(cfg: DictConfig) -> None:
@@ -42,7 +42,7 @@ def run(cfg: DictConfig) -> None:
     base = load_weights(cfg.weights)
     if base.network.scale > 1 or not base.reference_config.references:
         raise InputError("weights", "are not for enhancement by references", "give weights such as lr_tiny")
-    reference_config = _warped_by(base.reference_config, plain(cfg.warp))
+    reference_config = _warped_by(base.reference_config, plain_values(cfg.warp))
     full_strength = EnhancementOptions(strength=1.0, confidence=False)
     enhancers = {cfg.weights: full_strength.enhancer(base, reference_config, device)}
     for fold in cfg.folds:
@@ -53,18 +53,18 @@ def run(cfg: DictConfig) -> None:
     weights_and_fits = [(cfg.weights, Path(fit)) for fit in cfg.fits]
     weights_and_fits += [(fold.weights, Path(fit)) for fold in cfg.folds for fit in fold.fits]
     tracked = track(weights_and_fits, "enhance", console=console, transient=True, disable=not cfg.runtime.progress)
-    fits = [list(judged_views(folder, enhancers[name])) for name, folder in tracked]
+    fits = [list(judge_views(folder, enhancers[name])) for name, folder in tracked]
     fits, count = [views for views in fits if views], sum(map(len, fits))
     if not count:
         raise InputError("fits", "hold no held-out views", "name fitted runs with held-out photos")
     confidence = train_confidence(fits, cfg.hidden, cfg.steps, cfg.harm, cfg.block_harm, cfg.seed)
     confidence_card = {
-        **plain(cfg.card),
+        **plain_values(cfg.card),
         "fits": [folder.name for _, folder in weights_and_fits],
         "folds": [checkpoint_digest(find_checkpoint(fold.weights)) for fold in cfg.folds],
         "views": count,
         "weights": checkpoint_digest(find_checkpoint(cfg.weights)),
-        "warp": plain(cfg.warp),
+        "warp": plain_values(cfg.warp),
         **{name: cfg[name] for name in ("steps", "harm", "block_harm", "seed")},
     }
     card = {**base.card, "reference_config": reference_config_of(reference_config), "confidence": confidence_card}

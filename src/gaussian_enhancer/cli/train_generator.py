@@ -14,10 +14,10 @@ from gaussian_enhancer.degrade.generative.weights import load_model, save_model
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.infer.weights import count_parameters
-from gaussian_enhancer.runs.instantiate import build, plain, require
+from gaussian_enhancer.runs.instantiate import build, plain_values, require
 from gaussian_enhancer.runs.run import Run, open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.train.trainer import alike, device_count, make_trainer, quieten, stopped_by_ctrl_c
+from gaussian_enhancer.train.trainer import device_count, make_trainer, quieten, result_configuration, stopped_by_ctrl_c
 
 STEPS = ("paired", "diffused")
 
@@ -34,7 +34,7 @@ def run(cfg: DictConfig) -> float | None:
     if device_count(cfg) > 1:
         received = f"is {cfg.trainer.devices}, but the simulator's noise is drawn for whole batches"
         raise InputError("trainer.devices", received, "train it with trainer.devices=1")
-    job = open_run(alike(cfg), "train_generator", cfg.label)
+    job = open_run(result_configuration(cfg), "train_generator", cfg.label)
     console = Console(stderr=True)
     weights = job.folder / "weights.safetensors"
     if job.done:
@@ -60,13 +60,13 @@ def run(cfg: DictConfig) -> float | None:
         validation |= json.loads((job.folder / f"{step}.json").read_text())
     model = load_model(job.folder / f"{STEPS[-1]}.safetensors").model
     card: dict[str, Any] = {
-        **plain(cfg.card),
+        **plain_values(cfg.card),
         "parameters": count_parameters(model),
         "steps": {step: int(cfg[step].steps) for step in STEPS},
         "minutes": round((time.time() - started) / 60, 1),
         "train": list(cfg.data.train),
         "samples": sum(len(source) for source in data.sources),
-        "gate": plain(cfg.gate),
+        "gate": plain_values(cfg.gate),
         "validation": validation,
         "run": job.digest,
     }
@@ -81,7 +81,7 @@ def run(cfg: DictConfig) -> float | None:
 def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
     """Train one step, save the EMA of its weights, and return its validation; None where training was stopped."""
     from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
-    from gaussian_enhancer.train.loggers import watching
+    from gaussian_enhancer.train.loggers import finish_wandb_run
 
     steps = int(cfg[step].steps)
     loss, optimizer, scheduler = build(cfg.generator_loss), build(cfg[step].optimizer), build(cfg[step].lr_scheduler)
@@ -93,7 +93,7 @@ def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any
         module = DiffusedModule(paired_model, loss, optimizer, build(cfg.sampler), scheduler, seed=cfg.seed + 1)
     trainer = make_trainer(cfg, job, step, part=step, max_steps=steps)
     checkpoint = job.folder / f"{step}.ckpt"
-    with watching(trainer.loggers), stopped_by_ctrl_c(trainer):
+    with finish_wandb_run(trainer.loggers), stopped_by_ctrl_c(trainer):
         trainer.fit(
             module, datamodule=data, ckpt_path=str(checkpoint) if checkpoint.is_file() else None, weights_only=True
         )

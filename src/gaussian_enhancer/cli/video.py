@@ -15,7 +15,14 @@ from gaussian_enhancer.infer.time_budget import within_budget
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.runs.runtime import start
-from gaussian_enhancer.runs.video import CameraPath, VideoOutput, film, read_output, ready, run_configuration
+from gaussian_enhancer.runs.video import (
+    CameraPath,
+    VideoOutput,
+    load_film,
+    prepare_film,
+    read_output,
+    run_configuration,
+)
 from gaussian_enhancer.scene.image_files import write_image
 from gaussian_enhancer.video.encode import VideoWriter
 from gaussian_enhancer.video.film import Film, Frame
@@ -36,10 +43,10 @@ def run(cfg: DictConfig) -> None:
     console = Console(stderr=True)
     read_output(cfg)
     device = start(cfg.runtime)
-    cfg = within_budget(cfg, ready, device, console)
-    filmed = film(cfg, device)
+    cfg = within_budget(cfg, load_film, device, console)
+    filmed = prepare_film(cfg, device)
     output = read_output(cfg, filmed.path)
-    for line in filter(None, (filmed.task.note, *filmed.found.lacks, filmed.path.note)):
+    for line in filter(None, (filmed.task.note, *filmed.found.missing_references, filmed.path.note)):
         print_line(console, line)
     rendered = filmed.task.rendered
     job = open_run(run_configuration(filmed), "video", f"{rendered.name}-{filmed.path.name}")
@@ -92,7 +99,7 @@ def _video_images(
     for frame in _enhanced_frames(frames, console, hidden):
         yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
     for index in range(len(path.cameras), path.count):
-        image = frames.enlarged(path.frame(index))
+        image = frames.enlarge(path.frame(index))
         yield layout(image, image, index / path.count)
 
 

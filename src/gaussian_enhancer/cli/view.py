@@ -13,7 +13,7 @@ from gaussian_enhancer.viewer.address import library, refuse_taken
 from gaussian_enhancer.viewer.modes import Mode
 from gaussian_enhancer.viewer.page import PageSettings
 from gaussian_enhancer.viewer.saved import SavedFiles
-from gaussian_enhancer.viewer.serve import served
+from gaussian_enhancer.viewer.serve import serve_page
 from gaussian_enhancer.viewer.source import open_session
 
 
@@ -34,7 +34,7 @@ def run(cfg: DictConfig) -> None:
     session = open_session(cfg, start(cfg.runtime))
     saved = SavedFiles(Path(cfg.output) if cfg.output else Path(cfg.runs) / "view" / session.name)
     try:
-        with served(session, saved, settings, (cfg.host, cfg.port), log) as (page, address):
+        with serve_page(session, saved, settings, (cfg.host, cfg.port), log) as (page, address):
             log(f"{address} shows {session.name}; Ctrl-C ends it")
             page.worker.wait()
     except KeyboardInterrupt:

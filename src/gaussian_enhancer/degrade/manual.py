@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import torch
 
 from gaussian_enhancer.degrade.artefact_types import ARTEFACTS
-from gaussian_enhancer.degrade.artefacts.region import soft_region, within
-from gaussian_enhancer.degrade.artefacts.rng import named
+from gaussian_enhancer.degrade.artefacts.region import blend_in_region, soft_region
+from gaussian_enhancer.degrade.artefacts.rng import named_generator
 from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 
@@ -31,7 +31,7 @@ def degrade(view: View, steps: Sequence[Sequence[ArtefactStep]], generators: Seq
         for name in dict.fromkeys(step.type for step in current if step is not None):
             chosen = [i for i, step in enumerate(current) if step is not None and step.type == name]
             same_type = [step for step in current if step is not None and step.type == name]
-            view = _apply(view, chosen, same_type, [named(name, seeds[i]) for i in chosen])
+            view = _apply(view, chosen, same_type, [named_generator(name, seeds[i]) for i in chosen])
     return view
 
 
@@ -43,4 +43,6 @@ def _apply(view: View, chosen: list[int], steps: Sequence[ArtefactStep], generat
     height, width = view.image.shape[-2:]
     regions = soft_region(height, width, generators, view.image)
     whole = torch.tensor([not step.regional for step in steps], device=view.image.device)[:, None, None, None]
-    return view.put(index, within(before, after, torch.where(whole, torch.ones_like(regions), regions)))
+    return view.with_samples(
+        index, blend_in_region(before, after, torch.where(whole, torch.ones_like(regions), regions))
+    )

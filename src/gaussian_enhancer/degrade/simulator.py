@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.gates.gate import Gate
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 
 @runtime_checkable
@@ -87,4 +87,4 @@ class Simulator:
         steps = [self.gate.draw(one) for one in each]
         with torch.autocast(view.image.device.type, enabled=False):
             refined = self.second(degrade(view, steps, each), each, real)
-        return View(quantised(refined.image), refined.depth, refined.alpha)
+        return View(quantise_8_bit(refined.image), refined.depth, refined.alpha)

@@ -20,7 +20,7 @@ from gaussian_enhancer.distil.settings import DistilSettings
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
@@ -144,7 +144,7 @@ class _Work:
 
     def splat(self) -> Gaussians:
         """The present Gaussians, detached, the 3D filter included."""
-        return self.optimiser.detached(self.smoothing)
+        return self.optimiser.detached_gaussians(self.smoothing)
 
     def save(self) -> None:
         """Replace the checkpoint."""
@@ -187,7 +187,7 @@ class _Work:
     def _smooth(self) -> None:
         if isinstance(self.first.method, MipSplatting):
             means = self.optimiser.gaussians(0).means.detach()
-            self.smoothing = smoothing_size(means, self.photos.cameras, near=self.first.near)
+            self.smoothing = filter_size(means, self.photos.cameras, near=self.first.near)
 
     def _generator(self, number: int, purpose: int) -> torch.Generator:
         return torch.Generator().manual_seed(((self.settings.seed * 1_000_003 + number) * 8 + purpose) % 2**63)

@@ -64,7 +64,7 @@ class EnhancedViews:
             if self._confidence(index).is_file():
                 continue
             view = renderer.target(self._image(index).name, camera)
-            target = read_target(view).on(enhancer.device)
+            target = read_target(view).to_device(enhancer.device)
             aligned = enhancer.reference_config.align(target, view, pool)
             image = enhancer.enhance(join(target, aligned), aligned.names)[0]
             visibility = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])

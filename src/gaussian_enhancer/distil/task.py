@@ -20,7 +20,7 @@ from gaussian_enhancer.infer.validated_inputs import validate_inputs
 from gaussian_enhancer.infer.weights import load_weights
 from gaussian_enhancer.runs.instantiate import build
 from gaussian_enhancer.runs.rendered_capture import SplatRenderer, open_renderer
-from gaussian_enhancer.runs.splat_source import given_file, splat_file
+from gaussian_enhancer.runs.splat_source import find_splat_file, splat_file
 from gaussian_enhancer.runs.video import file_digest
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.renders import read_run
@@ -79,7 +79,7 @@ def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
     settings: DistilSettings = build(cfg.settings)
     evidence: PruneSettings = build(cfg.evidence)
     capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
-    splat, capture = given_splat(cfg.run, cfg.gaussians, capture)
+    splat, capture = read_given_splat(cfg.run, cfg.gaussians, capture)
     further = None if cfg.prune_only else settings
     pruning = evidence if cfg.prune or cfg.prune_only else None
     return distil_task(
@@ -105,7 +105,7 @@ def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> Se
     return enhancer_of_new_views(task, cfg.weights, options, device)
 
 
-def given_splat(run: str | Path | None, gaussians: str | Path | None, capture: Scene | None) -> tuple[Path, Scene]:
+def read_given_splat(run: str | Path | None, gaussians: str | Path | None, capture: Scene | None) -> tuple[Path, Scene]:
     """A splat's file and its capture: of a run, or as they were given.
 
     Args:
@@ -123,7 +123,7 @@ def given_splat(run: str | Path | None, gaussians: str | Path | None, capture: S
         raise InputError("distil", received, "give one of run=FOLDER, gaussians=FILE with scene=...")
     if capture is None:
         raise InputError("gaussians", "comes without its capture", "add scene=capture scene.path=FOLDER")
-    return given_file(gaussians), capture
+    return find_splat_file(gaussians), capture
 
 
 def distil_task(
@@ -191,7 +191,7 @@ def enhancer_of_new_views(
     return options.enhancer(pretrained, found.reference_config, device)
 
 
-def better_splat(
+def improve_splat(
     task: DistilTask,
     enhancer: SetEnhancer | None,
     folder: Path,

@@ -18,7 +18,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.types import NetworkInput
 
 BLOCK = 8
@@ -65,7 +65,7 @@ class ChangeConfidence(nn.Module):
             nn.Conv2d(hidden, BANDS, 1),
         )
 
-    def judge(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b k i j"]:
+    def predict_shares(self, features: Float[Tensor, "b f i j"]) -> Float[Tensor, "b k i j"]:
         """The shares of each block, not limited; see `block_features`."""
         standard = (features - self.centre[:, None, None]) / self.scale[:, None, None]
         judged: Tensor = self.layers(standard.clamp(-4, 4))
@@ -78,12 +78,12 @@ class ChangeConfidence(nn.Module):
             enhanced: what the network made of the render, in [0, 1].
             views: the render and its references.
         """
-        shares = self.judge(block_features(enhanced, views)).clamp(0, 1)
-        apply = shares_applied_compiled if compiled(enhanced, views.render, shares) else shares_applied
+        shares = self.predict_shares(block_features(enhanced, views)).clamp(0, 1)
+        apply = apply_shares_compiled if can_use_kernels(enhanced, views.render, shares) else apply_shares_torch
         return apply(enhanced, views.render, shares)
 
 
-def shares_applied(
+def apply_shares_torch(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
     """The render with each block's shares of the bands of the change. Readable twin of the compiled kernel.
@@ -94,11 +94,11 @@ def shares_applied(
         shares: of the change's means and of its details, linear between the blocks' centres.
     """
     means, details = split_change(enhanced - render)
-    fine = spread(shares, *render.shape[-2:])
+    fine = interpolate_blocks(shares, *render.shape[-2:])
     return (render + fine[:, :1] * means + fine[:, 1:] * details).clamp(0, 1)
 
 
-def shares_applied_compiled(
+def apply_shares_compiled(
     enhanced: Float[Tensor, "b 3 h w"], render: Float[Tensor, "b 3 h w"], shares: Float[Tensor, "b k i j"]
 ) -> Float[Tensor, "b 3 h w"]:
     """The same by a compiled kernel."""
@@ -108,18 +108,22 @@ def shares_applied_compiled(
     result = torch.empty_like(render, memory_format=torch.contiguous_format)
     with kernel_lock:
         for b, image in enumerate(result):
-            apply_shares(array(enhanced[b]), array(render[b]), array(shares[b]), BLOCK, image.numpy())
+            apply_shares(
+                kernel_image(enhanced[b]), kernel_image(render[b]), kernel_image(shares[b]), BLOCK, image.numpy()
+            )
     return result
 
 
 def split_change(change: Float[Tensor, "b 3 h w"]) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:
     """Means of a change over blocks, linear between the blocks' centres, and the detail that is left."""
     height, width = change.shape[-2:]
-    means = spread(F.avg_pool2d(change, BLOCK, ceil_mode=True), height, width)
+    means = interpolate_blocks(F.avg_pool2d(change, BLOCK, ceil_mode=True), height, width)
     return means, change - means
 
 
-def spread(blocks: Float[Tensor, "b c i j"], height: int, width: int) -> Float[Tensor, "b c {height} {width}"]:
+def interpolate_blocks(
+    blocks: Float[Tensor, "b c i j"], height: int, width: int
+) -> Float[Tensor, "b c {height} {width}"]:
     """Blocks' values at each pixel, linear between the blocks' centres."""
     fine = F.interpolate(blocks, scale_factor=BLOCK, mode="bilinear", align_corners=False)
     return fine[..., :height, :width]
@@ -133,7 +137,7 @@ def block_features(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> F
         views: the render, its references, their visibility and the splat's renders of their views.
     """
     given = enhanced, views.render, views.references, views.visibility
-    ready = compiled(*given) and (views.reference_renders is None or compiled(views.reference_renders))
+    ready = can_use_kernels(*given) and (views.reference_renders is None or can_use_kernels(views.reference_renders))
     of_means, of_details, share, change = (products_compiled if ready else block_products)(enhanced, views)
     features = _block_descriptions((of_means, of_details), share, change)
     around = F.avg_pool2d(features, 3, 1, 1, count_include_pad=False)
@@ -181,7 +185,7 @@ def products_compiled(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -
     with kernel_lock:
         for b in range(batch):
             outputs = (one[b].numpy() for one in (means, details, visible, change))
-            kernel(*(array(one[b]) for one in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
+            kernel(*(kernel_image(one[b]) for one in inputs), np.float32(has_renders), BLOCK, STEP, *outputs)
     return means, details, visible, change
 
 

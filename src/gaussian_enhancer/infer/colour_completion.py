@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.types import NetworkInput
 
 GRID = 100
@@ -60,11 +60,11 @@ def complete_change(enhanced: Float[Tensor, "b 3 h w"], views: NetworkInput) -> 
     unseen = (1 - _blur(weight, EDGE)) * (visibility.flatten(1).amax(1) > 0)[:, None, None, None]
     model = torch.cat([matrix.flatten(1, 2), offset - _blur(change, SMOOTH), unseen], dim=1)
     opaque = torch.ones_like(visibility) if views.alpha is None else (views.alpha / OPAQUE).clamp(max=1)
-    complete = completed_compiled if compiled(enhanced, views.render, opaque, model) else completed
+    complete = complete_compiled if can_use_kernels(enhanced, views.render, opaque, model) else complete_torch
     return complete(enhanced, views.render, opaque, model)
 
 
-def completed(
+def complete_torch(
     enhanced: Float[Tensor, "b 3 h w"],
     render: Float[Tensor, "b 3 h w"],
     opaque: Float[Tensor, "b 1 h w"],
@@ -92,20 +92,25 @@ def completed(
     return torch.stack(images, dim=1)
 
 
-def completed_compiled(
+def complete_compiled(
     enhanced: Float[Tensor, "b 3 h w"],
     render: Float[Tensor, "b 3 h w"],
     opaque: Float[Tensor, "b 1 h w"],
     model: Float[Tensor, "b 13 i j"],
 ) -> Float[Tensor, "b 3 h w"]:
-    """Compute `completed` by the compiled kernel."""
+    """Compute `complete_torch` by the compiled kernel."""
     from gaussian_enhancer.infer.colour_completion_kernels import complete
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     result = torch.empty_like(enhanced, memory_format=torch.contiguous_format)
     with kernel_lock:
         for b, image in enumerate(result):
-            inputs = array(enhanced[b]), array(render[b]), array(opaque[b, 0]), array(model[b])
+            inputs = (
+                kernel_image(enhanced[b]),
+                kernel_image(render[b]),
+                kernel_image(opaque[b, 0]),
+                kernel_image(model[b]),
+            )
             complete(*inputs, image.numpy())
     return result
 

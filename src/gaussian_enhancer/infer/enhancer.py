@@ -24,15 +24,15 @@ from gaussian_enhancer.infer.plan import ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.infer.regions import cut_pixels
-from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.infer.tiles import enhance_tiled
 from gaussian_enhancer.network.colour_clamping import check_window, clamp_to_references
 from gaussian_enhancer.network.network import CachesReferences, Network
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.typed import check_value
-from gaussian_enhancer.types import Camera, NetworkInput, usable
+from gaussian_enhancer.types import Camera, NetworkInput, usable_depth
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class SetEnhancer:
                 yield enhanced
                 previous = None
                 continue
-            image, previous = smoothed_over_time(enhanced.image, target, previous, self.temporal_smoothing)
+            image, previous = smooth_change(enhanced.image, target, previous, self.temporal_smoothing)
             yield dataclasses.replace(enhanced, image=image)
 
     def _enhance_each(
@@ -198,8 +198,8 @@ class SetEnhancer:
             if planner is not None and plan is not None and plan.regions is not None:
                 yield self._enhance_regions(view, target, planner, plan, started), target
                 continue
-            chosen_references = None if planner is None or plan is None else planner.chosen(plan)
-            on_device = target.on(self.device)
+            chosen_references = None if planner is None or plan is None else planner.reference_indices(plan)
+            on_device = target.to_device(self.device)
             aligned = self.reference_config.align(on_device, view, pool, chosen_references)
             aligned_at = time.perf_counter()
             views = join(on_device, aligned)
@@ -217,25 +217,25 @@ class SetEnhancer:
     ) -> Enhanced:
         """Enhance the planned regions of a view, each as a separate image; the rest stays as it was rendered."""
         height, width = plan.size
-        scale, chosen_references = self.network.scale, planner.chosen(plan)
+        scale, chosen_references = self.network.scale, planner.reference_indices(plan)
         scene_depth_unit = None if target.depth is None else depth_unit(target.depth[None])
-        image = upsampled(target.image[None], scale)[0].clamp(0, 1)
+        image = upsample_bicubic(target.image[None], scale)[0].clamp(0, 1)
         image = image.clone() if scale == 1 else image  # the reader may cache this tensor
         names: tuple[str, ...] = ()
         network_seconds, coverage = 0.0, target.image.new_zeros(1, height, width) if self.keeps_coverage else None
         for region in plan.regions or ():
-            grown = region.grown(planner.rules.margin, height, width)
-            crop = cut_pixels(target, grown).on(self.device)
+            grown = region.expand(planner.rules.margin, height, width)
+            crop = cut_pixels(target, grown).to_device(self.device)
             aligned = self.reference_config.align(
                 crop, dataclasses.replace(view, camera=crop.camera), planner.pool, chosen_references
             )
             aligned_at = time.perf_counter()
             enhanced = self.enhance(join(crop, aligned, scene_depth_unit), aligned.names)[0]
             network_seconds += time.perf_counter() - aligned_at
-            region.cut(image, scale).copy_(region.within(grown).cut(enhanced, scale))
+            region.cut(image, scale).copy_(region.relative_to(grown).cut(enhanced, scale))
             names = names or aligned.names
             if coverage is not None:
-                region.cut(coverage).copy_(region.within(grown).cut(aligned.visibility.sum(0).cpu()))
+                region.cut(coverage).copy_(region.relative_to(grown).cut(aligned.visibility.sum(0).cpu()))
         preparation_seconds = time.perf_counter() - started - network_seconds
         return Enhanced(view.name, image, 1e3 * preparation_seconds, 1e3 * network_seconds, names, plan, coverage)
 
@@ -265,7 +265,7 @@ class SetEnhancer:
         refuse_not_finite(views)
         if self._passes_through(views):
             return views.render.float().clamp(0, 1).cpu()
-        if views.depth is not None and not bool(usable(views.depth).any()):
+        if views.depth is not None and not bool(usable_depth(views.depth).any()):
             views = dataclasses.replace(views, depth=None, depth_unit=None)
         with torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32):
             if kept is not None and max(views.render.shape[-2:]) <= self.tile:
@@ -282,7 +282,7 @@ class SetEnhancer:
             if self.confidence is not None:
                 enhanced = self.confidence(enhanced, views)
         if self.strength < 1:
-            upsampled_render = upsampled(views.render, self.network.scale)
+            upsampled_render = upsample_bicubic(views.render, self.network.scale)
             enhanced = upsampled_render + self.strength * (enhanced - upsampled_render)
         if self.network.scale > 1:  # the result shares no memory with the input
             return enhanced.clamp_(0, 1).cpu()

@@ -23,7 +23,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.weights import Pretrained
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.optional_library import optional_library
 from gaussian_enhancer.types import NetworkInput
 
@@ -118,7 +118,7 @@ def program_inputs(views: NetworkInput, signature: Signature) -> dict[str, Tenso
     )
     tensors = {}
     for name in signature.inputs:
-        value = getattr(padded(views, signature.stride), name)
+        value = getattr(pad_to_stride(views, signature.stride), name)
         if value is None:
             raise InputError(name, "is not given", "render the splat at the references' cameras as well")
         if name in ("references", "visibility", "reference_renders", "fine_references"):
@@ -127,7 +127,7 @@ def program_inputs(views: NetworkInput, signature: Signature) -> dict[str, Tenso
     return tensors
 
 
-def example(signature: Signature, height: int = 96, width: int = 128, seed: int = 0) -> dict[str, Tensor]:
+def example_inputs(signature: Signature, height: int = 96, width: int = 128, seed: int = 0) -> dict[str, Tensor]:
     """Random inputs of a program.
 
     Args:
@@ -154,7 +154,7 @@ def example(signature: Signature, height: int = 96, width: int = 128, seed: int 
     return program_inputs(views, signature)
 
 
-def traced(pretrained: Pretrained, signature: Signature) -> ExportedProgram:
+def trace_network(pretrained: Pretrained, signature: Signature) -> ExportedProgram:
     """The network as torch.export's program, for renders of any size up to `LONGEST_SIDE`.
 
     Args:
@@ -165,7 +165,7 @@ def traced(pretrained: Pretrained, signature: Signature) -> ExportedProgram:
     # At least four strides: below, torch.export would make programs for single sizes.
     limits: dict[str, int] = {"min": 4, "max": LONGEST_SIDE // stride}
     height, width = (stride * Dim(name, **limits) for name in ("height", "width"))
-    inputs = example(signature, 6 * stride, 8 * stride)
+    inputs = example_inputs(signature, 6 * stride, 8 * stride)
 
     def sides(name: str, tensor: Tensor) -> dict[int, Any]:
         finer = 4 if name == "fine_references" else 1
@@ -203,7 +203,7 @@ def export_network(
     if form == "onnx":
         require_onnx()
     signature = signature_of(pretrained, references)
-    program = traced(pretrained, signature)
+    program = trace_network(pretrained, signature)
     metadata = json.dumps(dataclasses.asdict(signature))
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
@@ -211,7 +211,7 @@ def export_network(
             _write_onnx(program, signature, metadata, temporary)
         else:
             torch.export.save(program, temporary, extra_files={METADATA: metadata})
-    inputs = example(signature, 4 * signature.stride, 7 * signature.stride, seed=1)
+    inputs = example_inputs(signature, 4 * signature.stride, 7 * signature.stride, seed=1)
     with torch.no_grad():
         expected = Program(pretrained.network, signature.inputs)(*inputs.values())
     return signature, float((load_program(path)(inputs) - expected).abs().max())

@@ -26,7 +26,7 @@ class PathReferences(ReferenceConfig):
     kept: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, config: ReferenceConfig, hysteresis: float = HYSTERESIS) -> "PathReferences":
+    def from_config(cls, config: ReferenceConfig, hysteresis: float = HYSTERESIS) -> "PathReferences":
         """Build the configuration for a path from one for single views.
 
         Args:

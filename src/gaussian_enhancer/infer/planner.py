@@ -11,10 +11,10 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels, Reprojected
-from gaussian_enhancer.align.coarse_visibility import coarse, coarse_visibility, shares
+from gaussian_enhancer.align.coarse_visibility import coarse_visibility, coarsen, visible_shares
 from gaussian_enhancer.align.references import Pool, ReferenceConfig
 from gaussian_enhancer.infer.plan import Rules, ViewPlan
-from gaussian_enhancer.infer.regions import background_blocks, regions_of
+from gaussian_enhancer.infer.regions import background_blocks, cover_with_regions
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.types import Region
 
@@ -58,14 +58,14 @@ class Planner:
             self.known[view.name] = self._make_plan(view, target)
         return self.known[view.name]
 
-    def chosen(self, plan: ViewPlan) -> tuple[int, ...] | None:
+    def reference_indices(self, plan: ViewPlan) -> tuple[int, ...] | None:
         """The references of a plan as indices into the pool; None leaves the choice to the reference configuration."""
         return None if plan.references is None else tuple(self.index[name] for name in plan.references)
 
     def _make_plan(self, view: RenderedView, target: Pixels) -> ViewPlan:
         height, width = target.image.shape[-2:]
         plan, warp, coarse_view, needed = ViewPlan(view.name, (height, width)), self.reference_config.warp, None, None
-        if self.reference_config.references and not self.reference_config.reaches(view):
+        if self.reference_config.references and not self.reference_config.can_align(view):
             return replace(plan, references=())
         if self.reference_config.references and not isinstance(warp, Reprojected):
             return plan  # references that are not warped belong to the whole image
@@ -75,16 +75,16 @@ class Planner:
         looking = needed is not None or (self.rules.references == "auto" and height * width > self.rules.small)
         if isinstance(warp, Reprojected) and self.reference_config.references and looking:
             indices = self.reference_config.nearest(target, view, self.pool)
-            small = coarse(target)
+            small = coarsen(target)
             coarse_view = coarse_visibility(warp, small, [self._coarse_reference(index) for index in indices])
             if self.rules.references == "auto":
-                plan = self._with_references(plan, shares(coarse_view, small.alpha))
+                plan = self._with_references(plan, visible_shares(coarse_view, small.alpha))
         return plan if needed is None else replace(plan, regions=self._regions(needed, coarse_view, height, width))
 
     def _coarse_reference(self, index: int) -> Pixels:
         """A reference on a coarse grid, which stays in memory."""
         if index not in self._small:
-            self._small[index] = coarse(self.pool.read(index, self.reference_config.fine))
+            self._small[index] = coarsen(self.pool.read(index, self.reference_config.fine))
         return self._small[index]
 
     def _with_references(self, plan: ViewPlan, found: dict[str, float]) -> ViewPlan:
@@ -100,8 +100,8 @@ class Planner:
         """The regions that are enhanced; None where they are nearly all of the image."""
         if seen is not None:
             needed = needed | self._contradicted_background(seen, *needed.shape)
-        regions = regions_of(needed, height, width, self.rules.margin)
-        cost = sum(region.grown(self.rules.margin, height, width).area for region in regions)
+        regions = cover_with_regions(needed, height, width, self.rules.margin)
+        cost = sum(region.expand(self.rules.margin, height, width).area for region in regions)
         return None if cost > WHOLE * height * width else regions
 
     def _contradicted_background(self, seen: Aligned, rows: int, columns: int) -> Bool[Tensor, "{rows} {columns}"]:

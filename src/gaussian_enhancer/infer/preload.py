@@ -49,7 +49,7 @@ def _plan_and_read(found: ValidatedInputs, view: RenderedView, planner: Planner 
     plan = None if planner is None else planner(view, target)
     if plan is not None and plan.regions == ():
         return
-    chosen = None if planner is None or plan is None else planner.chosen(plan)
+    chosen = None if planner is None or plan is None else planner.reference_indices(plan)
     for index in found.reference_config.nearest(target, view, found.pool) if chosen is None else chosen:
         found.pool.read(index, found.reference_config.fine)
 

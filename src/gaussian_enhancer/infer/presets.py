@@ -8,7 +8,7 @@ from pathlib import Path
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text
-from gaussian_enhancer.metrics.tradeoff import Point, best_within, mean_squared
+from gaussian_enhancer.metrics.tradeoff import Point, best_within, mean_squared_error
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Preset:
     @property
     def point(self) -> Point:
         """Time and mean squared error."""
-        return Point(self.name, self.milliseconds, mean_squared(self.psnr))
+        return Point(self.name, self.milliseconds, mean_squared_error(self.psnr))
 
 
 def write_presets(path: Path, presets: Sequence[Preset]) -> None:

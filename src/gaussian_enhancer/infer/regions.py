@@ -35,7 +35,7 @@ def background_blocks(
     return F.max_pool2d(difference, BLOCK, ceil_mode=True)[0, 0] <= tolerance
 
 
-def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int) -> tuple[Region, ...]:
+def cover_with_regions(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int) -> tuple[Region, ...]:
     """Cover all blocks that need work by rectangles.
 
     A recursive X-Y cut (Nagy and Seth, ICPR 1984): a rectangle is cut at rows or columns that contain no needed block,
@@ -53,7 +53,7 @@ def regions_of(needed: Bool[Tensor, "i j"], height: int, width: int, margin: int
         return Region(top, left, min(bottom, height), min(right, width))
 
     def cost(boxes: Sequence[tuple[int, int, int, int]]) -> int:
-        return sum(pixels(box).grown(margin, height, width).area for box in boxes)
+        return sum(pixels(box).expand(margin, height, width).area for box in boxes)
 
     def divided(box: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
         box_mask = mask[box[0] : box[2], box[1] : box[3]]

@@ -29,7 +29,7 @@ class PreviousChange:
     target: Pixels
 
 
-def smoothed_over_time(
+def smooth_change(
     image: Float[Tensor, "3 h w"], target: Pixels, before: PreviousChange | None, share: float
 ) -> tuple[Float[Tensor, "3 h w"], PreviousChange]:
     """Average a frame's change with that of the frame before, which is warped through the rendered depth.

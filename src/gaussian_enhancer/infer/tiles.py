@@ -101,4 +101,4 @@ def _ramp(start: int, end: int, length: int, halo: int, blend: int) -> Float[Ten
 
 
 def _crop(views: NetworkInput, top: int, bottom: int, left: int, right: int) -> NetworkInput:
-    return views.mapped(lambda image, n: image[..., n * top : n * bottom, n * left : n * right])
+    return views.map_images(lambda image, n: image[..., n * top : n * bottom, n * left : n * right])

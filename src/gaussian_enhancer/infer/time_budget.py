@@ -20,8 +20,8 @@ from gaussian_enhancer.console import print_line
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.presets import Preset, choose, read_presets
-from gaussian_enhancer.metrics.cost import timed
-from gaussian_enhancer.scene.in_memory import single
+from gaussian_enhancer.metrics.cost import time_interleaved
+from gaussian_enhancer.scene.in_memory import single_target_sets
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 PRESETS = SHIPPED / "settings.json"
@@ -55,15 +55,15 @@ def within_budget(
         raise InputError("budget_ms", f"is {budget!r}", "give milliseconds an image, above 0")
     _refuse_given(cfg)
     presets = read_presets(PRESETS)
-    enhancer, task, *_ = ready(_with_preset(cfg, presets[0]), device)
-    milliseconds, megapixels = calibrated(enhancer, task.rendered)
+    enhancer, task, *_ = ready(_apply_preset(cfg, presets[0]), device)
+    milliseconds, megapixels = time_first_view(enhancer, task.rendered)
     speed = milliseconds / (presets[0].milliseconds * megapixels)
     chosen, line = choose(presets, float(budget), megapixels, speed)
     print_line(console, line)
-    return _with_preset(cfg, chosen)
+    return _apply_preset(cfg, chosen)
 
 
-def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, float]:
+def time_first_view(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, float]:
     """Time the first view: the median of three runs after a warm-up.
 
     Args:
@@ -78,13 +78,13 @@ def calibrated(enhancer: SetEnhancer, rendered: RenderedSet) -> tuple[float, flo
     """
     if not rendered.targets:
         raise InputError(rendered.name, "has no render to enhance", "render held-out views first")
-    (first,) = single(replace(rendered, targets=rendered.targets[:1]), 1)
+    (first,) = single_target_sets(replace(rendered, targets=rendered.targets[:1]), 1)
     height, width = next(enhancer(first)).image.shape[-2:]
-    timing = timed({"": lambda: next(enhancer(first))}, repeats=3, warm_up=0, device=enhancer.device)[""]
+    timing = time_interleaved({"": lambda: next(enhancer(first))}, repeats=3, warm_up=0, device=enhancer.device)[""]
     return timing.milliseconds, height * width / 1e6
 
 
-def _with_preset(cfg: DictConfig, preset: Preset) -> DictConfig:
+def _apply_preset(cfg: DictConfig, preset: Preset) -> DictConfig:
     """The configuration with the values of a preset in place of the budget."""
     chosen = OmegaConf.merge(cfg, OmegaConf.from_dotlist(list(preset.enhance)))
     if not isinstance(chosen, DictConfig):

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import torch
 
 from gaussian_enhancer.align.alignment import Pixels, Reprojected
-from gaussian_enhancer.align.coarse_visibility import coarse
+from gaussian_enhancer.align.coarse_visibility import coarsen
 from gaussian_enhancer.align.references import Pool, ReferenceConfig, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.plan import PlanItem, Rules, ViewPlan
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.types import usable
+from gaussian_enhancer.types import usable_depth
 
 SCALED = (0.1, 0.5, 2.0, 10.0)
 """Factors: a depth is doubted where the depth times one of them agrees clearly better with the renders."""
@@ -55,7 +55,7 @@ class ValidatedInputs:
         return Planner(rules, self.reference_config, self.rendered, known, self.pool)
 
     @property
-    def lacks(self) -> tuple[str, ...]:
+    def missing_references(self) -> tuple[str, ...]:
         """Reasons why references or their fine photos are not used although the weights ask for them."""
         return tuple(one.why for one in self.parts if not one.used and one.name in ("references", "fine photos"))
 
@@ -105,7 +105,7 @@ def validate_inputs(
         reference_config, references = _reference_part(rendered, reference_config)
         left = f"; {len(bare)} without a camera left out, {bare[0]} among them" if bare else ""
         parts.append(replace(references, why=references.why + left))
-    apart = tuple(view.name for view in rendered.targets if not reference_config.reaches(view))
+    apart = tuple(view.name for view in rendered.targets if not reference_config.can_align(view))
     unreached = apart if reference_config.references else ()
     return ValidatedInputs(rendered, reference_config, tuple(parts), pool, unreached)
 
@@ -125,17 +125,17 @@ def depth_doubt(pool: Pool, reference_config: ReferenceConfig, views: Sequence[R
     better, warp = "", reference_config.warp
     for view in views:
         target = read_target(view)
-        if target.depth is None or not bool(usable(target.depth).any()):
+        if target.depth is None or not bool(usable_depth(target.depth).any()):
             return f"the depth of {target.name} holds no finite positive value"
         bare = any(one.camera is None for one in (view, *pool.views))
         if not isinstance(warp, Reprojected) or not pool.views or bare:
             continue
         near = rank_references(view, pool.views, 2)
-        references = [replace(coarse(pool.read(index)), depth=None) for index in near]
-        small = coarse(target)
-        if small.depth is None or not bool(usable(small.depth).any()):
+        references = [replace(coarsen(pool.read(index)), depth=None) for index in near]
+        small = coarsen(target)
+        if small.depth is None or not bool(usable_depth(small.depth).any()):
             continue
-        median = float(small.depth[usable(small.depth)].median())
+        median = float(small.depth[usable_depth(small.depth)].median())
         others = {f"{times:g} times as deep": small.depth * times for times in SCALED}
         others["a flat plane"] = torch.full_like(small.depth, median)
         differences = _colour_disagreement(warp, small, references)
@@ -200,7 +200,7 @@ def _reference_part(rendered: RenderedSet, reference_config: ReferenceConfig) ->
     text = f"{len(rendered.references)} photos, at most {reference_config.references} a view"
     if not isinstance(reference_config.warp, Reprojected):
         return reference_config, PlanItem("references", True, text)
-    unreached = [view.name for view in rendered.targets if not reference_config.reaches(view)]
+    unreached = [view.name for view in rendered.targets if not reference_config.can_align(view)]
     bare = [view.name for view in rendered.references if view.camera is None]
     if not bare and len(unreached) < len(rendered.targets):
         left = f"; none for {len(unreached)} views without camera or depth" if unreached else ""

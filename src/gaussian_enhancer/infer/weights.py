@@ -20,10 +20,10 @@ from gaussian_enhancer.align.references import ReferenceConfig
 from gaussian_enhancer.checkpoint import (
     MEND,
     build_filled,
-    described,
+    check_whole_number,
     find_checkpoint,
+    parse_metadata,
     read_checkpoint,
-    whole_number,
     write_checkpoint,
 )
 from gaussian_enhancer.errors import InputError
@@ -134,13 +134,13 @@ def load_weights(source: str | Path) -> Pretrained:
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
-    design, prepared, card = (described(metadata, name, path) for name in ("design", "reference_config", "card"))
+    design, prepared, card = (parse_metadata(metadata, name, path) for name in ("design", "reference_config", "card"))
     judging = {name.removeprefix(CONFIDENCE): v for name, v in tensors.items() if name.startswith(CONFIDENCE)}
     tensors = {name: value for name, value in tensors.items() if not name.startswith(CONFIDENCE)}
     try:
         network = build_filled(lambda: build_design(design), design, tensors, path)
         reference_config = build_reference_config(prepared)
-        confidence = _confidence(judging, described(metadata, "confidence", path), path) if judging else None
+        confidence = _confidence(judging, parse_metadata(metadata, "confidence", path), path) if judging else None
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError) as error:
@@ -149,7 +149,7 @@ def load_weights(source: str | Path) -> Pretrained:
 
 
 def _confidence(tensors: Mapping[str, Tensor], design: Mapping[str, Any], path: Path) -> ChangeConfidence:
-    hidden = whole_number(design["hidden"], 1, 1024)
+    hidden = check_whole_number(design["hidden"], 1, 1024)
     return build_filled(lambda: ChangeConfidence(hidden), design, tensors, path).eval()
 
 
@@ -256,7 +256,7 @@ def _scalar(name: str, value: Any, annotation: Any) -> bool | int | float | str:
     if annotation is bool and isinstance(value, bool):
         return value
     if annotation is int:
-        return whole_number(value, 0, 1024)
+        return check_whole_number(value, 0, 1024)
     if annotation is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
     if annotation is str and isinstance(value, str) and len(value) <= LONGEST_WORD:
@@ -279,7 +279,7 @@ def build_reference_config(values: Mapping[str, Any]) -> ReferenceConfig:
         ValueError: a value is out of range or of an unknown kind.
     """
     warp: Warp = _part(values["warp"], WARPS)
-    counts = whole_number(values["references"], 0, 8), whole_number(values["candidates"], 0, 1000)
+    counts = check_whole_number(values["references"], 0, 8), check_whole_number(values["candidates"], 0, 1000)
     fine = values.get("fine", False)
     if not isinstance(fine, bool):
         raise ValueError(f"fine is {fine!r}")

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.loss.terms import Term
-from gaussian_enhancer.types import precise
+from gaussian_enhancer.types import single_precision
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class WeightedLoss:
             photo: what it should have been, [0, 1].
             render: what it started from, [0, 1].
         """
-        enhanced, photo, render = precise(enhanced), precise(photo), precise(render)
+        enhanced, photo, render = single_precision(enhanced), single_precision(photo), single_precision(render)
         means = {name: entry.term(enhanced, photo, render).mean() for name, entry in self.terms.items()}
         total = torch.stack([self.terms[name].weight * mean for name, mean in means.items()]).sum()
         return total, {name: mean.detach() for name, mean in means.items()}

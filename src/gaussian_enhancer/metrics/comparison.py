@@ -73,7 +73,9 @@ class Table:
         return text.getvalue()
 
 
-def paired(records: Iterable[Record], baseline: str = "raw", variant: str = "enhanced") -> tuple[VariantPair, ...]:
+def pair_records(
+    records: Iterable[Record], baseline: str = "raw", variant: str = "enhanced"
+) -> tuple[VariantPair, ...]:
     """Match the records of two variants by scene, splat and view.
 
     Raises:
@@ -130,8 +132,8 @@ def gain_table(pairs: Sequence[VariantPair]) -> Table:
         for metric in metrics_of(members):
             found = compare(members, metric)
             numbers = (found.baseline, found.variant, found.gain, found.deviation)
-            worst = f"{found.worst} ({written(metric, found.worst_gain, signed=True)})" if found.worst else ""
-            cells = [written(metric, value, signed=i == 2) for i, value in enumerate(numbers)]
+            worst = f"{found.worst} ({format_value(metric, found.worst_gain, signed=True)})" if found.worst else ""
+            cells = [format_value(metric, value, signed=i == 2) for i, value in enumerate(numbers)]
             note = "; ".join(sorted(set(found.left_out.values())))
             rows.append((scene, splat, metric, *cells, f"{found.count} of {len(members)}", worst, note))
     columns = ("scene", "splat", "metric", "baseline", "variant", "gain", "sd", "n", "worst view", "left out")
@@ -153,7 +155,11 @@ def mean_table(records: Sequence[Record]) -> Table:
             notes = {record.reasons.get(metric, "") for record in members} - {""}
             notes |= {f"{equal} equal to the photo"} if equal else set()
             note = "; ".join(sorted(notes))
-            cells = (written(metric, _mean(finite)), written(metric, deviation), f"{len(finite)} of {len(members)}")
+            cells = (
+                format_value(metric, _mean(finite)),
+                format_value(metric, deviation),
+                f"{len(finite)} of {len(members)}",
+            )
             rows.append((*key, metric, *cells, note))
     return Table(("scene", "splat", "variant", "metric", "mean", "sd", "n", "left out"), tuple(rows))
 
@@ -162,7 +168,8 @@ def record_table(records: Sequence[Record]) -> Table:
     """One row a record, one column a metric."""
     names = _in_order({name for record in records for name in record.metrics})
     rows = [
-        (r.scene, r.splat, r.variant, r.view, *(written(name, r.metrics.get(name)) for name in names)) for r in records
+        (r.scene, r.splat, r.variant, r.view, *(format_value(name, r.metrics.get(name)) for name in names))
+        for r in records
     ]
     return Table(("scene", "splat", "variant", "view", *names), tuple(rows))
 
@@ -175,13 +182,17 @@ def view_table(pairs: Sequence[VariantPair]) -> Table:
         cells: list[str] = []
         for name in names:
             before, after = pair.baseline.metrics.get(name), pair.variant.metrics.get(name)
-            cells += [written(name, before), written(name, after), written(name, pair.gain(name), signed=True)]
+            cells += [
+                format_value(name, before),
+                format_value(name, after),
+                format_value(name, pair.gain(name), signed=True),
+            ]
         rows.append((pair.baseline.scene, pair.baseline.splat, pair.baseline.view, *cells))
     triples = [column for name in names for column in (f"{name} baseline", f"{name} variant", f"{name} gain")]
     return Table(("scene", "splat", "view", *triples), tuple(rows))
 
 
-def written(metric: str, value: float | None, signed: bool = False) -> str:
+def format_value(metric: str, value: float | None, signed: bool = False) -> str:
     """Format a number for a table: two digits for dB and times, four for the rest; empty for None."""
     if value is None or math.isnan(value):
         return ""

@@ -62,7 +62,7 @@ def device_description(device: torch.device) -> str:
     return "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
 
 
-def timed(
+def time_interleaved(
     calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"
 ) -> dict[str, Timing]:
     """Time several computations against each other, one repeat of each in turn, in alternating order.

@@ -1,7 +1,7 @@
 """Image quality: PSNR, SSIM, colour-aligned PSNR and PSNR within a mask.
 
-Axes: c channels, h height, w width. Images are in [0, 1]; `types.quantised` brings them to the 8 bits of a PNG first,
-as the pinned protocol asks (3DGS's and NerfBaselines' evaluations read 8-bit files).
+Axes: c channels, h height, w width. Images are in [0, 1]. The pinned protocol first rounds them to the 8 bits of a PNG
+(`types.quantise_8_bit`), since 3DGS's and NerfBaselines' evaluations read 8-bit files.
 """
 
 import math
@@ -45,7 +45,7 @@ def ssim(image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"]) -> float:
     return ssim_map(image.double(), photo.double()).mean().item()
 
 
-def colour_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
+def align_colours(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
     """The image after the affine colour map (3x4, least squares over all pixels) that brings it nearest to the photo.
 
     Takes exposure and white balance, which differ from photo to photo, out of a comparison. Never further from the
@@ -56,11 +56,11 @@ def colour_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"])
         photo: the truth, [0, 1].
     """
     colours = image.double().flatten(1)
-    mapping = colour_map(colours, photo.double().flatten(1))
+    mapping = fit_colour_map(colours, photo.double().flatten(1))
     return (mapping[:, :3] @ colours + mapping[:, 3:]).view(image.shape).to(image.dtype)
 
 
-def colour_map(colours: Float[Tensor, "3 n"], wanted: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
+def fit_colour_map(colours: Float[Tensor, "3 n"], wanted: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
     """The affine map, a matrix and an offset, that brings colours nearest to others in least squares.
 
     Args:
@@ -76,4 +76,4 @@ def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -
     """PSNR in dB after the best affine colour map from image to photo; infinite for equal images."""
     if torch.equal(image, photo):
         return math.inf  # the fitted identity would leave rounding errors
-    return psnr(colour_aligned(image.double(), photo.double()), photo)
+    return psnr(align_colours(image.double(), photo.double()), photo)

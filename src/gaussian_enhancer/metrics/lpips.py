@@ -100,7 +100,7 @@ USUAL = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
 """The distances that are measured by default."""
 
 
-def asked_distances(
+def requested_distances(
     names: Sequence[str] | None, backbone: str | Path | None = None, device: torch.device | str = "cpu"
 ) -> list[PerceptualDistance]:
     """The distances of names, ready or with the reason; without names, those of `USUAL` that have a backbone.

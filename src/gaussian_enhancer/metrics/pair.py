@@ -13,7 +13,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.image_quality import psnr, psnr_aligned, ssim
 from gaussian_enhancer.metrics.lpips import PerceptualDistance
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 PROTOCOL = (
     "8-bit images; PSNR over all channels; psnr_aligned after the best affine colour map; psnr_masked over the mask; "
@@ -56,7 +56,7 @@ def measure_pair(
         if other is not None and other.shape[1:] != image.shape[1:]:
             received = f"is {other.shape[2]}x{other.shape[1]} where the image is {image.shape[2]}x{image.shape[1]}"
             raise InputError(what, received, "bring both to one size")
-    image, photo = quantised(image), quantised(photo)
+    image, photo = quantise_8_bit(image), quantise_8_bit(photo)
     metrics: dict[str, float | None] = {
         "psnr": psnr(image, photo),
         "psnr_aligned": psnr_aligned(image, photo),

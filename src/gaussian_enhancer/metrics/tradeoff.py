@@ -29,7 +29,7 @@ class Point:
                 raise ValueError(f"{what} of {self.name} is {value}, which is no finite number from 0")
 
 
-def front(points: Iterable[Point]) -> tuple[Point, ...]:
+def pareto_front(points: Iterable[Point]) -> tuple[Point, ...]:
     """The points that no other dominates, by rising cost.
 
     One point dominates another if it is neither dearer nor more wrong, and better in one of the two. Equal points do
@@ -53,12 +53,12 @@ def best_within(points: Iterable[Point], budget: float) -> Point | None:
     return min((one for one in points if one.cost <= budget), key=lambda one: (one.error, one.cost), default=None)
 
 
-def mean_squared(psnr: float) -> float:
+def mean_squared_error(psnr: float) -> float:
     """The mean squared error of images in [0, 1] that have so many decibels."""
     return 10 ** (-psnr / 10)
 
 
-def beyond_best(points: Sequence[Point], decibels: float) -> float:
+def error_above_best(points: Sequence[Point], decibels: float) -> float:
     """The error that lies so many decibels above the least one.
 
     Args:

@@ -10,12 +10,12 @@ from torch import Tensor
 
 from gaussian_enhancer.splat.compiled import kernel_lock
 
-__all__ = ["bits", "compilable", "empty_features", "fusable", "kernel_lock", "plane"]
+__all__ = ["can_fuse", "can_use_kernels", "empty_features", "kernel_lock", "kernel_words", "plane"]
 
 PLAIN = (torch.float32, torch.bfloat16)
 
 
-def compilable(*images: Tensor | None) -> bool:
+def can_use_kernels(*images: Tensor | None) -> bool:
     """Whether compiled kernels may take the place of PyTorch's operations.
 
     They need plain tensors on the CPU, no gradient, and that nothing observes operations: compilers, tracers, counters.
@@ -33,8 +33,8 @@ def compilable(*images: Tensor | None) -> bool:
     )
 
 
-def fusable(*images: Tensor | None) -> bool:
-    """Whether inference is in bfloat16 (by autocast, without gradients) and `compilable`: fused ways may be taken.
+def can_fuse(*images: Tensor | None) -> bool:
+    """Whether inference is in bfloat16 (by autocast, without gradients) and `can_use_kernels`: fused ways may be taken.
 
     Args:
         images: what is computed on; None is left out.
@@ -43,7 +43,7 @@ def fusable(*images: Tensor | None) -> bool:
         not torch.is_grad_enabled()
         and torch.is_autocast_enabled("cpu")
         and torch.get_autocast_dtype("cpu") == torch.bfloat16
-        and compilable(*images)
+        and can_use_kernels(*images)
     )
 
 
@@ -52,7 +52,7 @@ def empty_features(batch: int, channels: int, height: int, width: int) -> Float[
     return torch.empty(batch, height, width, channels, dtype=torch.bfloat16).permute(0, 3, 1, 2)
 
 
-def bits(features: Float[Tensor, "b c h w"], word: type[np.unsignedinteger] = np.uint16) -> np.ndarray:
+def kernel_words(features: Float[Tensor, "b c h w"], word: type[np.unsignedinteger] = np.uint16) -> np.ndarray:
     """Features in bfloat16 as kernels read and write them: (b, h, w, c), without a copy where memory is channels-last.
 
     Args:

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gaussian_enhancer.align.projection import array, compiled
+from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import NetworkInput
 
@@ -39,11 +39,11 @@ def clamp_to_references(
     if not bool(visible.any()):
         return image
     inputs = image, views.render, views.references, views.visibility
-    limited = (clamped_compiled if compiled(*inputs) else clamped)(image, views, window // 2)
+    limited = (clamp_compiled if can_use_kernels(*inputs) else clamp_torch)(image, views, window // 2)
     return limited if bool(visible.all()) else torch.where(visible[:, None, None, None], limited, image)
 
 
-def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+def clamp_torch(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
     """The image within the limits of its windows. Readable twin of the compiled kernel, on any device.
 
     Args:
@@ -59,7 +59,7 @@ def clamped(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) ->
     return limited
 
 
-def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
+def clamp_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
     """The same by a compiled kernel."""
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
     from gaussian_enhancer.splat.compiled import kernel_lock
@@ -67,7 +67,7 @@ def clamped_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:
         for one, result in enumerate(limited):
-            inputs = (array(images[one]) for images in (image, views.render, views.references, views.visibility))
+            inputs = (kernel_image(images[one]) for images in (image, views.render, views.references, views.visibility))
             clamp(*inputs, reach, result.numpy())
     return limited
 

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.fused_convolution import convolution
 
@@ -67,7 +67,7 @@ class Combination(nn.Module):
         """
         height, width = fine.shape[-2:]
         half = [_resized(values, height // 2, width // 2) for values in coarser]
-        if len(fine) == 1 and fine.dtype == torch.float32 and fusable(fine, render, *half):
+        if len(fine) == 1 and fine.dtype == torch.float32 and can_fuse(fine, render, *half):
             return self._combine_compiled(fine, render, half)
         x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half], dim=1)))
         x = self.head(self.block(x)).to(fine.dtype)
@@ -80,16 +80,16 @@ class Combination(nn.Module):
         render: Float[Tensor, "1 3 h w"],
         half: Sequence[Float[Tensor, "1 d _ _"]],
     ) -> Float[Tensor, "1 3 h w"]:
-        """The same for one image where inference is `fusable`."""
+        """The same for one image where inference is `can_fuse`."""
         from gaussian_enhancer.network.bfloat16_kernels import combine, pack_combination
 
         coarser, images = plane(torch.cat(list(half), dim=1)[0]), (plane(fine[0]), plane(render[0]))
         joined, result = empty_features(1, 12 + len(coarser), *coarser.shape[1:]), torch.empty(fine.shape)
         with kernel_lock:
-            pack_combination(*images, coarser, bits(joined)[0])
+            pack_combination(*images, coarser, kernel_words(joined)[0])
         decoded = convolution(self.block(convolution(joined, self.join, relu=True)), self.head)
         with kernel_lock:
-            combine(images[0], bits(decoded)[0], coarser, half[0].shape[1], result[0].numpy())
+            combine(images[0], kernel_words(decoded)[0], coarser, half[0].shape[1], result[0].numpy())
         return result
 
 

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words
 from gaussian_enhancer.network.block import Block
 
 
@@ -51,38 +51,38 @@ class Decoder(nn.Module):
             x = shrink(skips[-1])
         x = self.middle(x)
         for blocks, grow, skip in reversed(list(zip(self.up, self.grow, skips, strict=True))):
-            x = blocks(grown(grow(x), skip))
+            x = blocks(upsample_with_skip(grow(x), skip))
         return x
 
     def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
         """What `features` gave, at full resolution."""
-        return shuffled(self.head(features))
+        return pixel_shuffle(self.head(features))
 
 
 def _stack(channels: int, count: int) -> nn.Sequential:
     return nn.Sequential(*(Block(channels) for _ in range(count)))
 
 
-def grown(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
+def upsample_with_skip(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
     """Features shuffled to twice their resolution, plus the encoder's features of that resolution."""
-    if not (x.dtype == skip.dtype == torch.bfloat16 and fusable(x, skip)):
+    if not (x.dtype == skip.dtype == torch.bfloat16 and can_fuse(x, skip)):
         return skip + F.pixel_shuffle(x, 2)
     from gaussian_enhancer.network.bfloat16_kernels import shuffle_and_add
 
     result = empty_features(*skip.shape)
     with kernel_lock:
-        shuffle_and_add(bits(x), bits(skip), bits(result))
+        shuffle_and_add(kernel_words(x), kernel_words(skip), kernel_words(result))
     return result
 
 
-def shuffled(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
+def pixel_shuffle(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
     """Pixel-shuffle by 2 to planes."""
-    if not (x.dtype == torch.bfloat16 and fusable(x)):
+    if not (x.dtype == torch.bfloat16 and can_fuse(x)):
         return F.pixel_shuffle(x, 2)
     from gaussian_enhancer.network.bfloat16_kernels import shuffle
 
     batch, channels, height, width = x.shape
     result = torch.empty(batch, channels // 4, 2 * height, 2 * width, dtype=x.dtype)
     with kernel_lock:
-        shuffle(bits(x), result.view(torch.int16).numpy().view(np.uint16))
+        shuffle(kernel_words(x), result.view(torch.int16).numpy().view(np.uint16))
     return result

@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.types import precise
+from gaussian_enhancer.types import single_precision
 
 
 def deformable_sample(
@@ -94,7 +94,7 @@ class Deformation(nn.Module):
         each = references.flatten(0, 1)
         x = F.relu(self.compare(torch.cat([each, target.repeat_interleave(references.shape[1], dim=0)], dim=1)))
         x = self.predict(F.relu(self.widen(x)))
-        x = F.interpolate(precise(x), scale_factor=2, mode="bilinear", align_corners=False)
+        x = F.interpolate(single_precision(x), scale_factor=2, mode="bilinear", align_corners=False)
         split = 2 * self.groups * self.kernel**2
         offset, mask = x[:, :split], 2 * torch.sigmoid(x[:, split:])
         if self.reach is not None:

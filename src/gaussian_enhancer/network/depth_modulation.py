@@ -12,10 +12,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.fused_convolution import convolution
-from gaussian_enhancer.network.halving import halved, unshuffled
-from gaussian_enhancer.types import FARTHEST_DEPTH, usable
+from gaussian_enhancer.network.halving import halve, pixel_unshuffle
+from gaussian_enhancer.types import FARTHEST_DEPTH, usable_depth
 
 
 class DepthModulation(nn.Module):
@@ -50,30 +50,30 @@ class DepthModulation(nn.Module):
         if depth is None:
             return features
         unit = depth_unit(depth) if unit is None else unit
-        if len(depth) == 1 and features.dtype == torch.bfloat16 and fusable(features, depth):
+        if len(depth) == 1 and features.dtype == torch.bfloat16 and can_fuse(features, depth):
             return self._modulate_compiled(features, depth, float(unit))
         inverse = normalised_inverse_depth(depth, unit)
-        known_depth = usable(depth).to(inverse.dtype)
-        x = unshuffled(torch.cat([inverse, known_depth], dim=1).to(self.stem.weight.dtype))
+        known_depth = usable_depth(depth).to(inverse.dtype)
+        x = pixel_unshuffle(torch.cat([inverse, known_depth], dim=1).to(self.stem.weight.dtype))
         scale, shift = self.modulate(F.relu(self.widen(F.relu(self.stem(x))))).chunk(2, dim=1)
-        share = halved(known_depth).to(features.dtype)
+        share = halve(known_depth).to(features.dtype)
         return features + share * (features * scale + shift)
 
     def _modulate_compiled(
         self, features: Float[Tensor, "1 c i j"], depth: Float[Tensor, "1 1 h w"], unit: float
     ) -> Float[Tensor, "1 c i j"]:
-        """The same for one image where inference is `fusable`."""
+        """The same for one image where inference is `can_fuse`."""
         from gaussian_enhancer.network.bfloat16_kernels import modulate, pack_depth
 
         size = features.shape[-2:]
         planes, share = empty_features(1, 8, *size), torch.empty(1, *size)
         limits = np.float32(unit), np.float32(FARTHEST_DEPTH)
         with kernel_lock:
-            pack_depth(plane(depth[0, 0]), *limits, bits(planes, np.uint32)[0], share[0].numpy())
+            pack_depth(plane(depth[0, 0]), *limits, kernel_words(planes, np.uint32)[0], share[0].numpy())
         hidden = convolution(convolution(planes, self.stem, relu=True), self.widen, relu=True)
         modulation, result = convolution(hidden, self.modulate), empty_features(1, *features.shape[1:])
         with kernel_lock:
-            modulate(bits(features), bits(modulation), share.numpy(), bits(result))
+            modulate(kernel_words(features), kernel_words(modulation), share.numpy(), kernel_words(result))
         return result
 
 

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.block import Block
-from gaussian_enhancer.network.halving import unshuffled
+from gaussian_enhancer.network.halving import pixel_unshuffle
 
 
 class Encoder(nn.Module):
@@ -41,12 +41,12 @@ class Encoder(nn.Module):
             mask: opacity of a render or visibility of a reference, in [0, 1].
             further: what else is known of each pixel.
         """
-        if further is None and fusable(image, mask):
-            return self.features(packed(image, mask, -0.5))
+        if further is None and can_fuse(image, mask):
+            return self.features(pack_input(image, mask, -0.5))
         planes = [image - 0.5, mask] + ([] if further is None else [further])
         if torch.is_autocast_enabled(image.device.type):  # what the stem would do, at the size that it reads
             planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
-        return self.features(unshuffled(torch.cat(planes, dim=1)))
+        return self.features(pixel_unshuffle(torch.cat(planes, dim=1)))
 
     def features(self, planes: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b c i j"]:
         """Encode planes whose squares of 2x2 pixels are channels."""
@@ -54,14 +54,14 @@ class Encoder(nn.Module):
         return encoded
 
 
-def packed(
+def pack_input(
     image: Float[Tensor, "b c h w"], mask: Float[Tensor, "b 1 h w"], shift: float = 0.0
 ) -> Float[Tensor, "b _ i j"]:
-    """The pixel-unshuffled bfloat16 of an image plus a shift, and of a mask, where inference is `fusable`."""
+    """The pixel-unshuffled bfloat16 of an image plus a shift, and of a mask, where inference is `can_fuse`."""
     from gaussian_enhancer.network.bfloat16_kernels import pack_planes
 
     batch, channels, height, width = image.shape
     result = empty_features(batch, 4 * (channels + 1), height // 2, width // 2)
     with kernel_lock:
-        pack_planes(plane(image), np.float32(shift), plane(mask), bits(result, np.uint32))
+        pack_planes(plane(image), np.float32(shift), plane(mask), kernel_words(result, np.uint32))
     return result

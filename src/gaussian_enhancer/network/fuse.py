@@ -12,10 +12,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.fused_convolution import convolution
-from gaussian_enhancer.types import precise
+from gaussian_enhancer.types import single_precision
 
 LIMIT = 6.0
 """Of a logit's magnitude, so that no reference outweighs the render completely."""
@@ -65,11 +65,11 @@ class TrustFusion(nn.Module):
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
         compared = self.block(self._compare(target, references, visibility))
-        if compared.dtype == torch.bfloat16 and fusable(compared, visibility):
+        if compared.dtype == torch.bfloat16 and can_fuse(compared, visibility):
             fused_values, trust = self._weighted_sum(self.trust(compared), self.value(compared), visibility)
             return convolution(fused_values, self.project, plus=target), trust
-        logits = LIMIT * torch.tanh(precise(self.trust(compared)) / LIMIT)
-        scores = precise(visibility) * torch.exp(logits).unflatten(0, (batch, count))
+        logits = LIMIT * torch.tanh(single_precision(self.trust(compared)) / LIMIT)
+        scores = single_precision(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
         values = self.value(compared).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
         # Reference by reference, so that nothing of all references' size is made of what is added up at once.
@@ -95,7 +95,7 @@ class TrustFusion(nn.Module):
         target_part = F.conv2d(target, weight[:, channels:], bias, padding=1)
         if self.pool is not None:
             target_part = target_part + self.pool(_pool_references(references, visibility))
-        if reference_part.dtype == torch.bfloat16 and fusable(reference_part, target_part):
+        if reference_part.dtype == torch.bfloat16 and can_fuse(reference_part, target_part):
             _add_and_rectify(reference_part, target_part)
             return reference_part.flatten(0, 1)
         return F.relu(reference_part + target_part[:, None]).flatten(0, 1)
@@ -103,14 +103,20 @@ class TrustFusion(nn.Module):
     def _weighted_sum(
         self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Weighted sum of the references' values, and the mean weight of each, where inference is `fusable`."""
+        """Weighted sum of the references' values, and the mean weight of each, where inference is `can_fuse`."""
         from gaussian_enhancer.network.bfloat16_kernels import weigh
 
         pairs, trust = visibility.shape[:2], torch.empty_like(visibility, memory_format=torch.contiguous_format)
         fused_values = empty_features(pairs[0], *values.shape[1:])
-        inputs = (bits(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
+        inputs = (kernel_words(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
         with kernel_lock:
-            weigh(*inputs, plane(visibility[:, :, 0]), np.float32(LIMIT), bits(fused_values), trust[:, :, 0].numpy())
+            weigh(
+                *inputs,
+                plane(visibility[:, :, 0]),
+                np.float32(LIMIT),
+                kernel_words(fused_values),
+                trust[:, :, 0].numpy(),
+            )
         return fused_values, trust
 
 
@@ -120,14 +126,14 @@ def _add_and_rectify(references: Float[Tensor, "b r c h w"], target: Float[Tenso
 
     reference_words = references.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
     with kernel_lock:
-        add_and_rectify(reference_words, bits(target))
+        add_and_rectify(reference_words, kernel_words(target))
 
 
 def _pool_references(
     references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
 ) -> Float[Tensor, "b _ h w"]:
     """Mean features of the references, weighted by visibility, and a third of the sum of visibilities as a channel."""
-    if references.dtype == torch.bfloat16 and fusable(references, visibility):
+    if references.dtype == torch.bfloat16 and can_fuse(references, visibility):
         return _pooled_compiled(references, visibility)
     visibility = visibility.to(references.dtype)
     total = visibility.sum(1)
@@ -140,14 +146,14 @@ def _pool_references(
 def _pooled_compiled(
     references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
 ) -> Float[Tensor, "b _ h w"]:
-    """The same in one pass over memory, where inference is `fusable`."""
+    """The same in one pass over memory, where inference is `can_fuse`."""
     from gaussian_enhancer.network.bfloat16_kernels import pool
 
     batch, count, channels, height, width = references.shape
-    words = bits(references.flatten(0, 1)).reshape(batch, count, height, width, channels)
+    words = kernel_words(references.flatten(0, 1)).reshape(batch, count, height, width, channels)
     result = empty_features(batch, channels + 1, height, width)
     with kernel_lock:
-        pool(words, plane(visibility[:, :, 0]), bits(result))
+        pool(words, plane(visibility[:, :, 0]), kernel_words(result))
     return result
 
 

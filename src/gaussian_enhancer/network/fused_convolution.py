@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import fusable
+from gaussian_enhancer.network.bfloat16 import can_fuse
 
 
 def convolution(
@@ -23,7 +23,7 @@ def convolution(
 ) -> Float[Tensor, "b d _ _"]:
     """relu(plus + scale * layer(x)); each part is optional.
 
-    Where `fusable`, oneDNN does all of it while it writes the result, and the scale goes into the weights.
+    Where `can_fuse`, oneDNN does all of it while it writes the result, and the scale goes into the weights.
 
     Args:
         x: features.
@@ -32,7 +32,7 @@ def convolution(
         plus: what is added.
         relu: whether negative values become 0.
     """
-    if _ONEDNN is not None and x.dtype == torch.bfloat16 and fusable(x, plus):
+    if _ONEDNN is not None and x.dtype == torch.bfloat16 and can_fuse(x, plus):
         return _convolve_fused(x, layer, scale, plus, relu)
     result: Tensor = layer(x)
     if scale is not None:

@@ -12,7 +12,7 @@ WORDS = {2: torch.int32, 4: torch.int64}
 """Integers that hold two pixels, by the bytes of one."""
 
 
-def unshuffled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
+def pixel_unshuffle(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
     """Pixel-unshuffle by 2: squares of pixels become channels.
 
     Bit for bit `torch.nn.functional.pixel_unshuffle`. On processors the result lies in channels-last memory, as the
@@ -33,7 +33,7 @@ def unshuffled(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
     return unshuffled_pairs.view(batch, height // 2, width // 2, 4 * channels).permute(0, 3, 1, 2)
 
 
-def halved(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b i j"]:
+def halve(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b i j"]:
     """Means over squares of 2x2 pixels; rows, which are contiguous in memory, are added first.
 
     Args:

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.network.bfloat16 import fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, kernel_lock, plane
 from gaussian_enhancer.types import NetworkInput
 
 OUTPUTS = 6
@@ -50,7 +50,7 @@ def compose(
     """
     render, visibility = views.render, views.visibility
     images = decoded, render, views.references, visibility, views.reference_renders, trust
-    if decoded.dtype == torch.bfloat16 and visibility.shape[1] and fusable(*images):
+    if decoded.dtype == torch.bfloat16 and visibility.shape[1] and can_fuse(*images):
         return _compose_compiled(decoded, views, trust)
     decoded = decoded.to(render.dtype)
     enhanced = render + torch.sigmoid(decoded[:, 3:4]) * decoded[:, :3]
@@ -73,7 +73,7 @@ def compose(
 def _compose_compiled(
     decoded: Float[Tensor, "b 6 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
 ) -> Float[Tensor, "b 3 h w"]:
-    """The same in one pass over memory, where inference is `fusable` and there is a reference."""
+    """The same in one pass over memory, where inference is `can_fuse` and there is a reference."""
     from gaussian_enhancer.network.bfloat16_kernels import compose as kernel
 
     result = torch.empty_like(views.render, memory_format=torch.contiguous_format)

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.align.depth_normalisation import depth_unit
-from gaussian_enhancer.network.bfloat16 import compilable, fusable, kernel_lock, plane
-from gaussian_enhancer.network.halving import halved
-from gaussian_enhancer.types import NetworkInput, usable
+from gaussian_enhancer.network.bfloat16 import can_fuse, can_use_kernels, kernel_lock, plane
+from gaussian_enhancer.network.halving import halve
+from gaussian_enhancer.types import NetworkInput, usable_depth
 
 
-def padded(views: NetworkInput, stride: int) -> NetworkInput:
+def pad_to_stride(views: NetworkInput, stride: int) -> NetworkInput:
     """Views whose last row and column are repeated until both sides are multiples of a stride."""
     height, width = views.render.shape[-2:]
     bottom, right = -height % stride, -width % stride
@@ -30,10 +30,10 @@ def padded(views: NetworkInput, stride: int) -> NetworkInput:
         flat = F.pad(flat, (0, beside, 0, below), mode="replicate")
         return flat.reshape(*image.shape[:-2], *flat.shape[-2:])
 
-    return views.mapped(grown)
+    return views.map_images(grown)
 
 
-def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
+def average_views(views: NetworkInput, factor: int) -> NetworkInput:
     """Views averaged over squares of pixels; sides are multiples of the factor.
 
     References and their renders are averaged by visibility, depth as inverse depth where it is known. The unit of
@@ -51,7 +51,7 @@ def shrunk(views: NetworkInput, factor: int) -> NetworkInput:
     depth, unit = views.depth, views.depth_unit
     if depth is not None:
         unit = depth_unit(depth) if unit is None else unit
-        known_depth = usable(depth)
+        known_depth = usable_depth(depth)
         inverse = torch.where(
             known_depth, 1 / torch.where(known_depth, depth, torch.ones_like(depth)), torch.zeros_like(depth)
         )
@@ -75,16 +75,16 @@ def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, Networ
         views: at full size.
         stride: what both sides are padded to a multiple of, itself a multiple of 4.
     """
-    whole = padded(views, stride)
-    half = shrunk(whole, 2)
-    return shrunk(half, 2), half, whole
+    whole = pad_to_stride(views, stride)
+    half = average_views(whole, 2)
+    return average_views(half, 2), half, whole
 
 
-def upsampled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
+def upsample_bicubic(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
     """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
     if scale == 1:
         return image
-    if scale in (2, 4) and image.dtype == torch.float32 and compilable(image):
+    if scale in (2, 4) and image.dtype == torch.float32 and can_use_kernels(image):
         return _upsample_compiled(image, scale)
     return F.interpolate(image, scale_factor=scale, mode="bicubic", align_corners=False)
 
@@ -114,7 +114,7 @@ def _cubic_phases(scale: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _average(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
     if factor == 2:
-        return halved(image)
+        return halve(image)
     flat = image.reshape(-1, *image.shape[-3:])
     if flat.shape[0] == 0:
         return image.new_zeros(*image.shape[:-2], *size)
@@ -127,7 +127,7 @@ def _shrunk_references(
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
     """References and their renders, averaged by visibility, and the mean visibility."""
     images = views.references, views.reference_renders, views.visibility
-    if factor == 2 and fusable(*images):
+    if factor == 2 and can_fuse(*images):
         return _halved_references(*images)
     share = _average(views.visibility, factor, size)
 
@@ -143,7 +143,7 @@ def _halved_references(
     renders: Float[Tensor, "b r 3 h w"] | None,
     visibility: Float[Tensor, "b r 1 h w"],
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
-    """The same for a factor of 2 in one pass over memory, where inference is `fusable`."""
+    """The same for a factor of 2 in one pass over memory, where inference is `can_fuse`."""
     from gaussian_enhancer.network.bfloat16_kernels import shrink
 
     inputs = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]

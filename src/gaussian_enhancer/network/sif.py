@@ -14,7 +14,7 @@ from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
-from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.network.stem import Choice, Gather
 from gaussian_enhancer.types import NetworkInput
 
@@ -58,13 +58,13 @@ class SIF(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c i j"], ...]:
         """Features of the references, for `forward` to use again with other targets where they are not warped."""
-        return (self.gather.encode(padded(views, self.stride)),)
+        return (self.gather.encode(pad_to_stride(views, self.stride)),)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale. Any number of references is taken, none included."""
         height, width = views.render.shape[-2:]
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         features, trust = self.gather(views, None if encoded is None else encoded[0])
         return (self.output(self.decode(features), views, trust)[..., :height, :width],)

@@ -11,16 +11,16 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.block import Block
-from gaussian_enhancer.network.decode import Decoder, grown, shuffled
+from gaussian_enhancer.network.decode import Decoder, pixel_shuffle, upsample_with_skip
 from gaussian_enhancer.network.deform import Unrefined
 from gaussian_enhancer.network.depth_modulation import DepthModulated
 from gaussian_enhancer.network.fuse import Trust
-from gaussian_enhancer.network.halving import halved, unshuffled
+from gaussian_enhancer.network.halving import halve, pixel_unshuffle
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.output_head import Gated, Output
-from gaussian_enhancer.network.pyramid import padded, upsampled
+from gaussian_enhancer.network.pyramid import pad_to_stride, upsample_bicubic
 from gaussian_enhancer.network.stem import Choice, Gather
 from gaussian_enhancer.types import NetworkInput, Region
 
@@ -82,16 +82,16 @@ class SSIFSR(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references at each scale, for `forward` to use again where they are not warped."""
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         photos, seen = fine_references(views)
-        return self.gather.encode(views), self.middle.encode(halved(photos), seen)
+        return self.gather.encode(views), self.middle.encode(halve(photos), seen)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
         """Enhanced images of 1, 2 and 4 times the render's size; without fine references, from the render alone."""
         height, width = views.render.shape[-2:]
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         fused, trust = self.gather(views, None if encoded is None else encoded[0])
         features = self.decode.features(fused)
         image = self.output(self.decode.outputs(features), views, trust)
@@ -120,14 +120,14 @@ class SSIFSR(CachesReferences):
             seen: their visibility.
             encoded: their features at 2x, where they are known already.
         """
-        half = halved(photos)
+        half = halve(photos)
         encoded = self.middle.encode(half, seen) if encoded is None else encoded
         features, decoded, trust = self.middle(features, encoded, seen)
-        base = upsampled(image, 2)
-        second = self.output(decoded, *merged(base, half, halved(half), seen, trust))
+        base = upsample_bicubic(image, 2)
+        second = self.output(decoded, *merge_torch(base, half, halve(half), seen, trust))
         twice = _repeat_2x(seen, 2)
-        base = upsampled(image, 4) + upsampled(second - base, 2)
-        only, trust = merged(base, photos, half, twice, _upsample_2x(trust) * (twice > 0))
+        base = upsample_bicubic(image, 4) + upsample_bicubic(second - base, 2)
+        only, trust = merge_torch(base, photos, half, twice, _upsample_2x(trust) * (twice > 0))
         decoded = self.tail(self.grow_again(features), only, trust)
         return second, self.output(decoded, only, trust)
 
@@ -139,10 +139,10 @@ class SSIFSR(CachesReferences):
         for top in range(0, height, TILE):
             for left in range(0, width, TILE):
                 inner = Region(top, left, min(top + TILE, height), min(left + TILE, width))
-                outer = inner.grown(halo, height, width)
+                outer = inner.expand(halo, height, width)
                 parts = self._finer_scales(*(outer.cut(image, image.shape[-1] // width) for image in known))
                 for n, result, part in zip(UPSCALE, (second, fourth), parts, strict=True):
-                    inner.cut(result, n).copy_(inner.within(outer).cut(part, n))
+                    inner.cut(result, n).copy_(inner.relative_to(outer).cut(part, n))
         return second, fourth
 
 
@@ -177,7 +177,7 @@ class Middle(nn.Module):
         if photos.shape[1] == 0:
             return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
         dtype = _computing_dtype(photos)
-        x = unshuffled(photos.flatten(0, 1).to(dtype) - 0.5)
+        x = pixel_unshuffle(photos.flatten(0, 1).to(dtype) - 0.5)
         features = self.encode_reference(torch.cat([x, visibility.flatten(0, 1).to(dtype)], dim=1))
         return features.unflatten(0, photos.shape[:2])
 
@@ -196,7 +196,7 @@ class Middle(nn.Module):
         """
         fused, trust = self.fuse(features, encoded.to(features.dtype), visibility)
         features = self.blocks(fused)
-        return features, shuffled(self.head(features)), trust
+        return features, pixel_shuffle(self.head(features)), trust
 
 
 class Tail(nn.Module):
@@ -226,8 +226,8 @@ class Tail(nn.Module):
             views: the base and the merged reference, or none.
             trust: how far that is trusted.
         """
-        features = grown(features, self.read(_pack_merged(views, trust)))
-        return shuffled(self.head(self.blocks(features)))
+        features = upsample_with_skip(features, self.read(_pack_merged(views, trust)))
+        return pixel_shuffle(self.head(self.blocks(features)))
 
 
 def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
@@ -238,8 +238,8 @@ def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Floa
         trust: how far that is trusted.
     """
     base, dtype = views.render, _computing_dtype(views.render)
-    if views.references.shape[1] and fusable(base, views.references, views.visibility, trust):
-        return _packed_compiled(views, trust)
+    if views.references.shape[1] and can_fuse(base, views.references, views.visibility, trust):
+        return _pack_compiled(views, trust)
     residual, trust_sum = torch.zeros_like(base), base.new_zeros(len(base), 1, *trust.shape[-2:])
     if views.references.shape[1]:
         residual, trust_sum = (views.references[:, 0] - base) * views.visibility[:, 0], trust[:, 0]
@@ -247,13 +247,13 @@ def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Floa
     return torch.cat([F.pixel_unshuffle(stacked, 2), trust_sum.to(dtype)], dim=1)
 
 
-def _packed_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
-    """The same in one pass over memory, where inference is `fusable`."""
+def _pack_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
+    """The same in one pass over memory, where inference is `can_fuse`."""
     from gaussian_enhancer.network.ssif_sr_kernels import pack_merged
 
     result = empty_features(len(trust), 25, *trust.shape[-2:])
     with kernel_lock:
-        for b, words in enumerate(bits(result)):
+        for b, words in enumerate(kernel_words(result)):
             inputs = views.render[b], views.references[b, 0], views.visibility[b, 0, 0], trust[b, 0, 0]
             pack_merged(*(plane(image) for image in inputs), words)
     return result
@@ -271,7 +271,7 @@ def fine_references(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], Fl
     return fine, views.visibility[:, : fine.shape[1]]
 
 
-def merged(
+def merge_torch(
     base: Float[Tensor, "b 3 h w"],
     photos: Float[Tensor, "b r 3 h w"],
     halved: Float[Tensor, "b r 3 i j"],
@@ -292,8 +292,8 @@ def merged(
     """
     if photos.shape[1] == 0:
         return NetworkInput(base, photos, photos[:, :, :1]), trust
-    if fusable(base, photos, halved, visibility, trust):
-        return _merged_compiled(base, photos, halved, visibility, trust)
+    if can_fuse(base, photos, halved, visibility, trust):
+        return _merge_compiled(base, photos, halved, visibility, trust)
     trust = trust.to(base.dtype)
     weight = _upsample_2x(trust) * _repeat_2x(visibility > 0, 2)
     total = weight.sum(1)
@@ -306,14 +306,14 @@ def merged(
     ), together
 
 
-def _merged_compiled(
+def _merge_compiled(
     base: Float[Tensor, "b 3 h w"],
     photos: Float[Tensor, "b r 3 h w"],
     halved: Float[Tensor, "b r 3 i j"],
     visibility: Float[Tensor, "b r 1 i j"],
     trust: Float[Tensor, "b r 1 i j"],
 ) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
-    """The same in one pass over memory, where inference is `fusable`."""
+    """The same in one pass over memory, where inference is `can_fuse`."""
     from gaussian_enhancer.network.ssif_sr_kernels import merge
 
     mean, soft = (torch.empty(base.shape) for _ in range(2))

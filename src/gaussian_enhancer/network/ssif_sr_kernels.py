@@ -84,7 +84,7 @@ def _interleave_4(one, two, three, four, result):
 @kernel
 @no_type_check
 def merge(photos, halved, visibility, trust, mean, seen, soft, together):
-    """Write what `ssif_sr.merged` gives: the references' mean and where there is one, its soft part, and their trust.
+    """Write what `ssif_sr.merge_torch` returns: mean of the references, where there is one, its soft part, trust.
 
     Args:
         photos: of the references, (r, 3, h, w).

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.network.bfloat16 import bits, empty_features, fusable, kernel_lock, plane
+from gaussian_enhancer.network.bfloat16 import can_fuse, empty_features, kernel_lock, kernel_words, plane
 from gaussian_enhancer.network.encode import Encoder
-from gaussian_enhancer.network.halving import halved
+from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -63,7 +63,7 @@ class Gather(nn.Module):
         if references.shape[1] == 0:
             height, width = references.shape[-2:]
             return references.new_zeros(len(references), 0, self.encode_render.channels, height // 2, width // 2)
-        if self.reference_renders and fusable(references, visibility, views.reference_renders):
+        if self.reference_renders and can_fuse(references, visibility, views.reference_renders):
             return self.encode_reference.features(_pack_references(views)).unflatten(0, references.shape[:2])
         further = None
         if self.reference_renders:
@@ -88,7 +88,7 @@ class Gather(nn.Module):
         features = self.encode(views) if encoded is None else encoded.to(target.dtype)
         if features.shape[1]:
             features = self.align(features, target)
-        visibility = halved(views.visibility)
+        visibility = halve(views.visibility)
         fused, trust = self.fuse(target, features, visibility)
         return self.modulate(fused, views.depth, views.depth_unit), trust
 
@@ -103,5 +103,5 @@ def _pack_references(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
     result = empty_features(len(photos), 32, photos.shape[-2] // 2, photos.shape[-1] // 2)
     images = plane(photos), plane(renders), plane(visibility)
     with kernel_lock:
-        pack_references(*images, np.float32(has_renders), bits(result, np.uint32))
+        pack_references(*images, np.float32(has_renders), kernel_words(result, np.uint32))
     return result

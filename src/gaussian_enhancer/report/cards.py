@@ -47,7 +47,7 @@ class CardImages:
         )
 
 
-def pictured(count: int, worst: int | None, most: int) -> list[int]:
+def pictured_indices(count: int, worst: int | None, most: int) -> list[int]:
     """Indices of the views shown with pictures: all, or an even selection that includes the worst."""
     if count <= most:
         return list(range(count))

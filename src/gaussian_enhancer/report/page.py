@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.report.cards import CardImages, card, pictured
+from gaussian_enhancer.report.cards import CardImages, card, pictured_indices
 from gaussian_enhancer.report.compared import ComparedView, check_names
 from gaussian_enhancer.report.quantities import Quantity
-from gaussian_enhancer.report.summary import MetricSummary, gain_of, measured, summarise, worst_view
+from gaussian_enhancer.report.summary import MetricSummary, gain_of, measured_quantities, summarise, worst_view
 from gaussian_enhancer.report.templating import render
 
 POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
@@ -52,15 +52,15 @@ def document(
 ) -> str:
     """The page's HTML; arguments as for `write_report`."""
     check_names(views)
-    summaries = [summarise(views, quantity) for quantity in measured(views)]
+    summaries = [summarise(views, quantity) for quantity in measured_quantities(views)]
     worst = worst_view(summaries)
-    pictured_indices = pictured(len(views), worst, most_pictured)
-    pictures = CardImages.of([views[i] for i in pictured_indices])
+    indices = pictured_indices(len(views), worst, most_pictured)
+    pictures = CardImages.of([views[i] for i in indices])
     quantities = [summary.quantity for summary in summaries]
     values = {
         "title": title,
         "policy": POLICY,
-        "subtitle": _subtitle(views, len(pictured_indices)),
+        "subtitle": _subtitle(views, len(indices)),
         "ramp": pictures.ramp,
         "scale": pictures.scale,
         "portrait": pictures.portrait,
@@ -69,9 +69,9 @@ def document(
         "times": [view.milliseconds for view in views if view.milliseconds is not None],
         "quantities": quantities,
         "columns": [metric for metric in quantities if any(gain_of(view, metric.key) is not None for view in views)],
-        "shown": set(pictured_indices),
+        "shown": set(indices),
         "worst": worst,
-        "cards": [card(i, views[i], pictures, worst=i == worst) for i in pictured_indices],
+        "cards": [card(i, views[i], pictures, worst=i == worst) for i in indices],
         "gain_of": gain_of,
         "bar_width": partial(_bar_width, views),
         "unmeasured": partial(_missing_reason, views),

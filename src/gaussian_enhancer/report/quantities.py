@@ -29,7 +29,7 @@ class Quantity:
         """Direction of improvement; None where the metric has none that is known."""
         return HIGHER_IS_BETTER.get(self.key)
 
-    def written(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """Format a value; ``∞``, ``−∞`` and ``–`` (NaN) stand for values that are not finite."""
         if math.isnan(value):
             return "–"
@@ -37,10 +37,10 @@ class Quantity:
             return "∞" if value > 0 else "−∞"
         return f"{value:.{self.decimals}f}".replace("-", "−")
 
-    def gain_written(self, gain: float) -> str:
+    def format_gain(self, gain: float) -> str:
         """Format a difference with its sign; it is ``±0`` with the metric's decimals where it rounds to zero."""
         if not math.isfinite(gain):
-            return self.written(gain)
+            return self.format_value(gain)
         if round(gain, self.decimals) == 0:
             return f"±{0:.{self.decimals}f}"
         return f"{gain:+.{self.decimals}f}".replace("-", "−")

@@ -35,7 +35,7 @@ class SimulatedRender:
     steps: tuple[ArtefactStep, ...]
 
 
-def drawn_sample(
+def draw_sample(
     simulator: Simulator, photo: Photographed, generator: torch.Generator, file: str
 ) -> tuple[SimulatedRender, View]:
     """Simulate one render.

@@ -25,7 +25,7 @@ STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Strengths of artefacts, the columns of the sheet of types."""
 
 
-def reduced(view: View, edge: int = EDGE) -> View:
+def shrink_view(view: View, edge: int = EDGE) -> View:
     """Copy of a view whose longer side has at most ``edge`` pixels.
 
     Depth is resampled to the nearest neighbour: no values are interpolated, and pixels without depth stay so.
@@ -52,7 +52,7 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
     """
     images = {"photo": view.image[0]}
     if real is not None:
-        images["real render"] = reduced(View(real)).image[0]
+        images["real render"] = shrink_view(View(real)).image[0]
     if view.depth is not None:
         images["depth: near is light"] = shown_depth(view.depth[0], view.depth[0])
     if view.alpha is not None:
@@ -109,7 +109,7 @@ def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: 
         generators = spawn(draws, torch.Generator().manual_seed(seed))
         steps = [gate.draw(generator) for generator in generators]
         degraded = degrade(copies, steps, generators)
-        rows.append(ImageRow(name, tuple(degraded.image), tuple(map(told, steps))))
+        rows.append(ImageRow(name, tuple(degraded.image), tuple(map(describe_artefacts, steps))))
     text = (
         "Draws of each gate, stage 1 alone. Below each: what passed, in the order in which it acts, with its strength."
     )
@@ -143,10 +143,12 @@ def generator_section(
         )
     if real is not None:
         views["real render"] = View(real)
-    images = tuple(reduced(shown_view).image[0] for shown_view in views.values())
+    images = tuple(shrink_view(shown_view).image[0] for shown_view in views.values())
     note = "" if real is not None else " There is no real render of a photo without its run."
     text = f"Stage 2 (L) learns to bring stage 1 (M) closer to real renders.{note}"
-    return Section("Generator", text, (ImageRow(f"stage 1: {told(steps)}", images, tuple(views)),), "generator")
+    return Section(
+        "Generator", text, (ImageRow(f"stage 1: {describe_artefacts(steps)}", images, tuple(views)),), "generator"
+    )
 
 
 def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], count: int) -> Section:
@@ -156,12 +158,12 @@ def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], 
         samples: file, steps and reduced image of each sample that is shown.
         count: number of samples that were written.
     """
-    captions = tuple(f"{file}: {told(steps)}" for file, steps, _ in samples)
+    captions = tuple(f"{file}: {describe_artefacts(steps)}" for file, steps, _ in samples)
     text = f"{count} written at full size" + ("." if count == len(samples) else f", the first {len(samples)} shown.")
     return Section("Samples", text, (ImageRow("", tuple(view.image[0] for *_, view in samples), captions),))
 
 
-def told(steps: Sequence[ArtefactStep]) -> str:
+def describe_artefacts(steps: Sequence[ArtefactStep]) -> str:
     """Text of a sample's artefacts, with their strengths."""
     phrases = [f"{step.type} {step.strength:.2f}{' in a region' if step.regional else ''}" for step in steps]
     return " · ".join(phrases) if phrases else "nothing"

@@ -34,7 +34,7 @@ def gain_of(view: ComparedView, key: str) -> float | None:
     return _pair(view).gain(key)
 
 
-def measured(views: Sequence[ComparedView]) -> tuple[Quantity, ...]:
+def measured_quantities(views: Sequence[ComparedView]) -> tuple[Quantity, ...]:
     """The metrics that at least one view has, or whose absence it gives a reason for."""
     keys: set[str] = set()
     for view in views:

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from gaussian_enhancer.report.compared import ComparedView
 from gaussian_enhancer.report.quantities import Quantity
-from gaussian_enhancer.report.summary import gain_of, measured, summarise, worst_view
+from gaussian_enhancer.report.summary import gain_of, measured_quantities, summarise, worst_view
 
 STYLES = {"better": "green", "worse": "red", "same": "dim"}
 
@@ -23,7 +23,9 @@ def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
         views: the compared views.
         title: title above the table.
     """
-    quantities = [quantity for quantity in measured(views) if any(gain_of(v, quantity.key) is not None for v in views)]
+    quantities = [
+        quantity for quantity in measured_quantities(views) if any(gain_of(v, quantity.key) is not None for v in views)
+    ]
     summaries = [summarise(views, quantity) for quantity in quantities]
     worst = worst_view(summaries)
     table = Table(title=title or None, show_footer=True, title_justify="left")
@@ -58,5 +60,5 @@ def _view_cell(view: ComparedView, quantity: Quantity) -> Text:
 
 
 def _cell(quantity: Quantity, raw: float, enhanced: float, gain: float) -> Text:
-    numbers = f"{quantity.written(raw)}→{quantity.written(enhanced)}\n"
-    return Text(numbers).append(quantity.gain_written(gain), style=STYLES[quantity.verdict(gain)])
+    numbers = f"{quantity.format_value(raw)}→{quantity.format_value(enhanced)}\n"
+    return Text(numbers).append(quantity.format_gain(gain), style=STYLES[quantity.verdict(gain)])

@@ -39,7 +39,7 @@ def options_of(cfg: DictConfig) -> EnhancementOptions:
     )
 
 
-def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
+def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """Load the weights, read the input and validate it.
 
     Args:
@@ -56,11 +56,11 @@ def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, Val
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
     if cfg.get("recover_geometry"):  # an option of the job enhance alone
         folder = Path(cfg.output or cfg.runs) / "geometry"
-        task = with_geometry(task, pretrained, options, folder, cfg.runtime.progress)
-    return prepared(pretrained, task, options, device)
+        task = recover_missing_geometry(task, pretrained, options, folder, cfg.runtime.progress)
+    return prepare_enhancement(pretrained, task, options, device)
 
 
-def with_geometry(
+def recover_missing_geometry(
     task: Task, pretrained: Pretrained, options: EnhancementOptions, folder: Path, shown: bool = False
 ) -> Task:
     """The task with cameras and depth recovered from its images, where references are to be warped and lack them.
@@ -86,7 +86,7 @@ def with_geometry(
     return replace(task, rendered=found.rendered, depth="expected", origins=origins)
 
 
-def prepared(
+def prepare_enhancement(
     pretrained: Pretrained, task: Task, options: EnhancementOptions, device: torch.device
 ) -> tuple[SetEnhancer, Task, ValidatedInputs]:
     """Validate the input of a task and build its enhancer.
@@ -116,16 +116,16 @@ def lost_references(enhancer: SetEnhancer, task: Task, found: ValidatedInputs) -
     """
     if not enhancer.pass_through or enhancer.network.scale > 1:
         return []
-    if found.lacks and enhancer.reference_config.references == 0:
+    if found.missing_references and enhancer.reference_config.references == 0:
         failed = "" if any(view.camera for view in task.rendered.targets) else task.origins.get("cameras", "")
-        return [f"no photo can be used ({failed or found.lacks[0]}). Every render is written unchanged."]
+        return [f"no photo can be used ({failed or found.missing_references[0]}). Every render is written unchanged."]
     if found.unreached:
         count = f"{len(found.unreached)} of {len(task.rendered.targets)} renders have no camera or no depth"
         return [f"{count}, so that no photo can be used: {', '.join(found.unreached)}. They are written unchanged."]
     return []
 
 
-def with_effect(cfg: DictConfig) -> DictConfig:
+def effective_options(cfg: DictConfig) -> DictConfig:
     """The configuration without keys that change no image, from which the run's folder gets its name.
 
     A plan that leaves nothing out is such a key, and so are a time budget and temporal smoothing that are not set, and

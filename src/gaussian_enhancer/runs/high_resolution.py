@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import digest_of
 from gaussian_enhancer.scene.high_resolution import UPSCALE, attach_fine_photos
 from gaussian_enhancer.scene.image_files import write_image
@@ -65,7 +65,7 @@ def high_resolution_config(scene: DictConfig) -> DictConfig:
     Raises:
         InputError: the photos are not that large.
     """
-    return OmegaConf.create(high_resolution_values(plain(scene)))
+    return OmegaConf.create(high_resolution_values(plain_values(scene)))
 
 
 def high_resolution_values(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def require(cfg: DictConfig) -> None:
         raise InputError(missing[0], "is mandatory and was not given", f"add {' '.join(f'{n}=...' for n in missing)}")
 
 
-def plain(values: DictConfig) -> dict[str, Any]:
+def plain_values(values: DictConfig) -> dict[str, Any]:
     """A configuration node as plain values, resolved.
 
     Raises:

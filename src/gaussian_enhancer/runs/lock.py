@@ -83,8 +83,8 @@ def release(place: Path) -> None:
 
 
 @contextmanager
-def alone(place: Path) -> Iterator[None]:
-    """Hold a lock; a second process is refused, also within `waiting`.
+def exclusive(place: Path) -> Iterator[None]:
+    """Hold a lock; a second process is refused, also within `wait_for_holders`.
 
     Args:
         place: as for `hold`.
@@ -92,7 +92,7 @@ def alone(place: Path) -> Iterator[None]:
     Raises:
         InputError: another process holds the lock, or the folder cannot be written.
     """
-    with waiting(False):
+    with wait_for_holders(False):
         new = hold(place)
     try:
         yield
@@ -102,7 +102,7 @@ def alone(place: Path) -> Iterator[None]:
 
 
 @contextmanager
-def scope() -> Iterator[None]:
+def release_at_end() -> Iterator[None]:
     """Give back all locks that are taken inside the context."""
     locked: list[Path] = []
     token = _taken.set(locked)
@@ -115,7 +115,7 @@ def scope() -> Iterator[None]:
 
 
 @contextmanager
-def waiting(wait: bool = True) -> Iterator[None]:
+def wait_for_holders(wait: bool = True) -> Iterator[None]:
     """Wait for locks that other processes hold, instead of refusing.
 
     Args:

@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.infer.enhancer import Enhanced
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.runs.inputs import Task
 from gaussian_enhancer.scene.high_resolution import ReadResized, resized_reader
 from gaussian_enhancer.scene.image_files import write_image
@@ -24,7 +24,7 @@ from gaussian_enhancer.scene.posed import ReadPhoto
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
-def at_photo_size(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int) -> Float[Tensor, "3 _ _"]:
+def resize_to_photo(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int) -> Float[Tensor, "3 _ _"]:
     """An enhanced image at the size of its finer photo, which differs from ``scale`` times the render's by rounding.
 
     Args:
@@ -73,7 +73,7 @@ def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> No
     if one.unchanged and view.read is not None:
         _copy_or_write(view.read, folder / one.name)
     else:
-        write_image(folder / one.name, at_photo_size(one.image, view, scale))
+        write_image(folder / one.name, resize_to_photo(one.image, view, scale))
 
 
 def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
@@ -94,8 +94,8 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
                     _copy_or_write(read_image, side / part / view.name)
             continue
         if view.read is not None:
-            enlarged = upsampled(view.read()[None], scale)[0]
-            write_image(side / "renders" / view.name, at_photo_size(enlarged, view, scale))
+            enlarged = upsample_bicubic(view.read()[None], scale)[0]
+            write_image(side / "renders" / view.name, resize_to_photo(enlarged, view, scale))
         if view.read_fine_photo is not None:
             write_image(side / "gt" / view.name, read_own_size(view))
 

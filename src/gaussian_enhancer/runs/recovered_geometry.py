@@ -35,7 +35,7 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.scene.structure_from_motion import Told, UnposedImage, reconstruct
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
-from gaussian_enhancer.types import Camera, rigid
+from gaussian_enhancer.types import Camera, orthonormal_pose
 
 SWEPT_PIXELS = 60_000
 """Pixels of an image that depth is searched at; larger images are made smaller first."""
@@ -127,7 +127,7 @@ def recover_geometry(rendered: RenderedSet, root: Path, progress: Told | None = 
     bare = _lacks_cameras(rendered)
     folder = root / f"{rendered.name}-{digest_of({'images': _identities(rendered, bare)})}"
     if not (folder / SUMMARY).is_file():
-        with lock.waiting():
+        with lock.wait_for_holders():
             new = lock.hold(folder)
         try:
             if not (folder / SUMMARY).is_file():
@@ -239,7 +239,7 @@ def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera,
         if abs(k) * radius**3 * focal < STRAIGHT:
             lens = replace(lens, model="SIMPLE_PINHOLE", params=(focal, x, y))
     K, height, width = ideal_pinhole(lens)
-    return Camera(K.float(), rigid(camera_pose(image), image.name).float(), height, width), lens
+    return Camera(K.float(), orthonormal_pose(camera_pose(image), image.name).float(), height, width), lens
 
 
 def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:

@@ -66,7 +66,7 @@ class SplatRenderer:
             InputError: it has no camera.
         """
         draw = self._render_view(photo.name, photo.camera, ("colour", "surface"))
-        return RenderedView(lossless(photo.name), draw.colour, photo.camera, draw.depth, None, photo.read)
+        return RenderedView(png_name(photo.name), draw.colour, photo.camera, draw.depth, None, photo.read)
 
     def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
         if camera is None:
@@ -128,12 +128,12 @@ def render_capture(
         raise InputError("views", f"is {views!r}", f"choose {', '.join(sides)}")
     if not sides[views]:
         raise InputError(capture.name, f"has no {views} view", "change the split, or views=all")
-    targets = tuple(renderer.target(lossless(photo.name), photo.camera, photo) for photo in sides[views])
+    targets = tuple(renderer.target(png_name(photo.name), photo.camera, photo) for photo in sides[views])
     references = tuple(map(renderer.reference, capture.train_photos))
     return RenderedSet(capture.name, targets, references, capture.background, own_depth=True)
 
 
-def lossless(name: str) -> str:
+def png_name(name: str) -> str:
     """A photo's name as a render is stored; a target and the photo of the same view share it.
 
     Args:

@@ -53,7 +53,7 @@ class Run:
 def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
     """Create or find the folder of a run and write its configuration there. Unless it is done, mark it as running.
 
-    The folder is locked until the run is finished, or the attempt at it ends (`status.attempt`).
+    The folder is locked until the run is finished, or the attempt at it ends (`status.track_runs`).
 
     Args:
         cfg: the job's whole configuration.
@@ -66,7 +66,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
             holds another run.
     """
     require(cfg)
-    values = effective(cfg)
+    values = effective_config(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
     new = lock.hold(folder) if locked else False
@@ -125,7 +125,7 @@ def find_run(cfg: DictConfig, job: str) -> Run | None:
 
 def run_digest(cfg: DictConfig, job: str) -> str:
     """The digest of a job's run, whether or not it was started."""
-    return digest_of({"job": job, **effective(cfg)})
+    return digest_of({"job": job, **effective_config(cfg)})
 
 
 def finished_digest(folder: Path) -> str | None:
@@ -143,7 +143,7 @@ def finished_digest(folder: Path) -> str | None:
         raise InputError(marker, f"does not mark a completed run ({error})", "delete it to run again") from error
 
 
-def effective(cfg: DictConfig) -> dict[str, Any]:
+def effective_config(cfg: DictConfig) -> dict[str, Any]:
     """The resolved configuration without the keys that do not change a result."""
     values = OmegaConf.to_container(cfg, resolve=True)
     if not isinstance(values, dict):

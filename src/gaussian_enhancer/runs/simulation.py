@@ -5,7 +5,7 @@ import copy
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate, calibrated_on
+from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate, calibrate_on_splat
 from gaussian_enhancer.degrade.gates.fingerprint import Fingerprint, fingerprint_of_training_views
 from gaussian_enhancer.degrade.gates.gate import AllGate, Gate, NoGate, RandomGate
 from gaussian_enhancer.degrade.photographed import Photographed, read_held_out, read_image
@@ -32,7 +32,7 @@ def whole_option(cfg: DictConfig, key: str, least: int) -> int:
     return value
 
 
-def fitted_run(cfg: DictConfig) -> RenderedSet | None:
+def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
     """The views of the fitted run; None where a photo was named instead.
 
     Args:
@@ -52,7 +52,7 @@ def fitted_run(cfg: DictConfig) -> RenderedSet | None:
     return read_run(cfg.run, cfg.step) if cfg.run is not None else None
 
 
-def photographed(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
+def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
     """The photo that is degraded.
 
     Args:
@@ -92,13 +92,13 @@ def chosen_gate(cfg: DictConfig, rendered: RenderedSet | None) -> tuple[DictConf
         return cfg, build(cfg.gate)
     generator = torch.Generator().manual_seed(cfg.seed)
     types = {str(name): on for name, on in cfg.gate.get("types", {}).items()}
-    gate = calibrated_on(rendered, generator, types=types)
+    gate = calibrate_on_splat(rendered, generator, types=types)
     settled = copy.deepcopy(cfg)
     settled.gate.file = None  # the run stands for it, and is part of the configuration
     return settled, gate
 
 
-def shown_gates(chosen: Gate, rendered: RenderedSet | None) -> dict[str, Gate | str]:
+def gates_to_show(chosen: Gate, rendered: RenderedSet | None) -> dict[str, Gate | str]:
     """The gates that the page shows, by name: the chosen one, and one of each other kind with its defaults.
 
     Args:

@@ -51,7 +51,7 @@ class Capture:
         file = self.splat if splat is None else splat
         return open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
 
-    def rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
+    def references_rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
         """The references, with renders of a splat where the capture brings none.
 
         Args:
@@ -103,7 +103,7 @@ def splat_file(run: str | Path) -> Path:
     return others[max(others)]
 
 
-def given_file(gaussians: str | Path) -> Path:
+def find_splat_file(gaussians: str | Path) -> Path:
     """The file of a splat that was named by itself or, as gsplat leaves it, by its result folder.
 
     Args:
@@ -131,4 +131,6 @@ def _capture_of_splat(cfg: DictConfig) -> Capture:
     cameras = tuple(photo.camera for photo in scene.photos if photo.camera is not None)
     if len(cameras) < len(scene.photos):
         raise InputError(scene.name, "has photos without a camera", "give a capture with cameras")
-    return Capture(given_file(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene)
+    return Capture(
+        find_splat_file(cfg.gaussians), cameras, RenderedSet(scene.name, (), (), scene.background, True), scene
+    )

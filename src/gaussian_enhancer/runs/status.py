@@ -80,7 +80,7 @@ def end(folder: Path) -> None:
 
 
 @contextmanager
-def attempt(discard: bool = False) -> Iterator[None]:
+def track_runs(discard: bool = False) -> Iterator[None]:
     """Update the status of all runs that are started inside the context and left unfinished, and unlock their folders.
 
     An exception is written to ``failed`` as the reason. A run that the user interrupts counts as stopped, not failed.
@@ -88,7 +88,7 @@ def attempt(discard: bool = False) -> Iterator[None]:
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
     """
-    with lock.scope(), _begun_runs([]) as folders:
+    with lock.release_at_end(), _begun_runs([]) as folders:
         try:
             yield
         except Exception as error:
@@ -114,7 +114,7 @@ def _begun_runs(folders: list[Path]) -> Iterator[list[Path]]:
 
 
 @contextmanager
-def discarded_if_refused(folder: Path) -> Iterator[None]:
+def discard_if_refused(folder: Path) -> Iterator[None]:
     """Remove a run's configuration and marks where it is refused inside the context before it wrote a result.
 
     Args:

@@ -19,17 +19,17 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.validated_inputs import ValidatedInputs
 from gaussian_enhancer.infer.weights import load_weights
-from gaussian_enhancer.runs.enhancement import options_of, prepared, with_effect
+from gaussian_enhancer.runs.enhancement import effective_options, options_of, prepare_enhancement
 from gaussian_enhancer.runs.inputs import InputPaths, Task, attach_fine
 from gaussian_enhancer.runs.path_surfaces import refuse_inside
-from gaussian_enhancer.runs.splat_source import given_file, open_capture, splat_file
+from gaussian_enhancer.runs.splat_source import find_splat_file, open_capture, splat_file
 from gaussian_enhancer.scene.camera_path import (
     PathSettings,
     Shape,
     capture_path,
     common_lens,
-    even_sized,
     refuse_outside,
+    resize_to_even,
 )
 from gaussian_enhancer.scene.path import smooth_path
 from gaussian_enhancer.scene.path_files import read_path
@@ -156,7 +156,7 @@ def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
     return VideoOutput(encoding, layout, output, clip.path if clip is not None and clip.sound else None)
 
 
-def film(cfg: DictConfig, device: torch.device) -> Filmed:
+def prepare_film(cfg: DictConfig, device: torch.device) -> Filmed:
     """Lay the path, open what renders it, load the weights and validate the input.
 
     Args:
@@ -168,15 +168,15 @@ def film(cfg: DictConfig, device: torch.device) -> Filmed:
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
-    enhancer, task, validated = prepared(pretrained, task, options_of(cfg), device)
-    references = PathReferences.of(validated.reference_config)
+    enhancer, task, validated = prepare_enhancement(pretrained, task, options_of(cfg), device)
+    references = PathReferences.from_config(validated.reference_config)
     enhancer.reference_config = references
     return Filmed(cfg, path, enhancer, task, replace(validated, reference_config=references))
 
 
-def ready(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-    """What `within_budget` measures: see `film`."""
-    filmed = film(cfg, device)
+def load_film(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
+    """What `within_budget` measures: see `prepare_film`."""
+    filmed = prepare_film(cfg, device)
     return filmed.enhancer, filmed.task, filmed.found
 
 
@@ -195,7 +195,7 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
     path = lay_path(cfg, capture.cameras)
     renderer = capture.renderer(cfg, device)
     refuse_inside(path.cameras, capture.cameras, renderer, f"path={cfg.path}")
-    rendered = capture.rendered_by(renderer)
+    rendered = capture.references_rendered_by(renderer)
     task = Task(rendered, depth="surface" if device == "cpu" else "expected")
     task = InputPaths(attach_fine=partial(attach_fine, cfg)).with_fine_photos(task, fine)
     targets = tuple(renderer.target(f"path {frame_name(i)}", camera) for i, camera in enumerate(path.cameras))
@@ -228,7 +228,7 @@ def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
             laid = smooth_path(laid, PathSettings(cfg.frames).frames, even_speed=True)
     refuse_outside(laid, cameras, subject)
     if clip is None:
-        return CameraPath(name, even_sized(laid, height), fps)
+        return CameraPath(name, resize_to_even(laid, height), fps)
     _refuse_other_path(clip, laid, asked)
     return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in laid), clip.fps, clip)
 
@@ -267,8 +267,8 @@ def run_configuration(filmed: Filmed) -> DictConfig:
     Args:
         filmed: what the video is made of.
     """
-    cfg, kept = filmed.cfg, with_effect(filmed.cfg)
-    splat = splat_file(cfg.run) if cfg.run is not None else given_file(cfg.gaussians)
+    cfg, kept = filmed.cfg, effective_options(filmed.cfg)
+    splat = splat_file(cfg.run) if cfg.run is not None else find_splat_file(cfg.gaussians)
     made_of = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
     if filmed.path.clip is not None:
         made_of["input"] = file_digest(filmed.path.clip.path)

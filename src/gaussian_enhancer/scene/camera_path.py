@@ -91,7 +91,7 @@ def common_lens(cameras: Sequence[Camera]) -> Camera:
     return dataclasses.replace(alike[0], K=K.to(alike[0].K))
 
 
-def even_sized(cameras: Sequence[Camera], height: int | None = None) -> tuple[Camera, ...]:
+def resize_to_even(cameras: Sequence[Camera], height: int | None = None) -> tuple[Camera, ...]:
     """The cameras at a height in pixels, without the last row and column where a side is odd: videos have even sides.
 
     Args:

@@ -14,9 +14,9 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
-from gaussian_enhancer.scene.posed import rigid
+from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.rendered import RenderedView
 from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
@@ -126,6 +126,6 @@ def _listed(entry: Any, where: str) -> ListedCamera:
     pose[:3, 3] = -to_world.T @ position
     split = entry.get("split")
     if split not in (None, "train", "test"):
-        raise InputError(where, f"has split {shown(split)}", 'give "train" or "test"')
-    camera = Camera(K.float(), rigid(pose, where).float(), height, width)
+        raise InputError(where, f"has split {abbreviate(split)}", 'give "train" or "test"')
+    camera = Camera(K.float(), orthonormal_pose(pose, where).float(), height, width)
     return ListedCamera(text(entry, "img_name", where), camera, split)

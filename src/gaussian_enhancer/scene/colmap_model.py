@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import read_bytes, read_text, reader, shown
+from gaussian_enhancer.input_files import abbreviate, read_bytes, read_text, reader
 from gaussian_enhancer.scene.scene import Points
 from gaussian_enhancer.scene.undistort import Lens, load_pycolmap
 
@@ -191,7 +191,7 @@ def _lines(file: Path) -> Iterator[tuple[int, str]]:
 
 
 def _malformed(file: Path, number: int, line: str) -> InputError:
-    return InputError(file, f"has a malformed line {number}: {shown(line)}", AGAIN)
+    return InputError(file, f"has a malformed line {number}: {abbreviate(line)}", AGAIN)
 
 
 def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import JSON_GROWTH, parse_json, read_text, shown
+from gaussian_enhancer.input_files import JSON_GROWTH, abbreviate, parse_json, read_text
 
 LARGEST_SIDE = 1_000_000
 """Pixels of an image's width or height; no camera comes near."""
@@ -41,7 +41,7 @@ def number(record: Any, key: str, where: object, default: int | float | None = N
         return float(default)
     value = member(record, key, where)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(where, f"has {key} = {shown(value)}", "give a number")
+        raise InputError(where, f"has {key} = {abbreviate(value)}", "give a number")
     return float(value)
 
 
@@ -65,7 +65,7 @@ def mapping(record: Any, key: str, where: object) -> dict[str, Any]:
     """
     value = member(record, key, where)
     if not isinstance(value, dict):
-        raise InputError(where, f"has {key} = {shown(value)}", "give an object with one entry for each")
+        raise InputError(where, f"has {key} = {abbreviate(value)}", "give an object with one entry for each")
     return value
 
 
@@ -77,5 +77,5 @@ def text(record: Any, key: str, where: object) -> str:
     """
     value = member(record, key, where)
     if not isinstance(value, str):
-        raise InputError(where, f"has {key} = {shown(value)}", "give text in quotes")
+        raise InputError(where, f"has {key} = {abbreviate(value)}", "give text in quotes")
     return value

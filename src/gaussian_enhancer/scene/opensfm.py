@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.json_file import mapping, member, number, pixels, read_json, text
 from gaussian_enhancer.scene.photos import list_images
 from gaussian_enhancer.scene.posed import PosedFile, build_scene, refuse_or_drop
@@ -119,7 +119,9 @@ def _lens(camera: Any, where: str) -> Lens:
     if model == "fisheye_opencv":
         k4 = number(camera, "k4", where, 0.0)
         return Lens("OPENCV_FISHEYE", width, height, (*focals, cx, cy, k1, k2, k3, k4), where)
-    raise InputError(where, f"has projection_type {shown(model)}", "use perspective, brown, fisheye or fisheye_opencv")
+    raise InputError(
+        where, f"has projection_type {abbreviate(model)}", "use perspective, brown, fisheye or fisheye_opencv"
+    )
 
 
 def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Path) -> PosedFile:
@@ -138,10 +140,12 @@ def _posed(key: str, shot: Any, photo: Path, lenses: dict[str, Lens], source: Pa
 def _vector(record: Any, key: str, where: object) -> Float[Tensor, " 3"]:
     values = member(record, key, where)
     if not isinstance(values, list) or len(values) != 3 or not all(isinstance(v, int | float) for v in values):
-        raise InputError(where, f"has {key} = {shown(values)}", "give three numbers")
+        raise InputError(where, f"has {key} = {abbreviate(values)}", "give three numbers")
     vector = torch.tensor(values, dtype=torch.float64)
     if not bool(torch.isfinite(vector).all()):
-        raise InputError(where, f"has {key} = {shown(values)}", "remove the shot or reconstruct again: NaN or infinity")
+        raise InputError(
+            where, f"has {key} = {abbreviate(values)}", "remove the shot or reconstruct again: NaN or infinity"
+        )
     return vector
 
 

@@ -17,11 +17,11 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.scene.cameras import read_cameras
 from gaussian_enhancer.scene.colmap import camera_pose, read_model
 from gaussian_enhancer.scene.json_file import mapping, number, pixels, read_json
-from gaussian_enhancer.scene.posed import rigid
+from gaussian_enhancer.scene.posed import orthonormal_pose
 from gaussian_enhancer.scene.transforms import read_lens, read_pose
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole
 from gaussian_enhancer.types import Camera
@@ -110,7 +110,7 @@ def _from_nerfstudio(content: dict[str, Any], source: Path) -> FilePath:
     height, width = pixels(content, "render_height", source), pixels(content, "render_width", source)
     kind = content.get("camera_type", "perspective")
     if kind != "perspective":
-        raise InputError(source, f"has camera_type {shown(kind)}", "render a perspective path")
+        raise InputError(source, f"has camera_type {abbreviate(kind)}", "render a perspective path")
     cameras = []
     for index, entry in enumerate(_entries(content, "camera_path", source)):
         context = f"{source} camera {index}"
@@ -144,7 +144,7 @@ def _from_colmap(folder: Path) -> FilePath:
 def _entries(content: dict[str, Any], key: str, source: Path) -> Sequence[Any]:
     entries = content[key]
     if not isinstance(entries, list) or not entries:
-        raise InputError(source, f"has {key} = {shown(entries)}", "give a list with one entry for each camera")
+        raise InputError(source, f"has {key} = {abbreviate(entries)}", "give a list with one entry for each camera")
     if len(entries) > MOST_FRAMES:
         raise InputError(source, f"lists {len(entries)} cameras", f"give at most {MOST_FRAMES}")
     for index in range(len(entries)):
@@ -154,4 +154,4 @@ def _entries(content: dict[str, Any], key: str, source: Path) -> Sequence[Any]:
 
 def _camera(lens: Lens, world_to_camera: Float[Tensor, "4 4"], where: str) -> Camera:
     K, height, width = ideal_pinhole(lens)
-    return Camera(K.float(), rigid(world_to_camera, where).float(), height, width)
+    return Camera(K.float(), orthonormal_pose(world_to_camera, where).float(), height, width)

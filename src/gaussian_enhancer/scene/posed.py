@@ -26,7 +26,7 @@ from gaussian_enhancer.scene.photos import (
 from gaussian_enhancer.scene.scene import Photo, Points, Scene
 from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
-from gaussian_enhancer.types import Camera, rigid
+from gaussian_enhancer.types import Camera, orthonormal_pose
 
 FARTHEST_POINT = 1e15
 """Scene units; the square of a distance overflows single precision beyond 1e19."""
@@ -162,7 +162,7 @@ def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str
         raise InputError(source, f"has {len(names)} {what}: {first}", remedy)
 
 
-def fitted_lens(lens: Lens, height: int, width: int, path: Path) -> Lens:
+def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
     """The lens at the photo's own size, which may be a downscaled copy of the calibrated one.
 
     Raises:
@@ -186,9 +186,9 @@ def _own_split(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int,
 
 def _photo(file: PosedFile, name: str, downscale: int | float, background: tuple[float, float, float]) -> Photo:
     header = read_header(file.path)
-    lens = fitted_lens(file.lens, header.height, header.width, file.path)
+    lens = lens_at_size(file.lens, header.height, header.width, file.path)
     K, height, width = ideal_pinhole(lens)
-    pose = rigid(file.world_to_camera, file.listed)
+    pose = orthonormal_pose(file.world_to_camera, file.listed)
     size = downscaled_size(height, width, downscale)
     camera = Camera(K.float(), pose.float(), height, width).resized(*size)
     bent = lens if lens.distorted else None

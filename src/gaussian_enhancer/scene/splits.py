@@ -56,7 +56,7 @@ class Split:
             InputError: nothing is left to fit to.
         """
         train, test = own if own is not None and self.own else every_nth(count, self.test_every, self.test_offset)
-        train, test = thinned(train, test, self.train_every, self.unused_as_test)
+        train, test = thin_training(train, test, self.train_every, self.unused_as_test)
         if not train:
             raise InputError("split", f"leaves none of {count} photos to fit to", "hold fewer photos out")
         return train, test
@@ -70,7 +70,9 @@ def every_nth(count: int, test_every: int = 8, test_offset: int = 0) -> tuple[In
     return tuple(i for i in range(count) if i % test_every != test_offset), test
 
 
-def thinned(train: Indices, test: Indices, train_every: int, unused_as_test: bool = False) -> tuple[Indices, Indices]:
+def thin_training(
+    train: Indices, test: Indices, train_every: int, unused_as_test: bool = False
+) -> tuple[Indices, Indices]:
     """Keep every ``train_every``-th training index; the removed ones join the test side or none."""
     kept = train[::train_every]
     if not unused_as_test:

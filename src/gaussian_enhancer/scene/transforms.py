@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.input_files import reader, shown
+from gaussian_enhancer.input_files import abbreviate, reader
 from gaussian_enhancer.ply_file import read_ply_elements
 from gaussian_enhancer.scene.json_file import member, number, pixels, read_json, text
 from gaussian_enhancer.scene.photos import ENDINGS, read_header
@@ -208,7 +208,7 @@ def read_lens(values: dict[str, Any], height: int, width: int, source: Path) -> 
     if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):
         return Lens("OPENCV_FISHEYE", width, height, (*head, k1, k2, k3, k4), str(source))
     if model not in PERSPECTIVE or k4 != 0:
-        received = f"has camera_model {shown(model)} with k4 = {k4:g}"
+        received = f"has camera_model {abbreviate(model)} with k4 = {k4:g}"
         raise InputError(source, received, f"use {', '.join(PERSPECTIVE)} without k4, or OPENCV_FISHEYE")
     if k3 != 0:
         return Lens("FULL_OPENCV", width, height, (*head, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), str(source))
@@ -242,7 +242,7 @@ def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: 
     for side in ("train", "test"):
         names = content[f"{side}_filenames"]
         if not isinstance(names, list) or not all(isinstance(listed, str) for listed in names):
-            raise InputError(source, f"has {side}_filenames = {shown(names)}", "give a list of file names")
+            raise InputError(source, f"has {side}_filenames = {abbreviate(names)}", "give a list of file names")
         for listed in names:
             if sides.get(listed, side) != side:
                 raise InputError(source, f"lists {listed} for training and for testing", "keep it in one list")

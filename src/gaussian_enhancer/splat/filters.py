@@ -17,9 +17,7 @@ SCREEN_MARGIN = 0.15
 
 
 @torch.no_grad()
-def smoothing_size(
-    means: Float[Tensor, "n 3"], cameras: Sequence[Camera], *, near: float = 0.01
-) -> Float[Tensor, " n"]:
+def filter_size(means: Float[Tensor, "n 3"], cameras: Sequence[Camera], *, near: float = 0.01) -> Float[Tensor, " n"]:
     """Standard deviation of the 3D filter that leaves no detail finer than the best photo could see.
 
     f = sqrt(0.2) min over cameras that see the Gaussian of z / focal (Yu et al., Mip-Splatting, CVPR 2024,
@@ -52,7 +50,7 @@ def smoothing_size(
     return FILTER_VARIANCE**0.5 * torch.where(finite, spacing, largest)
 
 
-def smoothed(
+def apply_3d_filter(
     scales: Float[Tensor, "n 3"], opacities: Float[Tensor, " n"], smoothing: Float[Tensor, " n"]
 ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
     """Convolve Gaussians with the 3D filter: s -> sqrt(s^2 + f^2), opacity *= prod s / sqrt(s^2 + f^2).

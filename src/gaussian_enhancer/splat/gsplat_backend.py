@@ -15,7 +15,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.optional_library import optional_library
-from gaussian_enhancer.splat.filters import smoothed
+from gaussian_enhancer.splat.filters import apply_3d_filter
 from gaussian_enhancer.splat.methods import Method, MipSplatting, TwoDGS
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Camera, Gaussians, Render
@@ -74,7 +74,7 @@ def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float
     if isinstance(method, TwoDGS):
         scales = torch.cat([scales, torch.ones_like(scales[:, :1])], 1)
     elif isinstance(method, MipSplatting) and gaussians.smoothing is not None:
-        scales, opacities = smoothed(scales, opacities, gaussians.smoothing)
+        scales, opacities = apply_3d_filter(scales, opacities, gaussians.smoothing)
     return {
         "means": gaussians.means,
         "quats": gaussians.quaternions,

@@ -50,7 +50,7 @@ def begin(planes, sums, left, top, width, height):  # type: ignore[no-untyped-de
 
 
 @inner
-def finished(planes):  # type: ignore[no-untyped-def]
+def is_opaque(planes):  # type: ignore[no-untyped-def]
     """Whether every pixel of the tile has stopped."""
     left = ZERO
     for p in range(PIXELS):

@@ -45,7 +45,7 @@ from gaussian_enhancer.splat.planes import (
     SMALLEST_T,
     ZERO,
     begin,
-    finished,
+    is_opaque,
     scratch,
 )
 from gaussian_enhancer.splat.tiles import TileLists
@@ -200,7 +200,7 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
             begin(planes, 6, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % EVERY == 0 and finished(planes):
+                if k % EVERY == 0 and is_opaque(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k

@@ -43,7 +43,7 @@ from gaussian_enhancer.splat.planes import (
     ZERO,
     begin,
     coordinates,
-    finished,
+    is_opaque,
 )
 from gaussian_enhancer.splat.tiles import TileLists
 
@@ -204,7 +204,7 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
             begin(planes, 9, left, top, width, height)
             count = lists.starts[tile + 1] - lists.starts[tile]
             for k in range(count):
-                if k % EVERY == 0 and finished(planes):
+                if k % EVERY == 0 and is_opaque(planes):
                     count = k
                     break
                 e = lists.starts[tile] + k

@@ -13,9 +13,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.splat.io.validity import only_renderable
+from gaussian_enhancer.splat.io.validity import hide_unrenderable
 from gaussian_enhancer.splat.methods import Method, MipSplatting, ThreeDGS, TwoDGS
-from gaussian_enhancer.splat.screen import ScreenStatistics, array
+from gaussian_enhancer.splat.screen import ScreenStatistics, numpy_view
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def render(
     if gaussians.means.dtype in (torch.float16, torch.bfloat16):
         gaussians = _to_float32(gaussians)
     _check(gaussians, camera, method, near, screen)
-    gaussians = only_renderable(gaussians)
+    gaussians = hide_unrenderable(gaussians)
     if gaussians.means.device.type == "cuda":
         from gaussian_enhancer.splat.gsplat_backend import render_gsplat
 
@@ -156,13 +156,15 @@ class _Ellipsoids(torch.autograd.Function):
         from gaussian_enhancer.splat import sh as harmonics
 
         camera, method, background, near, screen = options
-        filters = np.zeros(len(means), np.float32) if smoothing is None else array(smoothing)
-        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), filters)
+        filters = np.zeros(len(means), np.float32) if smoothing is None else numpy_view(smoothing)
+        shape = ewa.Shape(
+            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), filters
+        )
         view, dilation, mip = ewa.view_of(camera, near), float(method.dilation), isinstance(method, MipSplatting)
         projection = ewa.project(shape, view, dilation, mip)
         lists = tiles.bin_tiles(projection.footprints, projection.depths, camera.height, camera.width)
         visible = lists.first[1:] > lists.first[:-1]
-        colours = harmonics.shade(shape.means, array(sh), view.centre, visible)
+        colours = harmonics.shade(shape.means, numpy_view(sh), view.centre, visible)
         splats = raster.Splats(projection.footprints, projection.whitening, projection.depths, colours)
         image = raster.blend(splats, lists, np.asarray(background, np.float32), camera.height, camera.width)
         if screen is not None:
@@ -181,10 +183,10 @@ class _Ellipsoids(torch.autograd.Function):
         from gaussian_enhancer.splat import sh as harmonics
 
         kept: _Kept = ctx.kept
-        means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(array, ctx.saved_tensors)
+        means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(numpy_view, ctx.saved_tensors)
         shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, kept.smoothing)
         image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)
-        entries = raster.blend_backward(kept.splats, kept.lists, image, *map(array, gradients[:3]))
+        entries = raster.blend_backward(kept.splats, kept.lists, image, *map(numpy_view, gradients[:3]))
         gathered = tiles.sum_over_tiles(entries, kept.lists)
         back = ewa_backward.project_backward(shape, kept.view, kept.dilation, kept.mip, kept.visible, gathered)
         by_sh = harmonics.shade_backward(

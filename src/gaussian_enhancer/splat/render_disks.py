@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from gaussian_enhancer.splat import disks, ewa, raster_disks, tiles
 from gaussian_enhancer.splat import sh as harmonics
-from gaussian_enhancer.splat.screen import ScreenStatistics, array
+from gaussian_enhancer.splat.screen import ScreenStatistics, numpy_view
 from gaussian_enhancer.types import Camera, Gaussians, Render
 
 
@@ -59,12 +59,14 @@ class _Disks(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         camera, background, near, screen = options
         unused = np.zeros(len(means), np.float32)
-        shape = ewa.Shape(array(means), array(log_scales), array(quaternions), array(opacity_logits), unused)
+        shape = ewa.Shape(
+            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), unused
+        )
         view = ewa.view_of(camera, near)
         projected = disks.project_disks(shape, view)
         lists = tiles.bin_tiles(projected.footprints, projected.depths, camera.height, camera.width)
         visible = lists.first[1:] > lists.first[:-1]
-        colours = harmonics.shade(shape.means, array(sh), view.centre, visible)
+        colours = harmonics.shade(shape.means, numpy_view(sh), view.centre, visible)
         splats = raster_disks.DiskSplats(
             projected.geometry, projected.peaks, projected.depths, projected.normals, colours, float(near)
         )
@@ -72,7 +74,7 @@ class _Disks(torch.autograd.Function):
         image = raster_disks.blend_disks(splats, lists, behind, camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
-        ctx.saved = shape, array(sh), view, visible, splats, lists, image, screen
+        ctx.saved = shape, numpy_view(sh), view, visible, splats, lists, image, screen
         median = torch.from_numpy(image.median_depth)
         ctx.mark_non_differentiable(median)
         colour, depth, alpha = (torch.from_numpy(plane) for plane in image[:3])
@@ -82,7 +84,7 @@ class _Disks(torch.autograd.Function):
     @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         shape, sh, view, visible, splats, lists, image, screen = ctx.saved
-        colour, depth, alpha, _, normals = (array(gradient) for gradient in gradients)
+        colour, depth, alpha, _, normals = (numpy_view(gradient) for gradient in gradients)
         entries = raster_disks.blend_disks_backward(splats, lists, image, colour, depth, alpha, normals)
         gathered = tiles.sum_over_tiles(entries, lists)
         back = disks.project_disks_backward(shape, view, visible, gathered)

@@ -25,6 +25,6 @@ class ScreenStatistics:
     gradient: Float[Tensor, " n"] | None = None
 
 
-def array(tensor: Tensor) -> np.ndarray:
+def numpy_view(tensor: Tensor) -> np.ndarray:
     """A contiguous NumPy view of a CPU tensor, copied only if it is not contiguous."""
     return tensor.detach().contiguous().numpy()

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gaussian_enhancer.align.alignment import Aligned, Pixels
-from gaussian_enhancer.align.exposure import in_exposure_of
+from gaussian_enhancer.align.exposure import match_exposure
 from gaussian_enhancer.align.references import Pool, join, read_target
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.infer.change_confidence import BANDS, BLOCK, ChangeConfidence, block_features, split_change
@@ -56,7 +56,7 @@ class JudgedView:
         """Squared error that shares add to each block, as a share of the view's mean squared error."""
         return torch.einsum("nk,nkl,nl->n", shares, self.squared, shares) - 2 * (shares * self.helpful).sum(1)
 
-    def lost(self, added: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def lost_decibels(self, added: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
         """Decibels that blocks lose by squared error that is added to them, from 0 to `WORST`."""
         return (10 * torch.log10((1 + added / self.error).clamp_min(1))).clamp_max(WORST)
 
@@ -65,7 +65,7 @@ class JudgedView:
         return JudgedView(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
-def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
+def judge_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
     """Blocks of every held-out view of a fit, at each of its steps, in several variants of its references.
 
     Photos are brought to the colours of the render first: nothing tells a held-out photo's exposure.
@@ -85,7 +85,7 @@ def judged_views(folder: Path, enhancer: SetEnhancer) -> Iterator[JudgedView]:
                 raise InputError(view.name, "has no photo to learn from", "give fits with held-out photos")
             target, photo = read_target(view), view.read_photo()
             aligned = enhancer.reference_config.align(target, view, pool)
-            truth = in_exposure_of(photo, target.image)
+            truth = match_exposure(photo, target.image)
             for some in _variants(aligned):
                 yield _judge(enhancer, target, some, truth - target.image)
 
@@ -149,11 +149,11 @@ def train_confidence(
     of their quality and hardly add to it: decibels tell that.
 
     Args:
-        fits: what `judged_views` gives, fit by fit; each fit, and each view of a fit, counts as much as another.
+        fits: what `judge_views` gives, fit by fit; each fit, and each view of a fit, counts as much as another.
         hidden: width of the layers.
         steps: of the optimiser.
         harm: what error that is added to a block counts beside error that is removed, more than 1 time.
-        block_harm: what a decibel that a block loses (`JudgedView.lost`) counts, as a share of its view's error.
+        block_harm: weight of a decibel that a block loses (`JudgedView.lost_decibels`), as a share of the view's error.
         seed: of initial values and batches.
     """
     views = [view for fit in fits for view in fit]
@@ -176,9 +176,9 @@ def train_confidence(
             chosen = torch.randint(len(weights), (BATCH,), generator=draw)
             chosen_views = whole.select(chosen)
             noisy = chosen_views.features + NOISE * confidence.scale * torch.randn_like(chosen_views.features)
-            shares = confidence.judge(noisy.T[None, :, None])[0, :, 0].T
+            shares = confidence.predict_shares(noisy.T[None, :, None])[0, :, 0].T
             added = chosen_views.added(shares.clamp(-0.2, 1.4))
-            cost = added + harm * added.clamp_min(0) + block_harm * chosen_views.lost(added)
+            cost = added + harm * added.clamp_min(0) + block_harm * chosen_views.lost_decibels(added)
             loss = (weights[chosen] * cost).mean()
             optimizer.zero_grad()
             loss.backward()

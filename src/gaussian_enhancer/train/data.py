@@ -92,7 +92,7 @@ class RunsData(LightningDataModule):
         crops = Crops([sample for source in self.sources for sample in source], self.augmentation)
         pairs = [sum(sample.held_out for sample in source) for source in self.sources]
         photos = [len(source) - count for source, count in zip(self.sources, pairs, strict=True)]
-        simulated = never if self.simulation is None else self.simulation.drawn
+        simulated = never if self.simulation is None else self.simulation.is_simulated
         size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
         count = size * self.steps_per_epoch
         draw = BalancedDraw(pairs, count, self.loading.seed, photos, simulated, self._drawn)

@@ -17,7 +17,7 @@ from gaussian_enhancer.degrade.generative.factors import Factors
 from gaussian_enhancer.degrade.generative.second_stage import SCHEDULES, FactorModel
 from gaussian_enhancer.degrade.generative.texture import texture_difference
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.train.optimizers import MakeOptimizer, MakeScheduler, configured
+from gaussian_enhancer.train.optimizers import MakeOptimizer, MakeScheduler, optimizer_configuration
 from gaussian_enhancer.types import Batch
 
 
@@ -63,7 +63,7 @@ class _GeneratorModule(LightningModule):
     def configure_optimizers(self) -> Any:
         """The optimizer of the parameters that this step trains."""
         groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
-        return configured(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
+        return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
 
     def _logged(self, values: dict[str, Tensor], batch: Batch) -> None:
         self.log_dict({f"train/{name}": value.detach() for name, value in values.items()}, batch_size=len(batch.names))
@@ -95,7 +95,7 @@ class PairedModule(_GeneratorModule):
         """Loss of a batch of crops."""
         manual, real, generators = self.prepared(batch, self.global_step)
         factors = self.model.extractor(manual, real)
-        noisy = factors.combined(_white(factors), 1.0, self.loss.noise)
+        noisy = factors.linear_combination(_white(factors), 1.0, self.loss.noise)
         output = self.model.combine(manual, noisy, generators).float()
         self._scale(factors)
         with torch.autocast(self.device.type, enabled=False):
@@ -179,10 +179,10 @@ class DiffusedModule(_GeneratorModule):
         with torch.no_grad():
             factors = model.extractor(manual, real)
             factors = Factors(factors.vector.float(), factors.grid.float())
-            clean = model.standardised(factors.combined(_white(factors), 1.0, self.loss.noise))
+            clean = model.standardise(factors.linear_combination(_white(factors), 1.0, self.loss.noise))
         time = torch.rand(len(manual), device=manual.device)
         signal = SCHEDULES[model.design.schedule].signal(time)
-        noisy = clean.combined(_white(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
+        noisy = clean.linear_combination(_white(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
         found = model.denoiser(noisy, time, model.denoiser.features(manual))
         pairs = ((found.vector, clean.vector), (found.grid, clean.grid))
         return torch.stack([F.mse_loss(a.float(), b) for a, b in pairs if b.numel() > 0]).mean()

@@ -129,7 +129,7 @@ class _ResumableWriter(ExperimentWriter):
 
 
 @contextmanager
-def watching(loggers: Sequence[Logger]) -> Iterator[None]:
+def finish_wandb_run(loggers: Sequence[Logger]) -> Iterator[None]:
     """End wandb's run with the training, so that the next one of a sweep in the same process is a run of its own."""
     failed = True
     try:

@@ -12,11 +12,11 @@ from torchmetrics import MetricCollection
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.loss.weighted_sum import WeightedLoss
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import upsampled
-from gaussian_enhancer.train.non_finite import BAD_SHARE, NonFiniteFilter, emptied, finite_samples
-from gaussian_enhancer.train.optimizers import MakeOptimizer, MakeScheduler, configured, decayed_groups
-from gaussian_enhancer.train.share import gathered
-from gaussian_enhancer.types import Batch, precise, quantised
+from gaussian_enhancer.network.pyramid import upsample_bicubic
+from gaussian_enhancer.train.non_finite import BAD_SHARE, NonFiniteFilter, finite_samples, zero_samples
+from gaussian_enhancer.train.optimizers import MakeOptimizer, MakeScheduler, decayed_groups, optimizer_configuration
+from gaussian_enhancer.train.share import gather
+from gaussian_enhancer.types import Batch, quantise_8_bit, single_precision
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class EnhancerModule(LightningModule):
                 return self._loss_at_all_scales(images, batch.views.render, batch.photo)
         self.non_finite.add([name for name, good in zip(batch.names, kept.tolist(), strict=True) if not good])
         self.non_finite.refuse_many((self.global_step + 1) * self.crops)
-        batch = emptied(batch, kept)
+        batch = zero_samples(batch, kept)
         images = self.network.stages(batch.views)
         if not all(bool(image.isfinite().all()) for image in images):
             received = f"has weights that are not finite at step {self.global_step}"
@@ -121,13 +121,13 @@ class EnhancerModule(LightningModule):
         """The loss of enhanced images at all scales, coarse to fine, given renders and photos."""
         *coarser, enhanced = images
         with torch.autocast(self.device.type, enabled=False):
-            start = upsampled(drawn, self.network.scale).clamp(0, 1)
-            total, parts = self.loss(precise(enhanced), truth, start)
+            start = upsample_bicubic(drawn, self.network.scale).clamp(0, 1)
+            total, parts = self.loss(single_precision(enhanced), truth, start)
             for image in coarser:
                 photo, render = (
                     F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (truth, start)
                 )
-                total = total + self.coarse * self.loss(precise(image), photo, render)[0]
+                total = total + self.coarse * self.loss(single_precision(image), photo, render)[0]
         return total, parts
 
     def on_train_end(self) -> None:
@@ -136,7 +136,7 @@ class EnhancerModule(LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Store the dropped samples; a checkpoint without any has no such entry, as before they were counted."""
-        counts = self.non_finite.of_all()
+        counts = self.non_finite.dropped_by_all()
         if counts:
             checkpoint["dropped"] = counts
 
@@ -151,8 +151,8 @@ class EnhancerModule(LightningModule):
 
     def validation_step(self, batch: Batch, index: int) -> dict[str, Any]:
         """Gain over the raw render on a whole image, both quantised to 8 bit; returns its place and image."""
-        enhanced = quantised(self.network(batch.views).float())
-        raw = quantised(upsampled(batch.views.render, self.network.scale))
+        enhanced = quantise_8_bit(self.network(batch.views).float())
+        raw = quantise_8_bit(upsample_bicubic(batch.views.render, self.network.scale))
         with torch.autocast(self.device.type, enabled=False):
             gains = self.metrics(enhanced, raw, batch.photo)
         self.log_dict(self.metrics, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
@@ -163,9 +163,9 @@ class EnhancerModule(LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         """Gather the results of single views from all processes, in the views' order."""
-        self.judged = sorted(gathered(self.judged), key=lambda one: one.place)
+        self.judged = sorted(gather(self.judged), key=lambda one: one.place)
 
     def configure_optimizers(self) -> Any:
         """The optimizer on the network's parameters, of which convolutions' weights alone decay."""
         groups = decayed_groups(self.network.parameters())
-        return configured(groups, self.optimizer, self.lr_scheduler, monitor="gain/psnr")
+        return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/psnr")

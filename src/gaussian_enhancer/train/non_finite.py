@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.train.share import gathered
+from gaussian_enhancer.train.share import gather
 from gaussian_enhancer.types import Batch
 
 BAD_SHARE = 0.01
@@ -64,11 +64,11 @@ class NonFiniteFilter:
         Raises:
             InputError: they have.
         """
-        _refuse_sample(self.of_all(), self.share, seen, seen)
+        _refuse_sample(self.dropped_by_all(), self.share, seen, seen)
 
-    def of_all(self) -> dict[str, int]:
+    def dropped_by_all(self) -> dict[str, int]:
         """What all processes dropped, by name; all of them have to ask."""
-        return dict(sum((Counter(one) for one in gathered([self.counts])), Counter()))
+        return dict(sum((Counter(one) for one in gather([self.counts])), Counter()))
 
 
 def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -> None:
@@ -99,13 +99,13 @@ def finite_samples(batch: Batch) -> Bool[Tensor, " b"]:
     return torch.stack(sums).isfinite().all(0)
 
 
-def emptied(batch: Batch, kept: Bool[Tensor, " b"]) -> Batch:
+def zero_samples(batch: Batch, kept: Bool[Tensor, " b"]) -> Batch:
     """The batch with zeros in place of the samples that are not kept."""
 
     def zeroed(image: Tensor, finer: int = 1) -> Tensor:
         return torch.where(kept.view(-1, *[1] * (image.dim() - 1)), image, torch.zeros_like(image))
 
-    return dataclasses.replace(batch, views=batch.views.mapped(zeroed), photo=zeroed(batch.photo))
+    return dataclasses.replace(batch, views=batch.views.map_images(zeroed), photo=zeroed(batch.photo))
 
 
 def refuse_bad(bad: Sequence[str], count: int, share: float) -> None:

@@ -20,7 +20,7 @@ def decayed_groups(parameters: Iterable[Tensor]) -> list[dict[str, Any]]:
     return [{"params": [parameter for parameter in trained if parameter.dim() == 4]}, others]
 
 
-def configured(
+def optimizer_configuration(
     groups: list[dict[str, Any]], optimizer: MakeOptimizer, lr_scheduler: MakeScheduler | None, monitor: str
 ) -> dict[str, Any]:
     """Optimizer and learning-rate scheduler as Lightning takes them.

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from gaussian_enhancer.errors import InputError, LostProcessError
 
 
-def started_elsewhere() -> bool:
+def launched_externally() -> bool:
     """Whether torchrun or a cluster has started the processes already, each of which runs the whole command."""
     from lightning.fabric.plugins.environments import (
         LightningEnvironment,

@@ -78,7 +78,7 @@ class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
         return self.crops[number, seed], share
 
 
-def gathered(own: Sequence[T]) -> list[T]:
+def gather(own: Sequence[T]) -> list[T]:
     """Gather a value from all processes in each of them; with one process, its own value."""
     if not (torch.distributed.is_available() and torch.distributed.is_initialized()):
         return list(own)

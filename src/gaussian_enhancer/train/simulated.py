@@ -46,7 +46,7 @@ class Simulation:
             # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
             raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
 
-    def drawn(self, seed: int) -> bool:
+    def is_simulated(self, seed: int) -> bool:
         """Whether the crop of a seed is simulated."""
         return float(torch.rand((), generator=_generators(seed)[0])) < self.share
 
@@ -64,7 +64,7 @@ class Simulation:
             seeds: of the crops.
         """
         batch = dataclasses.replace(batch, real=batch.views.render)
-        chosen = [i for i in range(len(samples)) if not samples[i].held_out or self.drawn(seeds[i])]
+        chosen = [i for i in range(len(samples)) if not samples[i].held_out or self.is_simulated(seeds[i])]
         # What is unknown of one sample must not be taken from its neighbours in the batch.
         kinds = {_known(samples[i]): None for i in chosen}
         for kind in kinds:

@@ -14,8 +14,8 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
-from gaussian_enhancer.runs.run import Run, effective
-from gaussian_enhancer.train.processes import started_elsewhere
+from gaussian_enhancer.runs.run import Run, effective_config
+from gaussian_enhancer.train.processes import launched_externally
 
 SPAWNED = ("auto", "ddp", "ddp_spawn")
 """Strategies for which a job starts its processes itself; all others are left to Lightning."""
@@ -40,11 +40,11 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
 
     from gaussian_enhancer.train.loggers import RunSetup, make_loggers
 
-    values = effective(alike(cfg))
+    values = effective_config(result_configuration(cfg))
     cfg = _with_run_description(cfg, job, part)
     loggers = make_loggers(cfg.logger)
     options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module
-    if spawns(cfg) and device_count(cfg) > 1:
+    if spawns_processes(cfg) and device_count(cfg) > 1:
         # Nothing is sent between two steps but gradients: processes may have unequal numbers of views.
         options["strategy"] = DDPStrategy(find_unused_parameters=True, broadcast_buffers=False)
     if cfg.get("profiler") is not None:
@@ -95,7 +95,7 @@ def _image_logger(loggers: list[Any]) -> list[Any]:
     return [ValidationImages(loggers)] if any(isinstance(logger, ABLE) for logger in loggers) else []
 
 
-def alike(cfg: DictConfig) -> DictConfig:
+def result_configuration(cfg: DictConfig) -> DictConfig:
     """The part of the configuration that determines the result: no logger, profiler, devices or limit on bad samples.
 
     Runs that differ in these alone have one folder, so that a training may go on under another logger, or shared.
@@ -112,12 +112,12 @@ def alike(cfg: DictConfig) -> DictConfig:
     return same
 
 
-def spawns(cfg: DictConfig) -> bool:
+def spawns_processes(cfg: DictConfig) -> bool:
     """Whether the job starts the processes of a shared training, and not Lightning's strategy or a cluster."""
     return cfg.trainer.get("strategy", "auto") in SPAWNED
 
 
-def processes(cfg: DictConfig) -> int:
+def spawn_count(cfg: DictConfig) -> int:
     """How many processes the job has to start.
 
     Args:
@@ -126,7 +126,7 @@ def processes(cfg: DictConfig) -> int:
     Raises:
         InputError: the number of devices cannot be used.
     """
-    return 1 if not spawns(cfg) or started_elsewhere() else device_count(cfg)
+    return 1 if not spawns_processes(cfg) or launched_externally() else device_count(cfg)
 
 
 def device_count(cfg: DictConfig) -> int:

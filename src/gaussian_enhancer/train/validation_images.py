@@ -12,10 +12,10 @@ from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import Logger, TensorBoardLogger, WandbLogger
 from torch import Tensor
 
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.train.module import ValidationMetrics
-from gaussian_enhancer.train.share import gathered
-from gaussian_enhancer.types import Batch, quantised
+from gaussian_enhancer.train.share import gather
+from gaussian_enhancer.types import Batch, quantise_8_bit
 
 ABLE = (WandbLogger, TensorBoardLogger)
 """Loggers that take images; wandb's takes tables as well."""
@@ -53,14 +53,14 @@ class ValidationImages(Callback):
         position, enhanced = outputs["place"], outputs["enhanced"]
         every = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
         if self.loggers and position % every == 0 and position // every < self.images:
-            raw = quantised(upsampled(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
-            self.kept.append((position, batch.names[0], beside(raw[0], enhanced[0], batch.photo[0])))
+            raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
+            self.kept.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the kept images, in the first process alone."""
         if not self.loggers:
             return
-        shown = sorted(gathered(self.kept), key=lambda one: one[0])
+        shown = sorted(gather(self.kept), key=lambda one: one[0])
         self.kept = []
         judged: list[ValidationMetrics] = pl_module.judged  # type: ignore[assignment]
         if not trainer.is_global_zero or trainer.sanity_checking or not judged:
@@ -79,7 +79,7 @@ class ValidationImages(Callback):
                     logger.experiment.add_image(f"validation/{name}", image, trainer.global_step)
 
 
-def beside(*images: Tensor) -> UInt8[Tensor, "3 h w"]:
+def side_by_side(*images: Tensor) -> UInt8[Tensor, "3 h w"]:
     """Images in [0, 1] of one height side by side, in 8 bits: render, enhanced, photo."""
     row = torch.cat([image.detach().float().cpu() for image in images], dim=-1)
     return (row.clamp(0, 1) * 255).round().to(torch.uint8)

@@ -9,7 +9,7 @@ T = TypeVar("T")
 END = object()
 
 
-def ahead(items: Iterable[T], count: int = 2) -> Iterator[T]:
+def compute_ahead(items: Iterable[T], count: int = 2) -> Iterator[T]:
     """Yield the items of an iterable, which a separate thread computes in advance.
 
     Rendering, networks and encoders release Python's global interpreter lock. So stages that are chained by this

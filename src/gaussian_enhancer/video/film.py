@@ -16,13 +16,13 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.path_references import PathReferences
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
-from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smoothed_over_time
+from gaussian_enhancer.infer.temporal_smoothing import PreviousChange, smooth_change
 from gaussian_enhancer.network.network import CachesReferences
-from gaussian_enhancer.network.pyramid import upsampled
-from gaussian_enhancer.scene.in_memory import held
+from gaussian_enhancer.network.pyramid import upsample_bicubic
+from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.types import quantised
-from gaussian_enhancer.video.ahead import ahead
+from gaussian_enhancer.types import quantise_8_bit
+from gaussian_enhancer.video.ahead import compute_ahead
 from gaussian_enhancer.video.frames import FrameFolder
 
 
@@ -109,11 +109,11 @@ class Film:
 
     def shown_render(self, frame: Frame) -> Float[Tensor, "3 H W"] | None:
         """A frame's render at the enhanced view's size; enlarged bicubically where that is larger."""
-        return None if frame.render is None else self.enlarged(frame.render)
+        return None if frame.render is None else self.enlarge(frame.render)
 
-    def enlarged(self, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 H W"]:
+    def enlarge(self, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 H W"]:
         """Enlarge an image to the enhanced view's size."""
-        return upsampled(image[None], self.enhancer.network.scale)[0].clamp(0, 1)
+        return upsample_bicubic(image[None], self.enhancer.network.scale)[0].clamp(0, 1)
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order; each is on disk when it is yielded.
@@ -122,10 +122,10 @@ class Film:
             InputError: a frame on disk is damaged, a reference cannot be read, or a frame cannot be written.
         """
         if not self.overlapped:
-            return self.written(self.enhanced(self.drawn()))
-        return ahead(self.written(ahead(self.enhanced(ahead(self.drawn())))))
+            return self.write_frames(self.enhance_frames(self.draw_frames()))
+        return compute_ahead(self.write_frames(compute_ahead(self.enhance_frames(compute_ahead(self.draw_frames())))))
 
-    def drawn(self) -> Iterator[RenderedFrame]:
+    def draw_frames(self) -> Iterator[RenderedFrame]:
         """First stage: render each frame, or read it from disk, and read the references for the second stage.
 
         Raises:
@@ -133,7 +133,7 @@ class Film:
         """
         config = _copy_config(self.enhancer.reference_config)
         for index, view in enumerate(self.rendered.targets):
-            view = held(view)
+            view = read_once(view)
             target = read_target(view) if self._needs_render(index) else None
             if self.stored[index]:
                 stored_frame = self.folder.read(index), self.folder.candidates(index)
@@ -145,7 +145,7 @@ class Film:
                     self.pool.read(candidate, config.fine)
             yield RenderedFrame(index, view, target, None)
 
-    def enhanced(self, drawn: Iterable[RenderedFrame]) -> Iterator[Frame]:
+    def enhance_frames(self, drawn: Iterable[RenderedFrame]) -> Iterator[Frame]:
         """Second stage: enhance and smooth the frames that were not on disk.
 
         Args:
@@ -166,7 +166,7 @@ class Film:
             render = None if target is None else target.image
             yield Frame(frame.index, image, render, candidates, frame.kept is not None)
 
-    def written(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+    def write_frames(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         """Third stage: write new frames to the folder.
 
         Args:
@@ -190,8 +190,8 @@ class Film:
         (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
         share, image = self.enhancer.temporal_smoothing, enhanced.image
         if share > 0:
-            image, _ = smoothed_over_time(image, read_target(view), before, share)
-        return quantised(image)
+            image, _ = smooth_change(image, read_target(view), before, share)
+        return quantise_8_bit(image)
 
 
 def _copy_config(config: ReferenceConfig) -> ReferenceConfig:

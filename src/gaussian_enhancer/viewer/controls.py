@@ -85,7 +85,7 @@ class Controls:
         strength = float(self.strength.value)
         return SessionChoice(self._splat.value, self._weights.value, self._plan.value, count, strength)
 
-    def tell(self, frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> None:
+    def show_status(self, frame: int, picture: Float[Tensor, "3 _ _"], view: StageView, mode: Mode) -> None:
         """Show run times and notes on a picture in the status text.
 
         Args:

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.report.figures import colour_map, error
-from gaussian_enhancer.types import usable
+from gaussian_enhancer.types import usable_depth
 from gaussian_enhancer.video.layout import Layout
 from gaussian_enhancer.viewer.stage import StageView
 
@@ -75,20 +75,20 @@ class Mode:
             view: the view, enhanced where the mode needs that.
         """
         if self.name == "depth":
-            return shaded(_nearness(view.depth))
+            return apply_colour_map(_nearness(view.depth))
         if self.name == "render" or view.enhanced is None:
             return view.render
         if self.name == "confidence":
             coverage = torch.zeros_like(view.depth) if view.coverage is None else view.coverage
-            return shaded(coverage[0])
+            return apply_colour_map(coverage[0])
         scale = view.enhanced.shape[-1] // view.render.shape[-1]
-        render = upsampled(view.render[None], scale)[0].clamp(0, 1)
+        render = upsample_bicubic(view.render[None], scale)[0].clamp(0, 1)
         if self.name == "difference":
-            return shaded(error(view.enhanced, render) / LARGEST)
+            return apply_colour_map(error(view.enhanced, render) / LARGEST)
         return Layout(self.name, self.wipe)(render, view.enhanced, 0.0)
 
 
-def shaded(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
+def apply_colour_map(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
     """Values in [0, 1] as colours from dark to light.
 
     Args:
@@ -101,7 +101,7 @@ def shaded(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
 
 def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
     """Inverse depth scaled to its quantiles, 0.1 (far) to 1 (near); 0 where nothing was hit."""
-    hit = usable(depth[0])
+    hit = usable_depth(depth[0])
     if not bool(hit.any()):
         return torch.zeros_like(depth[0])
     inverse = torch.where(hit, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)

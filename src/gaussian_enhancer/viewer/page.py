@@ -16,7 +16,7 @@ from gaussian_enhancer.types import Camera
 from gaussian_enhancer.viewer.cameras import PageCamera
 from gaussian_enhancer.viewer.controls import Controls
 from gaussian_enhancer.viewer.modes import Mode
-from gaussian_enhancer.viewer.saved import SavedFiles, path_through
+from gaussian_enhancer.viewer.saved import SavedFiles, path_through_cameras
 from gaussian_enhancer.viewer.schedule import Worker
 from gaussian_enhancer.viewer.session import Session, SessionChoice
 from gaussian_enhancer.viewer.stage import StageView
@@ -106,19 +106,19 @@ class Page:
             camera = _page_camera(client)
             if camera != last:
                 last = camera
-                self.worker.moved(client.client_id)
+                self.worker.camera_moved(client.client_id)
 
         client.camera.on_update(moved)
-        self.worker.came(client.client_id)
+        self.worker.add_viewer(client.client_id)
 
     def _on_disconnect(self, client: Any) -> None:
-        self.worker.forget(client.client_id)
+        self.worker.remove_viewer(client.client_id)
         self._shown.pop(client.client_id, None)
         self._refused.pop(client.client_id, None)
 
     def _on_change(self) -> None:
         for viewer in self.server.get_clients():
-            self.worker.changed(viewer)
+            self.worker.content_changed(viewer)
 
     def _draw_or_tell(self, viewer: Hashable, full: bool, superseded: Callable[[], bool]) -> None:
         client = self.server.get_clients().get(viewer)
@@ -152,7 +152,7 @@ class Page:
             return False  # the browser disconnected while its view was drawn
         client.scene.set_background_image(to_bytes(picture), format="jpeg", jpeg_quality=QUALITY[full])
         self._frame += 1
-        self.controls.tell(self._frame, picture, view, mode)
+        self.controls.show_status(self._frame, picture, view, mode)
         if full:
             self._show_photo(choice, view_camera)
         return True
@@ -217,7 +217,7 @@ class Page:
 
     def _save_path(self, client: Any) -> str:
         seconds = float(self.controls.seconds.value)
-        cameras = path_through(tuple(self._kept), self.settings.width, seconds, self.session.cameras)
+        cameras = path_through_cameras(tuple(self._kept), self.settings.width, seconds, self.session.cameras)
         file = self.saved.path(cameras, len(cameras) / seconds)
         return f"saved {file}: gaussian-enhancer video path={file} makes a video of it"
 

@@ -74,7 +74,7 @@ class SavedFiles:
         return self.folder / f"{kind}_{max(numbers, default=0) + 1:03d}{ending}"
 
 
-def path_through(
+def path_through_cameras(
     kept: Sequence[PageCamera], width: int, seconds: float, capture: Sequence[Camera], fps: float = FPS
 ) -> tuple[Camera, ...]:
     """Cameras of a path at constant speed through cameras that were added on the page, all with the first one's aspect.

@@ -51,7 +51,7 @@ class ViewSchedule:
         self._due: dict[Hashable, _Due] = {}
         self._versions: dict[Hashable, int] = {}
 
-    def came(self, viewer: Hashable, now: float) -> None:
+    def add_viewer(self, viewer: Hashable, now: float) -> None:
         """Register a new viewer. Its full view is due after the movement to the initial pose.
 
         Args:
@@ -60,7 +60,7 @@ class ViewSchedule:
         """
         self._due[viewer] = _Due(False, now + ARRIVAL, self._next(viewer))
 
-    def moved(self, viewer: Hashable, now: float) -> None:
+    def camera_moved(self, viewer: Hashable, now: float) -> None:
         """Register a movement of a viewer's camera: a small view is due at once, a full one when the camera is still.
 
         Args:
@@ -69,7 +69,7 @@ class ViewSchedule:
         """
         self._due[viewer] = _Due(True, now + self.settled, self._next(viewer))
 
-    def changed(self, viewer: Hashable, now: float) -> None:
+    def content_changed(self, viewer: Hashable, now: float) -> None:
         """Register a change of what is shown, with the same camera.
 
         A full view is due at once. Where a small view is pending, the camera moves; then the full view is due when the
@@ -83,7 +83,7 @@ class ViewSchedule:
         moving = pending is not None and pending.small
         self._due[viewer] = _Due(moving, now + self.settled if moving else now, self._next(viewer))
 
-    def forget(self, viewer: Hashable) -> None:
+    def remove_viewer(self, viewer: Hashable) -> None:
         """Remove a viewer that disconnected."""
         self._due.pop(viewer, None)
         self._versions.pop(viewer, None)
@@ -110,7 +110,7 @@ class ViewSchedule:
         times = [now if due.small else due.full_at for due in self._due.values()]
         return max(0.0, min(times) - now) if times else None
 
-    def superseded(self, task: ViewTask) -> bool:
+    def is_superseded(self, task: ViewTask) -> bool:
         """Whether the viewer has asked for another view since, or has disconnected."""
         return self._versions.get(task.viewer) != task.version
 
@@ -156,22 +156,22 @@ class Worker:
         if self._thread.is_alive():
             self._thread.join()
 
-    def came(self, viewer: Hashable) -> None:
+    def add_viewer(self, viewer: Hashable) -> None:
         """Register a new viewer."""
-        self._report(self._schedule.came, viewer)
+        self._report(self._schedule.add_viewer, viewer)
 
-    def moved(self, viewer: Hashable) -> None:
+    def camera_moved(self, viewer: Hashable) -> None:
         """Register a movement of a viewer's camera."""
-        self._report(self._schedule.moved, viewer)
+        self._report(self._schedule.camera_moved, viewer)
 
-    def changed(self, viewer: Hashable) -> None:
+    def content_changed(self, viewer: Hashable) -> None:
         """Register a change of what a viewer shows."""
-        self._report(self._schedule.changed, viewer)
+        self._report(self._schedule.content_changed, viewer)
 
-    def forget(self, viewer: Hashable) -> None:
+    def remove_viewer(self, viewer: Hashable) -> None:
         """Remove a viewer that disconnected."""
         with self._condition:
-            self._schedule.forget(viewer)
+            self._schedule.remove_viewer(viewer)
 
     def _report(self, how: Callable[[Hashable, float], None], viewer: Hashable) -> None:
         with self._condition:
@@ -191,7 +191,7 @@ class Worker:
         if not task.full:
             return False
         with self._condition:
-            return self._stopped or self._schedule.superseded(task)
+            return self._stopped or self._schedule.is_superseded(task)
 
     def _due(self) -> ViewTask | None:
         with self._condition:

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import Camera, usable
+from gaussian_enhancer.types import Camera, usable_depth
 from gaussian_enhancer.viewer.address import library, refuse_taken
 from gaussian_enhancer.viewer.cameras import PageCamera, upward
 from gaussian_enhancer.viewer.page import Page, PageSettings
@@ -22,7 +22,7 @@ FIRST_WIDTH = 160
 
 
 @contextmanager
-def served(
+def serve_page(
     session: Session,
     saved: SavedFiles,
     settings: PageSettings,
@@ -97,8 +97,8 @@ def distance(session: Session, camera: PageCamera) -> float:
     height, width = view.depth.shape[-2:]
     middle = view.depth[0, height // 4 : height - height // 4, width // 4 : width - width // 4]
     for depth in (middle, view.depth):
-        if bool(usable(depth).any()):
-            return float(depth[usable(depth)].median())
+        if bool(usable_depth(depth).any()):
+            return float(depth[usable_depth(depth)].median())
     spread = torch.stack([capture_camera.centre for capture_camera in session.cameras]).std(0, correction=0).norm()
     return float(spread) or 1.0
 

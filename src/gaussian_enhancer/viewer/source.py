@@ -94,7 +94,7 @@ class _Stages:
         requested = options.reference_config(pretrained, task.depth)
         pool = self._pool(choice.splat, fine)
         validated = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, pool)
-        config = PathReferences.of(validated.reference_config)
+        config = PathReferences.from_config(validated.reference_config)
         validated = replace(validated, reference_config=config)
         enhancer = options.enhancer(pretrained, config, self.device)
         uses_depth = validated.rendered.targets[0].read_depth is not None
@@ -111,7 +111,7 @@ class _Stages:
     def _read(self, splat: str) -> tuple[SplatRenderer, RenderedSet]:
         """Open a splat: its renderer, and the set of photos with the splat's renders of their views."""
         renderer = self.capture.renderer(self.cfg, self.device.type, self.files[splat])
-        rendered = self.capture.rendered_by(renderer)
+        rendered = self.capture.references_rendered_by(renderer)
         if splat == RAW or self.capture.scene is not None:
             return renderer, rendered
         photos = (Photo(view.name, view.camera, view.read_photo) for view in rendered.references)  # type: ignore[arg-type]

@@ -16,10 +16,10 @@ from gaussian_enhancer.infer.enhancer import SetEnhancer
 from gaussian_enhancer.infer.planner import Planner
 from gaussian_enhancer.infer.reference_cache import ReferenceFeatures
 from gaussian_enhancer.network.network import CachesReferences
-from gaussian_enhancer.scene.in_memory import held
+from gaussian_enhancer.scene.in_memory import read_once
 from gaussian_enhancer.scene.neighbours import rank_references
 from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
-from gaussian_enhancer.types import Camera, usable
+from gaussian_enhancer.types import Camera, usable_depth
 
 
 def never() -> bool:
@@ -74,7 +74,7 @@ class StageView:
     @property
     def blank(self) -> bool:
         """Whether the view shows nothing of the splat: the camera looks past it, or is inside of it."""
-        return not bool(usable(self.depth).any()) or float(self.alpha.mean()) < 1e-3
+        return not bool(usable_depth(self.depth).any()) or float(self.alpha.mean()) < 1e-3
 
 
 class Stage:
@@ -119,7 +119,7 @@ class Stage:
         started = time.perf_counter()
         scale = self.enhancer.network.scale
         camera = camera.resized(max(1, camera.height // scale), max(1, camera.width // scale))
-        view = held(self.target(next(self._names), camera))
+        view = read_once(self.target(next(self._names), camera))
         pixels = read_target(view)
         if pixels.depth is None or pixels.alpha is None:
             raise ValueError("a splat's view has depth and opacity")

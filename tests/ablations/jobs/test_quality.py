@@ -18,7 +18,7 @@ from gaussian_enhancer.infer.weights import save_weights
 from gaussian_enhancer.metrics.pair import measure_pair
 from gaussian_enhancer.metrics.records import read_records
 from gaussian_enhancer.network.sif import SIF
-from gaussian_enhancer.runs.instantiate import plain
+from gaussian_enhancer.runs.instantiate import plain_values
 from gaussian_enhancer.runs.run import open_run
 from gaussian_enhancer.scene.photos import read_photo
 from support.job_config import initialised, job_config
@@ -233,4 +233,4 @@ def test_the_weights_of_a_training_are_found_where_the_job_train_files_them(conf
 
 def test_the_page_is_made_without_the_captures_folder(monkeypatch) -> None:
     monkeypatch.delenv("GAUSSIAN_ENHANCER_DATA", raising=False)
-    assert plain(job_config("quality", "records_only=true"))["backbones"] is None
+    assert plain_values(job_config("quality", "records_only=true"))["backbones"] is None

@@ -21,7 +21,7 @@ def opened(folder: Path, label: str = "a", **values: object) -> Run:
 
 def interrupted(folder: Path, label: str, error: BaseException) -> None:
     """Open a run, and let an error end the attempt at it."""
-    with status.attempt():
+    with status.track_runs():
         opened(folder, label)
         raise error
 
@@ -55,13 +55,13 @@ def test_an_error_is_kept_until_the_run_is_opened_again(tmp_path) -> None:
 def test_a_run_stopped_by_the_user_or_left_unfinished_is_no_failure(tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted(tmp_path, "one", KeyboardInterrupt())
-    with status.attempt():
+    with status.track_runs():
         opened(tmp_path, "two")
     assert [state(tmp_path, label).name for label in ("one", "two")] == ["stopped", "stopped"]
 
 
 def test_an_inner_attempt_marks_its_own_runs_alone(tmp_path) -> None:
-    with status.attempt():
+    with status.track_runs():
         outer = opened(tmp_path, "outer")
         with pytest.raises(ValueError, match="inner"):
             interrupted(tmp_path, "inner", ValueError("inner"))

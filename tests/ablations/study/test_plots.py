@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from ablations.study.plots import Mark, Panel, bar_panels, category_matrix, convergence, pareto_front, work_precision
+from ablations.study.plots import Mark, Panel, bar_panels, category_matrix, convergence, front_of_curves, work_precision
 
 CURVES = {
     "fast": (Mark("x", 1.0, 0.1), Mark("y", 10.0, 0.01, 9.0, 12.0)),
@@ -31,7 +31,7 @@ def test_what_has_no_place_on_the_axes_is_left_out(odd) -> None:
 
 
 def test_the_front_alone_is_named_and_every_method_stands_in_the_legend() -> None:
-    assert [point.name for point in pareto_front(CURVES, None)] == ["fast, x", "fast, y", "slow, w"]
+    assert [point.name for point in front_of_curves(CURVES, None)] == ["fast, x", "fast, y", "slow, w"]
     found = texts(work_precision("A diagram", [panel(CURVES)], 1))
     assert {"fast, x", "fast, y", "slow, w", "time, ms", "error", "easy", "A diagram", "fast", "slow"} <= found
     assert "slow, z" not in found
@@ -39,7 +39,7 @@ def test_the_front_alone_is_named_and_every_method_stands_in_the_legend() -> Non
 
 def test_what_is_no_better_than_the_baseline_is_not_on_the_front() -> None:
     curves = {"a": (Mark("worse", 1.0, 0.2), Mark("better", 2.0, 0.05))}
-    assert [point.name for point in pareto_front(curves, 0.1)] == ["a, better"]
+    assert [point.name for point in front_of_curves(curves, 0.1)] == ["a, better"]
     assert "raw, 3 ms/MP" in texts(work_precision("", [panel(curves, baseline=("raw, 3 ms/MP", 0.1))], 1))
 
 

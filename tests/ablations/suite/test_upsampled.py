@@ -101,7 +101,7 @@ def test_bicubic_enlarges_each_image_once_and_keeps_what_is_even(tmp_path, monke
     between = (torch.arange(64) + 0.5) / 4 - 0.5  # where the fine grid's pixels lie on the coarse one
     expected = 0.2 + 0.6 * between / 15
     assert torch.allclose(grown[0, 16, 8:-8], expected[8:-8], atol=2.5 / 255)
-    monkeypatch.setattr(upsampled, "upsampled", lambda *_: pytest.fail("done before"))
+    monkeypatch.setattr(upsampled, "upsample_bicubic", lambda *_: pytest.fail("done before"))
     assert upsampled.bicubic(cfg, tmp_path / "in", "a", tmp_path / "photos") == folder
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from ablations.tradeoff.summary import summarise
 from gaussian_enhancer.metrics.records import Record
-from gaussian_enhancer.metrics.tradeoff import mean_squared
+from gaussian_enhancer.metrics.tradeoff import mean_squared_error
 
 
 def record(variant: str, view: str, time: float, psnr: float, **metrics: float) -> Record:
@@ -28,7 +28,7 @@ def test_a_setting_is_summed_up_over_its_views() -> None:
     assert (a.memory, a.views, a.megapixels) == (5.0, 2, 0.5)
     assert b.perceptual == {}  # one view lacks it
     assert b.error("lpips_alex") is None
-    assert b.error("mse") == mean_squared(20.0) == pytest.approx(0.01)
+    assert b.error("mse") == mean_squared_error(20.0) == pytest.approx(0.01)
 
 
 def test_a_setting_that_lacks_a_view_is_missing_with_its_reason() -> None:

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.artefacts.colour import coarse_ycbcr, colour, palette, quantised, toned
+from gaussian_enhancer.degrade.artefacts.colour import change_tone, coarse_ycbcr, colour, palette, quantise
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 
@@ -17,10 +17,10 @@ def noise(count=2, size=16):
 def test_quantised_values_are_the_nearest_multiples():
     values = torch.linspace(-1, 1, 201, dtype=torch.float64).reshape(1, 1, 1, -1)
     step = torch.full((1, 1, 1, 1), 0.3, dtype=torch.float64)
-    after = quantised(values, step)
+    after = quantise(values, step)
     torch.testing.assert_close(after / 0.3, (after / 0.3).round())
     assert (after - values).abs().max() <= 0.15 + 1e-12
-    assert torch.equal(quantised(values, torch.zeros_like(step)), values)
+    assert torch.equal(quantise(values, torch.zeros_like(step)), values)
 
 
 def test_a_palette_has_sixteen_levels_at_strength_1():
@@ -43,7 +43,7 @@ def test_coarse_ycbcr_keeps_greys_grey_and_luma_close():
 def test_toning_is_a_gamma_and_a_gain_within_their_range():
     image = torch.tensor([0.25, 0.5, 1.0], dtype=torch.float64).expand(16, 3, 1, 3)
     strength = torch.full((16,), 0.5, dtype=torch.float64)
-    after = toned(image, strength, seeded(16))
+    after = change_tone(image, strength, seeded(16))
     gain = after[..., 2]
     gamma = torch.log(after[..., 1] / gain) / torch.log(image[..., 1])
     torch.testing.assert_close(gain * image[..., 0] ** gamma, after[..., 0])
@@ -62,7 +62,7 @@ def test_rounding_passes_the_gradient_straight_through(way):
 def test_gradcheck_of_toning():
     image = noise(1, 3).requires_grad_()
     one = torch.ones(1, dtype=torch.float64)
-    assert torch.autograd.gradcheck(lambda x: toned(x, one, seeded(1)), (image,))
+    assert torch.autograd.gradcheck(lambda x: change_tone(x, one, seeded(1)), (image,))
 
 
 def test_all_three_ways_occur():

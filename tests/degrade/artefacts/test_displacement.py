@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from gaussian_enhancer.degrade.artefacts.displacement import displaced, displacement, random_offset
+from gaussian_enhancer.degrade.artefacts.displacement import displace, displacement, random_offset
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
 
@@ -16,13 +16,13 @@ def test_whole_offsets_read_whole_pixels_and_the_border_goes_on(mode):
     offset = torch.zeros(1, 2, 6, 9, dtype=torch.float64)
     offset[:, 0], offset[:, 1] = 2, -1
     y, x = torch.meshgrid(torch.arange(6) - 1, torch.arange(9) + 2, indexing="ij")
-    torch.testing.assert_close(displaced(planes, offset, mode), planes[..., y.clamp(0, 5), x.clamp(0, 8)])
+    torch.testing.assert_close(displace(planes, offset, mode), planes[..., y.clamp(0, 5), x.clamp(0, 8)])
 
 
 def test_fractions_are_interpolated():
     ramp = torch.arange(9.0).expand(1, 1, 6, 9)
     offset = torch.full((1, 2, 6, 9), 0.25)
-    torch.testing.assert_close(displaced(ramp, offset)[..., :8], ramp[..., :8] + 0.25)
+    torch.testing.assert_close(displace(ramp, offset)[..., :8], ramp[..., :8] + 0.25)
 
 
 def test_offsets_are_as_long_and_jumps_as_many_as_they_say():

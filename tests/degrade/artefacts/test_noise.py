@@ -1,6 +1,6 @@
 import torch
 
-from gaussian_enhancer.degrade.artefacts.noise import LOUDEST, blobby, noise
+from gaussian_enhancer.degrade.artefacts.noise import LOUDEST, noise, smooth_noise
 from gaussian_enhancer.degrade.artefacts.region import soft_region
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.artefacts.view import View
@@ -14,7 +14,7 @@ def change(strength, size=(64, 64), level=0.5, seed=0, count=4):
 
 def test_blobs_have_the_variance_of_white_noise_and_correlated_neighbours():
     white = torch.randn(1, 3, 256, 256, generator=torch.Generator().manual_seed(0))
-    inner = blobby(white)[..., 4:-4, 4:-4]
+    inner = smooth_noise(white)[..., 4:-4, 4:-4]
     torch.testing.assert_close(inner.std(), white.std(), rtol=0.03, atol=0)
     neighbours = (inner[..., 1:] * inner[..., :-1]).mean() / inner.square().mean()
     # A Gaussian of one pixel is correlated with itself by exp(-1/4) one pixel on.

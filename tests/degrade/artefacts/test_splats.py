@@ -7,8 +7,8 @@ from gaussian_enhancer.degrade.artefacts import splats as module
 from gaussian_enhancer.degrade.artefacts.splats import (
     SplatLayer,
     colour_at,
-    colour_covered,
     composite,
+    covered_colour,
     depth_at,
     depth_level,
 )
@@ -204,5 +204,5 @@ def test_a_disk_has_the_mean_colour_of_what_it_covers():
     for centre, expected in ((right, 1.0), (astride, 0.5)):
         moved = SplatLayer(centre, disk.log_sigma, disk.angle, disk.opacity, disk.colour, disk.depth)
         torch.testing.assert_close(
-            colour_covered(View(image), moved, "disk"), torch.full((1, 1, 3), expected), atol=0.05, rtol=0
+            covered_colour(View(image), moved, "disk"), torch.full((1, 1, 3), expected), atol=0.05, rtol=0
         )

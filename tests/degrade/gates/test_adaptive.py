@@ -12,8 +12,8 @@ from gaussian_enhancer.degrade.gates.adaptive import (
     Growth,
     MixedGate,
     adaptive_gate,
-    calibrated,
-    calibrated_on,
+    calibrate_gate,
+    calibrate_on_splat,
 )
 from gaussian_enhancer.degrade.gates.calibration import (
     MINOR,
@@ -21,10 +21,10 @@ from gaussian_enhancer.degrade.gates.calibration import (
     STRENGTHS,
     Responses,
     responses,
-    solved,
-    weighted,
+    solve_gate,
+    solve_weights,
 )
-from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint
+from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, measure_fingerprint
 from gaussian_enhancer.degrade.gates.gate import RandomGate
 from gaussian_enhancer.degrade.simulator import Simulator
 from gaussian_enhancer.errors import InputError
@@ -65,13 +65,13 @@ def measured():
 
 
 def contributions(measured, chances, limits):
-    return chances[:, None] * measured.below(limits)
+    return chances[:, None] * measured.mean_below(limits)
 
 
 @pytest.mark.parametrize("known", TESTED)
 def test_the_known_type_gets_by_far_the_largest_share(measured, known):
-    scene = fingerprint(*simulated(only({known: 1.0}), 32, seed=1)).energies()
-    chances, limits = solved(measured, scene)
+    scene = measure_fingerprint(*simulated(only({known: 1.0}), 32, seed=1)).energies()
+    chances, limits = solve_gate(measured, scene)
     shares = (contributions(measured, chances, limits) / scene.clamp_min(ROUNDING)).sum(1)
     shares = shares / shares.sum()
     assert shares[TESTED.index(known)] > 0.7, dict(zip(TESTED, shares.tolist(), strict=True))
@@ -87,9 +87,9 @@ def test_the_known_type_gets_by_far_the_largest_share(measured, known):
     ],
 )
 def test_simulated_energies_under_the_calibrated_gate_are_the_scenes_within_a_factor_of_two(measured, chances, limits):
-    scene = fingerprint(*simulated(only(chances, limits), 144, seed=2)).energies()
-    solution = (dict(zip(TESTED, values.tolist(), strict=True)) for values in solved(measured, scene))
-    again = fingerprint(*simulated(only(*solution), 144, seed=3)).energies()
+    scene = measure_fingerprint(*simulated(only(chances, limits), 144, seed=2)).energies()
+    solution = (dict(zip(TESTED, values.tolist(), strict=True)) for values in solve_gate(measured, scene))
+    again = measure_fingerprint(*simulated(only(*solution), 144, seed=3)).energies()
     ratio = (again / scene)[scene > MINOR * scene.max()]
     assert len(ratio) >= 1
     assert ratio.min() > 0.5, ratio
@@ -106,12 +106,12 @@ def test_mean_responses_below_a_limit_are_the_integral_of_the_curve():
     knots = torch.tensor((0.0, *STRENGTHS), dtype=torch.float64)
     linear = Responses(("blur", "noise"), torch.stack([knots, 3 * knots])[..., None].expand(-1, -1, 6))
     limits = torch.tensor([1.0, 0.6], dtype=torch.float64)
-    torch.testing.assert_close(linear.below(limits)[:, 0], torch.tensor([0.5, 0.9], dtype=torch.float64))
+    torch.testing.assert_close(linear.mean_below(limits)[:, 0], torch.tensor([0.5, 0.9], dtype=torch.float64))
 
 
 def test_a_weaker_scene_gets_lower_chances_and_limits(measured):
-    unit = measured.below(torch.ones(len(TESTED), dtype=torch.float64))[1]
-    found = [solved(measured, share * unit) for share in (0.1, 0.3, 0.9)]
+    unit = measured.mean_below(torch.ones(len(TESTED), dtype=torch.float64))[1]
+    found = [solve_gate(measured, share * unit) for share in (0.1, 0.3, 0.9)]
     chances, limits = (torch.stack([pair[i][1] for pair in found]) for i in (0, 1))
     assert (chances.diff() > 0).all()
     assert (limits.diff() > 0).all()
@@ -122,15 +122,15 @@ def test_a_weaker_scene_gets_lower_chances_and_limits(measured):
 def test_weights_are_not_negative_and_explain_a_sum_of_independent_responses():
     unlike = torch.rand(4, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     truth = torch.tensor([0.5, 0.0, 2.0, 0.0], dtype=torch.float64)
-    found = weighted(unlike, truth @ unlike)
+    found = solve_weights(unlike, truth @ unlike)
     assert (found >= 0).all()
     torch.testing.assert_close(found @ unlike, truth @ unlike, rtol=0.1, atol=0)
-    assert weighted(torch.zeros(2, 6, dtype=torch.float64), torch.ones(6, dtype=torch.float64)).tolist() == [0, 0]
+    assert solve_weights(torch.zeros(2, 6, dtype=torch.float64), torch.ones(6, dtype=torch.float64)).tolist() == [0, 0]
 
 
 def test_types_that_look_alike_share():
     alike = torch.ones(2, 6, dtype=torch.float64)
-    first, second = weighted(alike, torch.ones(6, dtype=torch.float64)).tolist()
+    first, second = solve_weights(alike, torch.ones(6, dtype=torch.float64)).tolist()
     assert first == pytest.approx(second, rel=1e-6)
     assert first + second == pytest.approx(1, rel=0.02)
 
@@ -140,7 +140,7 @@ def test_held_out_factors_ask_for_more_and_switches_leave_types_out():
     generator = torch.Generator().manual_seed
 
     def total(factor):
-        gate = calibrated(
+        gate = calibrate_gate(
             scene, PHOTOS[:2], generator(0), types=SWITCHES, held_out=dict.fromkeys(ENERGIES, Growth(factor))
         )
         assert set(gate.chances) == set(TESTED)
@@ -148,18 +148,18 @@ def test_held_out_factors_ask_for_more_and_switches_leave_types_out():
 
     assert total(4.0) > 1.5 * total(1.0)
     with pytest.raises(InputError, match=r"held_out\.brightness: is no energy"):
-        calibrated(scene, PHOTOS, generator(0), held_out={"brightness": Growth(2.0)})
+        calibrate_gate(scene, PHOTOS, generator(0), held_out={"brightness": Growth(2.0)})
     with pytest.raises(InputError, match="0 photos"):
-        calibrated(scene, [], generator(0), types=SWITCHES)
+        calibrate_gate(scene, [], generator(0), types=SWITCHES)
 
 
 def test_a_run_is_calibrated_on_its_training_views():
     render = (PHOTOS[0] + 0.1 * torch.randn(PHOTOS[0].shape, generator=torch.Generator().manual_seed(9))).clamp(0, 1)
     views = tuple(RenderedView(f"{i}.png", lambda: render, read_photo=lambda: PHOTOS[0]) for i in range(2))
     rendered = RenderedSet("run", (), views)
-    gate = calibrated_on(rendered, torch.Generator().manual_seed(0), types=SWITCHES, photos=1)
-    found = fingerprint([render] * 2, [PHOTOS[0]] * 2)
-    assert gate == calibrated(found, [PHOTOS[0]], torch.Generator().manual_seed(0), types=SWITCHES)
+    gate = calibrate_on_splat(rendered, torch.Generator().manual_seed(0), types=SWITCHES, photos=1)
+    found = measure_fingerprint([render] * 2, [PHOTOS[0]] * 2)
+    assert gate == calibrate_gate(found, [PHOTOS[0]], torch.Generator().manual_seed(0), types=SWITCHES)
     assert gate.chances["noise"] > 0.3 > gate.chances["blur"]
 
 
@@ -191,8 +191,8 @@ def test_chances_and_limits_hold():
 
 
 def test_types_that_a_scene_does_not_show_are_named_and_never_drawn():
-    scene = fingerprint(*simulated(only({"noise": 1.0}), 8, seed=4))
-    gate = calibrated(scene, PHOTOS[:2], torch.Generator().manual_seed(0), types=SWITCHES, held_out={})
+    scene = measure_fingerprint(*simulated(only({"noise": 1.0}), 8, seed=4))
+    gate = calibrate_gate(scene, PHOTOS[:2], torch.Generator().manual_seed(0), types=SWITCHES, held_out={})
     assert {"needle", "jpeg"} <= set(gate.left_out)
     assert "noise" not in gate.left_out
     generator = torch.Generator().manual_seed(0)

@@ -9,9 +9,9 @@ import torch.nn.functional as F
 from gaussian_enhancer.degrade.gates.fingerprint import (
     ENERGIES,
     Fingerprint,
-    energies,
-    fingerprint,
+    error_energies,
     fingerprint_of_training_views,
+    measure_fingerprint,
     smooth,
 )
 from gaussian_enhancer.errors import InputError
@@ -77,7 +77,7 @@ MADE = {
 
 
 def of(residual, photo):
-    return energies(photo + residual, photo)
+    return error_energies(photo + residual, photo)
 
 
 def test_a_perfect_render_has_no_energy():
@@ -137,16 +137,16 @@ def test_flips_and_quarter_turns_change_nothing():
     photo = textured(size=(64, 64))
     render = photo + 0.05 * torch.randn(3, 64, 64, generator=torch.Generator().manual_seed(3))
     render[:, 20:30, 5:50] += 0.2
-    expected = energies(render, photo)
-    torch.testing.assert_close(energies(render.flip(2), photo.flip(2)), expected, rtol=1e-3, atol=1e-9)
-    turned = energies(render.rot90(1, (1, 2)), photo.rot90(1, (1, 2)))
+    expected = error_energies(render, photo)
+    torch.testing.assert_close(error_energies(render.flip(2), photo.flip(2)), expected, rtol=1e-3, atol=1e-9)
+    turned = error_energies(render.rot90(1, (1, 2)), photo.rot90(1, (1, 2)))
     torch.testing.assert_close(turned, expected, rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 7), (16, 16), (31, 200)])
 def test_any_size_gives_finite_energies(size):
     generator = torch.Generator().manual_seed(0)
-    found = energies(torch.rand(3, *size, generator=generator), torch.rand(3, *size, generator=generator))
+    found = error_energies(torch.rand(3, *size, generator=generator), torch.rand(3, *size, generator=generator))
     assert found.isfinite().all()
     assert (found >= 0).all()
     assert found.sum() > 0
@@ -155,10 +155,10 @@ def test_any_size_gives_finite_energies(size):
 def test_views_count_alike_and_in_any_order():
     pairs = [(photo + noise(photo, 7), photo) for photo in (textured(1), textured(2))]
     large = (torch.full((3, 96, 96), 0.6), torch.full((3, 96, 96), 0.5))
-    found = fingerprint(*zip(*pairs, large, strict=True))
-    mean = torch.stack([energies(*pair) for pair in (*pairs, large)]).mean(0)
+    found = measure_fingerprint(*zip(*pairs, large, strict=True))
+    mean = torch.stack([error_energies(*pair) for pair in (*pairs, large)]).mean(0)
     torch.testing.assert_close(found.energies(), mean)
-    torch.testing.assert_close(fingerprint(*zip(large, *pairs, strict=True)).energies(), mean)
+    torch.testing.assert_close(measure_fingerprint(*zip(large, *pairs, strict=True)).energies(), mean)
     assert found.views == 3
 
 
@@ -177,7 +177,7 @@ def test_reads_training_views_and_not_the_held_out_ones():
 
 def test_survives_json(tmp_path):
     photo = textured()
-    found = fingerprint([photo + noise(photo)], [photo])
+    found = measure_fingerprint([photo + noise(photo)], [photo])
     found.to_json(tmp_path / "fingerprint.json")
     assert Fingerprint(**json.loads((tmp_path / "fingerprint.json").read_text())) == found
     assert all(name in found.table() for name in ENERGIES)
@@ -196,4 +196,4 @@ def test_refuses_images_that_make_no_pairs():
     photo = textured()
     for renders, photos in (([], []), ([photo], []), ([photo], [photo[:, 1:]]), ([photo * math.nan], [photo])):
         with pytest.raises(InputError):
-            fingerprint(renders, photos)
+            measure_fingerprint(renders, photos)

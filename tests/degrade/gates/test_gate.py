@@ -10,7 +10,7 @@ from gaussian_enhancer.degrade.artefact_types import TYPES
 from gaussian_enhancer.degrade.gates import adaptive
 from gaussian_enhancer.degrade.gates import gate as gates
 from gaussian_enhancer.degrade.gates.adaptive import AdaptiveGate, MixedGate
-from gaussian_enhancer.degrade.gates.gate import AllGate, ArtefactStep, NoGate, RandomGate, switched_on
+from gaussian_enhancer.degrade.gates.gate import AllGate, ArtefactStep, NoGate, RandomGate, enabled_types
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.runs.instantiate import build
 from support.job_config import initialised
@@ -93,7 +93,7 @@ def test_no_gate_and_a_gate_with_every_switch_off_let_nothing_pass():
         (lambda: RandomGate(types={"needles": False}), "gate.types.needles"),
         (lambda: AllGate(types={"needles": False}), "gate.types.needles"),
         (lambda: AdaptiveGate({}, types={"needles": False}), "gate.types.needles"),
-        (lambda: switched_on({"needle": "off"}), "gate.types.needle"),
+        (lambda: enabled_types({"needle": "off"}), "gate.types.needle"),
         (lambda: RandomGate(chances={"blurr": 0.5}), "gate.chances.blurr"),
         (lambda: RandomGate(chances={"blur": 1.5}), "gate.chances.blur"),
         (lambda: RandomGate(chance=-0.1), "gate.chance"),

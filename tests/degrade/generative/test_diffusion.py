@@ -5,7 +5,7 @@ import torch
 
 from gaussian_enhancer.degrade.artefacts.rng import spawn
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, Denoiser, LinearSchedule, Sampler
-from gaussian_enhancer.degrade.generative.factors import Factors, white
+from gaussian_enhancer.degrade.generative.factors import Factors, white_noise
 from gaussian_enhancer.errors import InputError
 
 CENTRE, SPREAD, COUNT = 1.5, 0.5, 3000
@@ -26,7 +26,7 @@ def best(noisy: Factors, time: torch.Tensor) -> Factors:
 
 def sampled(sampler: Sampler) -> Factors:
     generators = spawn(COUNT, torch.Generator().manual_seed(0))
-    start = white(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
+    start = white_noise(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
     return sampler(best, start, SCHEDULE, generators)
 
 
@@ -59,7 +59,7 @@ def test_error_falls_with_steps_and_the_posterior_mean_collapses():
 
 def test_one_step_is_one_prediction():
     generators = spawn(COUNT, torch.Generator().manual_seed(0))
-    start = white(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
+    start = white_noise(Factors(torch.zeros(COUNT, 2), torch.zeros(COUNT, 1, 1, 2)), generators)
     expected = best(start, torch.ones(COUNT))
     torch.testing.assert_close(sampled(Sampler(1)).vector, expected.vector)
 
@@ -67,7 +67,7 @@ def test_one_step_is_one_prediction():
 def test_samples_are_repeatable_and_ddim_draws_no_fresh_noise():
     assert torch.equal(sampled(Sampler(4)).grid, sampled(Sampler(4)).grid)
     generator = torch.Generator().manual_seed(1)
-    start = white(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), [generator])
+    start = white_noise(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), [generator])
     state = generator.get_state()
     Sampler(8, noise=0.0)(best, start, SCHEDULE, [generator])
     assert torch.equal(generator.get_state(), state)
@@ -106,7 +106,7 @@ class Saturated:
 def test_a_schedule_that_holds_still_at_its_ends_is_walked(sampler):
     """Cases steep_64, linear_1000_64: they ended in a division by zero."""
     generators = spawn(4, torch.Generator().manual_seed(0))
-    start = white(Factors(torch.zeros(4, 2), torch.zeros(4, 1, 1, 2)), generators)
+    start = white_noise(Factors(torch.zeros(4, 2), torch.zeros(4, 1, 1, 2)), generators)
     seen = []
 
     def clean(noisy: Factors, time: torch.Tensor) -> Factors:
@@ -128,7 +128,7 @@ def test_long_walks_stay_outside_autocast():
         return noisy
 
     generators = spawn(1, torch.Generator().manual_seed(0))
-    start = white(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), generators)
+    start = white_noise(Factors(torch.zeros(1, 2), torch.zeros(1, 1, 1, 2)), generators)
     with torch.autocast("cpu", torch.bfloat16):
         for steps in (64, 65):
             Sampler(steps)(clean, start, CosineSchedule(), generators)

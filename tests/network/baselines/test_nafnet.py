@@ -46,11 +46,11 @@ def test_interior_of_a_crop_equals_the_whole():
     torch.manual_seed(0)
     network = trained(NAFNet(widths=(8, 8), blocks=(1, 1), encoder_blocks=0))
     whole = views(height=32, width=32 * 20)
-    crop = whole.mapped(lambda image, finer: image[..., 32 * 2 : 32 * 17])
+    crop = whole.map_images(lambda image, finer: image[..., 32 * 2 : 32 * 17])
     # Six blocks, each of which sees its cell, the next one and a pixel more: 32 * 7 pixels are enough.
     inner = network(crop)[..., 32 * 7 : 32 * 8]
     torch.testing.assert_close(inner, network(whole)[..., 32 * 9 : 32 * 10], rtol=0, atol=1e-6)
-    shifted = whole.mapped(lambda image, finer: image[..., 32 * 2 + 8 : 32 * 17 + 8])
+    shifted = whole.map_images(lambda image, finer: image[..., 32 * 2 + 8 : 32 * 17 + 8])
     assert not torch.allclose(network(shifted)[..., 32 * 7 - 8 : 32 * 8 - 8], inner, rtol=0, atol=1e-6)
 
 

@@ -7,7 +7,7 @@ from torch import nn
 
 from gaussian_enhancer.network.paper.ssif_lr import PaperSSIFLR
 from gaussian_enhancer.network.paper.stages import LearnedCombine
-from gaussian_enhancer.network.pyramid import padded, shrunk, upsampled
+from gaussian_enhancer.network.pyramid import average_views, pad_to_stride, upsample_bicubic
 from support.network_reads import recorded, trained, views
 
 
@@ -78,7 +78,7 @@ def test_references_are_aligned_again_to_the_decoded_quarter():
     network.encode_coarsest.register_forward_pre_hook(lambda _, inputs: read.update(image=inputs[0]))
     network.align_again.register_forward_pre_hook(lambda _, inputs: read.update(references=inputs[1]))
     network(seen)
-    coarse = shrunk(shrunk(padded(seen, network.stride), 2), 2)
+    coarse = average_views(average_views(pad_to_stride(seen, network.stride), 2), 2)
     first = network.scales[0](coarse, network.encode(seen)[0])
     torch.testing.assert_close(read["image"] + 0.5, first)
     torch.testing.assert_close(read["references"], network.encode(seen)[0])
@@ -115,7 +115,7 @@ def test_combine_can_pass_a_coarser_image_on():
             combine.head.weight.data[plane, start + 12 + plane, 1, 1] = sign
             combine.head.weight.data[plane, start + plane, 1, 1] = -sign
     fine, coarse = torch.rand(1, 3, 16, 16), torch.rand(1, 3, 8, 8)
-    torch.testing.assert_close(combine(fine, coarse), upsampled(coarse, 2), rtol=0, atol=1e-5)
+    torch.testing.assert_close(combine(fine, coarse), upsample_bicubic(coarse, 2), rtol=0, atol=1e-5)
 
 
 def test_depth_reaches_every_scale():

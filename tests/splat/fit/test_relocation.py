@@ -7,7 +7,7 @@ import torch
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import LearningRates, SplatOptimiser
-from gaussian_enhancer.splat.fit.relocation import Relocation, explore, relocate, shared_between
+from gaussian_enhancer.splat.fit.relocation import Relocation, explore, relocate, split_between_copies
 from gaussian_enhancer.types import Gaussians
 
 
@@ -33,7 +33,7 @@ def stepped(gaussians: Gaussians) -> SplatOptimiser:
 @pytest.mark.parametrize("copies", [1, 2, 3, 10, 51])
 @pytest.mark.parametrize("opacity", [0.006, 0.3, 0.95])
 def test_copies_equal_one_gaussian_at_its_centre_and_in_what_they_hide_along_a_line(copies, opacity):
-    new, factor = shared_between(torch.tensor([opacity], dtype=torch.float64), torch.tensor([copies]))
+    new, factor = split_between_copies(torch.tensor([opacity], dtype=torch.float64), torch.tensor([copies]))
     assert 1 - (1 - new.item()) ** copies == pytest.approx(opacity, rel=1e-9)
     x = torch.linspace(-12, 12, 20_001, dtype=torch.float64)
     one = opacity * torch.exp(-(x**2) / 2)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import uniform
-from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_covered, composite, depth_level
+from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, composite, covered_colour, depth_level
 from gaussian_enhancer.degrade.artefacts.view import View
 
 ROWS, DISKS = 12, 5
@@ -60,5 +60,5 @@ def banding(view: View, strength: Float[Tensor, " b"], generators: Sequence[torc
     )
     sign = torch.where((row % 2 == 0) ^ (first < 0.5), 1.0, -1.0)
     tone = 1 + sign * (0.04 + 0.14 * chance[:, 5])
-    colour = (colour_covered(view, disks, "disk") * tone[..., None]).clamp(0, 1)
+    colour = (covered_colour(view, disks, "disk") * tone[..., None]).clamp(0, 1)
     return composite(view, dataclasses.replace(disks, colour=colour), "disk")

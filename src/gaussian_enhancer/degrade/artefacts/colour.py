@@ -11,8 +11,8 @@ from jaxtyping import Float
 from kornia.color import rgb_to_ycbcr, ycbcr_to_rgb
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.rng import uniform, whole
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.rng import uniform, whole_numbers
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 PALETTE_STEP = 1 / 15
 """Distance of the palette's levels at strength 1: sixteen levels a channel."""
@@ -24,7 +24,7 @@ TONE = 0.05
 DARKEST = 1e-6
 
 
-def quantised(values: Float[Tensor, "b c h w"], step: Float[Tensor, "#b #c 1 1"]) -> Float[Tensor, "b c h w"]:
+def quantise(values: Float[Tensor, "b c h w"], step: Float[Tensor, "#b #c 1 1"]) -> Float[Tensor, "b c h w"]:
     """The nearest multiples of a step; to the gradient, the values themselves (straight-through).
 
     Args:
@@ -37,7 +37,7 @@ def quantised(values: Float[Tensor, "b c h w"], step: Float[Tensor, "#b #c 1 1"]
 
 def palette(image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"]) -> Float[Tensor, "b 3 h w"]:
     """Few levels in each channel: down to sixteen at strength 1."""
-    return quantised(image, PALETTE_STEP * each(strength))
+    return quantise(image, PALETTE_STEP * per_sample(strength))
 
 
 def coarse_ycbcr(image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"]) -> Float[Tensor, "b 3 h w"]:
@@ -45,22 +45,24 @@ def coarse_ycbcr(image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"])
     step = image.new_tensor([LUMA_STEP, CHROMA_STEP, CHROMA_STEP])[:, None, None]
     # Chroma's levels lie about its zero, so that grey stays grey.
     zero = image.new_tensor([0.0, 0.5, 0.5])[:, None, None]
-    return ycbcr_to_rgb(quantised(rgb_to_ycbcr(image) - zero, step * each(strength)) + zero)
+    return ycbcr_to_rgb(quantise(rgb_to_ycbcr(image) - zero, step * per_sample(strength)) + zero)
 
 
-def toned(
+def change_tone(
     image: Float[Tensor, "b 3 h w"], strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]
 ) -> Float[Tensor, "b 3 h w"]:
     """A gamma and a gain for each channel, (1 + g) x^(1 + h), with g and h uniform within 0.05 strength.
 
     The gammas are those of NeRFLiX (Zhou et al., CVPR 2023), here on [0, 1].
     """
-    gamma, gain = (1 + TONE * each(strength)[:, None] * uniform(-1.0, 1.0, (2, 3, 1, 1), generators, image)).unbind(1)
+    gamma, gain = (
+        1 + TONE * per_sample(strength)[:, None] * uniform(-1.0, 1.0, (2, 3, 1, 1), generators, image)
+    ).unbind(1)
     return gain * image.clamp_min(DARKEST) ** gamma
 
 
 def colour(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Distort colours in one of three ways, each as likely: `palette`, `coarse_ycbcr` or `toned`, clamped to [0, 1].
+    """Distort colours in one of three ways: `palette`, `coarse_ycbcr` or `change_tone`, clamped to [0, 1].
 
     Rounding has the straight-through gradient.
 
@@ -70,7 +72,9 @@ def colour(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch
         generators: one for each sample.
     """
     image = view.image
-    ways = torch.stack([palette(image, strength), coarse_ycbcr(image, strength), toned(image, strength, generators)])
-    direction = torch.tensor(whole(0, 2, generators), device=image.device)
+    ways = torch.stack(
+        [palette(image, strength), coarse_ycbcr(image, strength), change_tone(image, strength, generators)]
+    )
+    direction = torch.tensor(whole_numbers(0, 2, generators), device=image.device)
     distorted = ways[direction, torch.arange(len(view), device=image.device)].clamp(0, 1)
-    return replace(view, image=torch.where(each(strength) > 0, distorted, image))
+    return replace(view, image=torch.where(per_sample(strength) > 0, distorted, image))

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.fields import smooth_field
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 DRIFT = 1.2
 """Standard deviation of the smooth displacement at strength 1, pixels: it seldom passes 3."""
@@ -24,7 +24,7 @@ JUMPS = 0.03
 LEAP = 1.5
 
 
-def displaced(
+def displace(
     planes: Float[Tensor, "b c h w"], offset: Float[Tensor, "b 2 h w"], mode: str = "bilinear"
 ) -> Float[Tensor, "b c h w"]:
     """Sample planes at p + offset(p); beyond the border, its pixels are repeated.
@@ -55,8 +55,8 @@ def random_offset(
         like: a tensor whose size, type and device the result has.
     """
     height, width = like.shape[-2:]
-    smooth = DRIFT * each(strength) * smooth_field(2, CELL, height, width, generators, like)
-    chosen = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * each(strength)
+    smooth = DRIFT * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
+    chosen = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * per_sample(strength)
     return smooth + chosen * (LEAP * normal((2, height, width), generators, like)).round()
 
 
@@ -75,9 +75,9 @@ def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence
     moved = (offset != 0).any(dim=1, keepdim=True)
 
     def read(plane: Tensor | None, mode: str = "bilinear") -> Tensor | None:
-        return None if plane is None else _where_moved(moved, displaced(plane, offset, mode), plane)
+        return None if plane is None else _where_moved(moved, displace(plane, offset, mode), plane)
 
-    image = _where_moved(moved, displaced(view.image, offset), view.image)
+    image = _where_moved(moved, displace(view.image, offset), view.image)
     return View(image, read(view.depth, "nearest"), read(view.alpha))
 
 

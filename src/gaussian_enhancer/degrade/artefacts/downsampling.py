@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.rng import uniform, whole
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.rng import uniform, whole_numbers
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 KINDS = ("nearest", "bilinear", "bicubic")
 LARGEST = 3.0
@@ -95,7 +95,7 @@ def downsampling(view: View, strength: Float[Tensor, " b"], generators: Sequence
     image = view.image
     # Positions in double precision: single precision would round some to another pixel.
     phase = uniform(-0.5, 0.5, (2,), generators, image).double()
-    down, other = whole(0, 2, generators), whole(1, 2, generators)
+    down, other = whole_numbers(0, 2, generators), whole_numbers(1, 2, generators)
     before = torch.tensor(down, device=image.device)
     after = torch.tensor([(d + o) % 3 for d, o in zip(down, other, strict=True)], device=image.device)
     factor = LARGEST ** strength.double()
@@ -104,5 +104,5 @@ def downsampling(view: View, strength: Float[Tensor, " b"], generators: Sequence
         for axis, length in enumerate(image.shape[-2:])
     )
     coarse = (rows @ image @ columns.mT).clamp(0, 1)
-    fade = each((strength / ONSET).clamp(max=1))
+    fade = per_sample((strength / ONSET).clamp(max=1))
     return replace(view, image=image + fade * (coarse - image))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 BEST, WORST = 95.0, 20.0
 """Quality near strength 0 and at strength 1."""
@@ -31,5 +31,5 @@ def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.G
         generators: one for each sample, not used.
     """
     coded = jpeg_codec_differentiable(view.image, BEST + (WORST - BEST) * strength).clamp(0, 1)
-    fade = each((strength / ONSET).clamp(max=1))
+    fade = per_sample((strength / ONSET).clamp(max=1))
     return replace(view, image=view.image + fade * (coded - view.image))

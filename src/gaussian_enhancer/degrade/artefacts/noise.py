@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.region import soft_region
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 LOUDEST = 0.05
 """Standard deviation at strength 1, where the region is 1."""
@@ -21,7 +21,7 @@ LOUDEST = 0.05
 BLOB = 1.0
 
 
-def blobby(white: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
+def smooth_noise(white: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
     """White noise smoothed by a Gaussian of one pixel's standard deviation, with the variance that it had."""
     kernel = get_gaussian_kernel1d(7, BLOB, device=white.device, dtype=white.dtype)
     return filter2d_separable(white, kernel, kernel, border_type="replicate") / kernel.square().sum()
@@ -43,5 +43,5 @@ def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.
     region = soft_region(height, width, generators, image)
     turn = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
     white, other = normal((2, 3, height, width), generators, image).unbind(1)
-    noise_field = torch.cos(turn) * white + torch.sin(turn) * blobby(other)
-    return replace(view, image=(image + LOUDEST * each(strength) * region * noise_field).clamp(0, 1))
+    noise_field = torch.cos(turn) * white + torch.sin(turn) * smooth_noise(other)
+    return replace(view, image=(image + LOUDEST * per_sample(strength) * region * noise_field).clamp(0, 1))

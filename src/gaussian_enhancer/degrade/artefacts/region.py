@@ -40,7 +40,7 @@ def soft_region(
     return 1 - (1 - bumps).prod(dim=1, keepdim=True)
 
 
-def within(view: View, degraded: View, region: Float[Tensor, "b 1 h w"]) -> View:
+def blend_in_region(view: View, degraded: View, region: Float[Tensor, "b 1 h w"]) -> View:
     """The degraded view inside a region and the untouched one outside, softly.
 
     Args:

@@ -23,7 +23,7 @@ def spawn(count: int, generator: torch.Generator) -> tuple[torch.Generator, ...]
     return tuple(torch.Generator().manual_seed(seed) for seed in seeds)
 
 
-def named(name: str, seed: int) -> torch.Generator:
+def named_generator(name: str, seed: int) -> torch.Generator:
     """A generator derived from a name and a seed, independent of those of other names.
 
     Args:
@@ -61,6 +61,6 @@ def normal(shape: Sequence[int], generators: Sequence[torch.Generator], like: Te
     return torch.stack([torch.randn(tuple(shape), generator=generator) for generator in generators]).to(like)
 
 
-def whole(low: int, high: int, generators: Sequence[torch.Generator]) -> list[int]:
+def whole_numbers(low: int, high: int, generators: Sequence[torch.Generator]) -> list[int]:
     """A whole number for each sample, from ``low`` to ``high``, both included."""
     return [int(torch.randint(low, high + 1, (), generator=generator)) for generator in generators]

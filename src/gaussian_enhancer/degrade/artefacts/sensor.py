@@ -14,7 +14,7 @@ from kornia.color import CFA, raw_to_rgb, rgb_to_raw
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
-from gaussian_enhancer.degrade.artefacts.view import View, each
+from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 DARKEST = 1e-8
 GAMMA = 2.2
@@ -88,8 +88,8 @@ def sensor_noise(
     shot = torch.exp(uniform(math.log(2e-4), math.log(2e-3), (), generators, raw))
     read_noise = torch.exp(2.18 * torch.log(shot) + 1.2 + 0.26 * normal((), generators, raw))
     even = F.pad(raw, (0, width % 2, 0, height % 2), mode="replicate")
-    deviation = (each(shot) * rgb_to_raw(even, CFA.BG) + each(read_noise)).sqrt()
-    read_deviation = each(strength) * deviation * normal(tuple(deviation.shape[1:]), generators, raw)
+    deviation = (per_sample(shot) * rgb_to_raw(even, CFA.BG) + per_sample(read_noise)).sqrt()
+    read_deviation = per_sample(strength) * deviation * normal(tuple(deviation.shape[1:]), generators, raw)
     return raw_to_rgb(read_deviation, CFA.BG)[..., :height, :width]
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.types import Movable, usable
+from gaussian_enhancer.types import Movable, usable_depth
 
 Profile = Literal["gaussian", "disk"]
 """How opacity falls with the distance d from the centre, in sigmas: exp(-d^2 / 2), or the flat exp(-d^8 / 2)."""
@@ -52,7 +52,7 @@ class SplatLayer(Movable):
     colour: Float[Tensor, "b k 3"]
     depth: Float[Tensor, "b k"]
 
-    def taken(self, index: Int64[Tensor, "b n"]) -> "SplatLayer":
+    def select(self, index: Int64[Tensor, "b n"]) -> "SplatLayer":
         """The splats of each sample that an index names, in its order."""
         pairs = index[..., None].expand(-1, -1, 2)
         return SplatLayer(
@@ -99,7 +99,7 @@ def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", ext
         extent: distance in sigmas at which a Gaussian ends; a disk ends at the same share of its opacity.
     """
     height, width = view.image.shape[-2:]
-    splats = splats.taken(splats.depth.argsort(dim=1, stable=True))
+    splats = splats.select(splats.depth.argsort(dim=1, stable=True))
     rows = max(1, STRIP // (len(view) * max(1, splats.depth.shape[1]) * width))
     strips = [_rows(view, splats, top, min(top + rows, height), profile, extent) for top in range(0, height, rows)]
 
@@ -117,7 +117,7 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
     """The rows of a view from ``top`` to below ``bottom``, with sorted splats over them."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
-    splats = splats.taken(_overlapping(splats, top, bottom, extent ** (2 / POWERS[profile])))
+    splats = splats.select(_overlapping(splats, top, bottom, extent ** (2 / POWERS[profile])))
     if splats.depth.shape[1] == 0:
         return strip
     image = view.image
@@ -126,7 +126,7 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
     falling = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
     alphas = splats.opacity[..., None, None] * falling
     if depth is not None:
-        inverse = 1 / torch.where(usable(depth), depth, torch.inf)
+        inverse = 1 / torch.where(usable_depth(depth), depth, torch.inf)
         alphas = alphas * ((1 - splats.depth[..., None, None] * inverse) / SOFTNESS).clamp(0, 1)
     return _composite(strip, splats, alphas)
 
@@ -167,7 +167,7 @@ def _expected_depth(
     """Expected depth, written as a change of the view's own, so that no weight means no change."""
     if view.depth is None:
         return None
-    known_depth = usable(view.depth)
+    known_depth = usable_depth(view.depth)
     splat_depth = torch.where(known_depth, view.depth, 0)
     surface = known_depth.to(splat_depth.dtype) if view.alpha is None else view.alpha * known_depth
     total = (weight + through * surface).clamp_min(1e-12)
@@ -181,7 +181,7 @@ def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
         return view.image.new_ones(len(view), 1)
     height, width = view.depth.shape[-2:]
     few = view.depth.detach()[..., :: math.ceil(height / 64), :: math.ceil(width / 64)].flatten(1)
-    level = torch.where(usable(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
+    level = torch.where(usable_depth(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
     return torch.nan_to_num(level, nan=1.0)
 
 
@@ -197,7 +197,7 @@ def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]
     if view.depth is None:
         return middle.expand(centre.shape[:2])
     depths = view.depth.flatten(1).gather(1, _pixel(view, centre))
-    return torch.where(usable(depths), depths, middle)
+    return torch.where(usable_depth(depths), depths, middle)
 
 
 def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
@@ -206,7 +206,7 @@ def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
     return y.clamp(0, height - 1) * width + x.clamp(0, width - 1)
 
 
-def colour_covered(view: View, splats: SplatLayer, profile: Profile) -> Float[Tensor, "b k 3"]:
+def covered_colour(view: View, splats: SplatLayer, profile: Profile) -> Float[Tensor, "b k 3"]:
     """Mean colours of what splats cover, on at most 16 x 16 cells; the image's where they cover next to nothing."""
     height, width = view.image.shape[-2:]
     coarse = F.adaptive_avg_pool2d(view.image, (min(height, 16), min(width, 16)))

@@ -52,7 +52,7 @@ class View(Movable):
         depth, alpha = (None if plane is None else plane[index] for plane in (self.depth, self.alpha))
         return View(self.image[index], depth, alpha)
 
-    def put(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
+    def with_samples(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
         """A copy of the batch in which other samples take the places that an index names."""
 
         def placed(plane: Tensor | None, other: Tensor | None) -> Tensor | None:
@@ -84,6 +84,6 @@ class Artefact(Protocol):
         ...
 
 
-def each(strength: Float[Tensor, " b"]) -> Float[Tensor, "b 1 1 1"]:
+def per_sample(strength: Float[Tensor, " b"]) -> Float[Tensor, "b 1 1 1"]:
     """Strengths shaped to multiply images."""
     return strength[:, None, None, None]

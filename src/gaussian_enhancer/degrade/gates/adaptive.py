@@ -12,9 +12,16 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.degrade.artefact_types import TYPES
-from gaussian_enhancer.degrade.gates.calibration import responses, solved
+from gaussian_enhancer.degrade.gates.calibration import responses, solve_gate
 from gaussian_enhancer.degrade.gates.fingerprint import ENERGIES, Fingerprint, fingerprint_of_training_views
-from gaussian_enhancer.degrade.gates.gate import ArtefactStep, Gate, drawn, known_types, probability, switched_on
+from gaussian_enhancer.degrade.gates.gate import (
+    ArtefactStep,
+    Gate,
+    check_probability,
+    check_types,
+    draw_lots,
+    enabled_types,
+)
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.json_file import member, number, read_json
@@ -69,29 +76,29 @@ class AdaptiveGate:
     types: Mapping[str, bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        switched_on(self.types)
-        known_types("gate.chances", self.chances)
-        known_types("gate.limits", self.limits)
-        probability("gate.regional", self.regional)
+        enabled_types(self.types)
+        check_types("gate.chances", self.chances)
+        check_types("gate.limits", self.limits)
+        check_probability("gate.regional", self.regional)
         for name, value in (*self.chances.items(), *self.limits.items()):
-            probability(f"gate's chance or limit of {name}", value)
+            check_probability(f"gate's chance or limit of {name}", value)
         for name, value in self.limits.items():
             if value == 0:
                 raise InputError(f"gate.limits.{name}", "is 0", "give a number above 0, or a chance of 0")
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps whose lot fell below their chance, in random order."""
-        on = switched_on(self.types)
+        on = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
-            for entry in drawn(generator)
+            for entry in draw_lots(generator)
             if entry.type in on and entry.lot < self.chances.get(entry.type, 0.0)
         )
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Types that are never drawn: the scene does not show them, or they are switched off."""
-        on = switched_on(self.types)
+        on = enabled_types(self.types)
         return tuple(name for name in TYPES if name not in on or self.chances.get(name, 0.0) == 0)
 
     def table(self) -> str:
@@ -173,7 +180,7 @@ def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = 
     return gates[0] if len(gates) == 1 else MixedGate(gates)
 
 
-def calibrated_on(
+def calibrate_on_splat(
     rendered: RenderedSet, generator: torch.Generator, *, types: Mapping[str, bool] | None = None, photos: int = 8
 ) -> AdaptiveGate:
     """The gate of a fitted splat, from its training views.
@@ -190,10 +197,10 @@ def calibrated_on(
     found = fingerprint_of_training_views(rendered)
     usable = [view.read_photo for view in rendered.references if view.read_photo is not None]
     chosen = usable[:: max(1, len(usable) // photos)][:photos]
-    return calibrated(found, [read() for read in chosen], generator, types=types)
+    return calibrate_gate(found, [read() for read in chosen], generator, types=types)
 
 
-def calibrated(
+def calibrate_gate(
     fingerprint: Fingerprint,
     photos: Sequence[Float[Tensor, "3 _ _"]],
     generator: torch.Generator,
@@ -226,10 +233,10 @@ def calibrated(
     unknown = [name for name in held_out if name not in ENERGIES]
     if unknown:
         raise InputError(f"held_out.{unknown[0]}", "is no energy", f"choose among {', '.join(ENERGIES)}")
-    on = switched_on(types or {})
+    on = enabled_types(types or {})
     factor, power = torch.tensor([held_out.get(name, Growth(1.0)) for name in ENERGIES], dtype=torch.float64).T
     measured = responses(photos, on, generator, regional=regional, draws=draws)
-    chances, limits = solved(measured, factor * fingerprint.energies() ** power)
+    chances, limits = solve_gate(measured, factor * fingerprint.energies() ** power)
     return AdaptiveGate(
         dict(zip(on, chances.tolist(), strict=True)), dict(zip(on, limits.tolist(), strict=True)), regional, types or {}
     )

@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.artefacts.rng import named, spawn
+from gaussian_enhancer.degrade.artefacts.rng import named_generator, spawn
 from gaussian_enhancer.degrade.artefacts.view import View
-from gaussian_enhancer.degrade.gates.fingerprint import energies
+from gaussian_enhancer.degrade.gates.fingerprint import error_energies
 from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 from gaussian_enhancer.degrade.manual import degrade
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import quantised
+from gaussian_enhancer.types import quantise_8_bit
 
 STRENGTHS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Where responses are measured; between them, and down to none at 0, they are interpolated."""
@@ -40,7 +40,7 @@ class Responses:
     types: tuple[str, ...]
     curves: Float[Tensor, "t s e"]
 
-    def below(self, limits: Float[Tensor, " t"]) -> Float[Tensor, "t e"]:
+    def mean_below(self, limits: Float[Tensor, " t"]) -> Float[Tensor, "t e"]:
         """Mean energies at strengths uniform in (0, limit]: one over the limit, times the integral up to there.
 
         Args:
@@ -83,7 +83,7 @@ def responses(
     curves = []
     common = int(torch.randint(2**62, (), generator=generator))
     for name in types:
-        own = named(name, common)
+        own = named_generator(name, common)
         offset = torch.rand((), generator=own).item()
         measured = []
         for index in range(total):
@@ -101,11 +101,11 @@ def _response(photo: Float[Tensor, "3 h w"], name: str, regional: bool, seed: in
     steps = [(ArtefactStep(name, strength, regional),) for strength in STRENGTHS]
     generators = [spawn(1, torch.Generator().manual_seed(seed))[0] for _ in range(count)]
     degraded = degrade(View(photo.float().expand(count, *photo.shape)), steps, generators).image
-    return torch.stack([energies(one, photo) for one in quantised(degraded)])
+    return torch.stack([error_energies(one, photo) for one in quantise_8_bit(degraded)])
 
 
-def solved(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tensor, " t"], Float[Tensor, " t"]]:
-    """Chances and limits of each type; see `gaussian_enhancer.degrade.gates.adaptive.calibrated`.
+def solve_gate(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tensor, " t"], Float[Tensor, " t"]]:
+    """Chances and limits of each type; see `gaussian_enhancer.degrade.gates.adaptive.calibrate_gate`.
 
     Args:
         measured: responses of the types.
@@ -113,17 +113,17 @@ def solved(measured: Responses, wanted: Float[Tensor, " e"]) -> tuple[Float[Tens
     """
     scale = wanted.clamp_min(max(ROUNDING, MINOR * float(wanted.max())))
     limits = torch.ones(len(measured.types), dtype=torch.float64)
-    whole = (measured.below(limits) / scale).sum(1).clamp_min(1e-300)
+    whole = (measured.mean_below(limits) / scale).sum(1).clamp_min(1e-300)
     for _ in range(4):
-        here = measured.below(limits)
-        weights = weighted(here / scale, wanted / scale)
+        here = measured.mean_below(limits)
+        weights = solve_weights(here / scale, wanted / scale)
         share = weights * (here / scale).sum(1) / whole
         chances = share.sqrt().clamp_max(1)
         limits = _strength_limits(measured, scale, share / chances.clamp_min(1e-12))
-    return weighted(measured.below(limits) / scale, wanted / scale).clamp_max(1), limits
+    return solve_weights(measured.mean_below(limits) / scale, wanted / scale).clamp_max(1), limits
 
 
-def weighted(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) -> Float[Tensor, " t"]:
+def solve_weights(responses: Float[Tensor, "t e"], wanted: Float[Tensor, " e"]) -> Float[Tensor, " t"]:
     """Non-negative weights under which responses add up to what is wanted, with a small ridge on each contribution.
 
     Args:
@@ -147,9 +147,9 @@ def _strength_limits(
     """Where the mean response below a limit is a given share of the whole one, by bisection."""
     count = len(measured.types)
     low, high = torch.full((count,), 1e-3, dtype=torch.float64), torch.ones(count, dtype=torch.float64)
-    goal = share * (measured.below(high) / scale).sum(1)
+    goal = share * (measured.mean_below(high) / scale).sum(1)
     for _ in range(30):
         middle = (low + high) / 2
-        under = (measured.below(middle) / scale).sum(1) < goal
+        under = (measured.mean_below(middle) / scale).sum(1) < goal
         low, high = torch.where(under, middle, low), torch.where(under, high, middle)
     return high

@@ -81,7 +81,9 @@ class Fingerprint:
         write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
 
 
-def fingerprint(renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Float[Tensor, "3 _ _"]]) -> Fingerprint:
+def measure_fingerprint(
+    renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Float[Tensor, "3 _ _"]]
+) -> Fingerprint:
     """Measure a fingerprint on pairs of a render and its photo; views count alike, whatever their size.
 
     Args:
@@ -97,7 +99,7 @@ def fingerprint(renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Floa
         if render.shape != photo.shape:
             received = f"has the shape {tuple(render.shape)} beside a photo of {tuple(photo.shape)}"
             raise InputError(f"render {index}", received, "bring both to the same size")
-    return averaged([energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
+    return mean_fingerprint([error_energies(render, photo) for render, photo in zip(renders, photos, strict=True)])
 
 
 def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
@@ -110,20 +112,20 @@ def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
         InputError: no training view has both a render and a photo.
     """
     pairs = [(view.read, view.read_photo) for view in rendered.references]
-    measured = [energies(read(), photo()) for read, photo in pairs if read is not None and photo is not None]
+    measured = [error_energies(read(), photo()) for read, photo in pairs if read is not None and photo is not None]
     if not measured:
         received = "has no training view with both a render and a photo"
         raise InputError(rendered.name, received, "render the run's training views as well")
-    return averaged(measured)
+    return mean_fingerprint(measured)
 
 
-def averaged(measured: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
+def mean_fingerprint(measured: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
     """The fingerprint of views whose energies are known."""
     mean = torch.stack(list(measured)).mean(0).tolist()
     return Fingerprint(**dict(zip(ENERGIES, mean, strict=True)), views=len(measured))
 
 
-def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "6"]:
+def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "6"]:
     """The six energies of one view, in the order of `ENERGIES`.
 
     Args:
@@ -138,15 +140,15 @@ def energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> F
     detail = residual - fine
     lost = projected(detail, truth - smooth(truth, DETAIL))
     own = detail - lost
-    needles, _ = directed(own, 2 * DETAIL)
-    bands, blobs = directed(fine - coarse, radius / 2)
+    needles, _ = split_by_direction(own, 2 * DETAIL)
+    bands, blobs = split_by_direction(fine - coarse, radius / 2)
     energy = (
         lost.square().mean(),
         own.square().mean(),
         needles.mean(),
         bands.mean(),
         coarse.square().mean(),
-        concentrated(blobs),
+        excess_over_median(blobs),
     )
     return torch.stack(energy).double().cpu()
 
@@ -184,7 +186,7 @@ def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -
     return torch.where(alone > 1e-10, together / alone.clamp_min(1e-10), torch.zeros_like(alone)) * own
 
 
-def directed(
+def split_by_direction(
     band: Float[Tensor, "1 3 h w"], window: float
 ) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:
     """The local energy of errors, parted into one with a common direction and the rest.
@@ -204,7 +206,7 @@ def directed(
     return energy * coherence, energy * (1 - coherence)
 
 
-def concentrated(energy: Float[Tensor, "1 1 h w"]) -> Float[Tensor, ""]:
+def excess_over_median(energy: Float[Tensor, "1 1 h w"]) -> Float[Tensor, ""]:
     """How much the mean exceeds the median: nearly nothing where an energy is everywhere, nearly all where it is rare.
 
     Args:

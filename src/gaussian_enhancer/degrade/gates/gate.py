@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import torch
 
 from gaussian_enhancer.degrade.artefact_types import TYPES
-from gaussian_enhancer.degrade.artefacts.rng import named
+from gaussian_enhancer.degrade.artefacts.rng import named_generator
 from gaussian_enhancer.errors import InputError
 
 
@@ -29,7 +29,7 @@ class ArtefactStep:
     regional: bool = False
 
     def __post_init__(self) -> None:
-        known_types("step", (self.type,))
+        check_types("step", (self.type,))
         if not 0 < self.strength <= 1:
             raise InputError(f"strength of {self.type}", f"is {self.strength}", "give a number in (0, 1]")
 
@@ -47,7 +47,7 @@ class Gate(Protocol):
         ...
 
 
-def known_types(where: str, names: Iterable[str]) -> None:
+def check_types(where: str, names: Iterable[str]) -> None:
     """Refuse names that are no types.
 
     Args:
@@ -62,20 +62,20 @@ def known_types(where: str, names: Iterable[str]) -> None:
             raise InputError(f"{where}.{name}", "is no type of artefact", f"choose among {', '.join(TYPES)}")
 
 
-def switched_on(types: Mapping[str, object]) -> tuple[str, ...]:
+def enabled_types(types: Mapping[str, object]) -> tuple[str, ...]:
     """The types whose switch is on, in the order of `TYPES`; a type that is not named is on.
 
     Raises:
         InputError: a switch names no type, or is neither true nor false.
     """
-    known_types("gate.types", types)
+    check_types("gate.types", types)
     for name, switch in types.items():
         if not isinstance(switch, bool):
             raise InputError(f"gate.types.{name}", f"is {switch!r}", "give true or false")
     return tuple(name for name in TYPES if types.get(name, True))
 
 
-def probability(where: str, value: object) -> None:
+def check_probability(where: str, value: object) -> None:
     """Refuse a value outside [0, 1].
 
     Raises:
@@ -105,12 +105,12 @@ class AllGate:
     types: Mapping[str, bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        switched_on(self.types)
+        enabled_types(self.types)
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """All steps in random order, over the whole image."""
-        on = switched_on(self.types)
-        return tuple(ArtefactStep(entry.type, entry.strength) for entry in drawn(generator) if entry.type in on)
+        on = enabled_types(self.types)
+        return tuple(ArtefactStep(entry.type, entry.strength) for entry in draw_lots(generator) if entry.type in on)
 
 
 @dataclass(frozen=True)
@@ -136,19 +136,19 @@ class RandomGate:
     regional: float = 0.5
 
     def __post_init__(self) -> None:
-        switched_on(self.types)
-        known_types("gate.chances", self.chances)
-        probability("gate.chance", self.chance)
-        probability("gate.regional", self.regional)
+        enabled_types(self.types)
+        check_types("gate.chances", self.chances)
+        check_probability("gate.chance", self.chance)
+        check_probability("gate.regional", self.regional)
         for name, value in self.chances.items():
-            probability(f"gate.chances.{name}", value)
+            check_probability(f"gate.chances.{name}", value)
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
         """The steps whose lot fell below their chance, in random order."""
-        on = switched_on(self.types)
+        on = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength, entry.place < self.regional)
-            for entry in drawn(generator)
+            for entry in draw_lots(generator)
             if entry.type in on and entry.lot < self.chances.get(entry.type, self.chance)
         )
 
@@ -169,7 +169,7 @@ class Drawn(NamedTuple):
     place: float
 
 
-def drawn(generator: torch.Generator) -> tuple[Drawn, ...]:
+def draw_lots(generator: torch.Generator) -> tuple[Drawn, ...]:
     """Lots for every type, in random order; gates that share a generator's state differ by their settings alone.
 
     Each type has a generator of its own, so that a new type leaves the lots of the others, and their order, as they
@@ -178,6 +178,8 @@ def drawn(generator: torch.Generator) -> tuple[Drawn, ...]:
     seed = int(torch.randint(2**62, (), generator=generator))
     lots = {}
     for name in TYPES:
-        lot, strength, position, order = torch.rand(4, generator=named(name, seed), dtype=torch.float64).tolist()
+        lot, strength, position, order = torch.rand(
+            4, generator=named_generator(name, seed), dtype=torch.float64
+        ).tolist()
         lots[name] = order, Drawn(name, lot, 1 - strength, position)
     return tuple(entry for _, entry in sorted(lots.values()))

@@ -11,8 +11,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.degrade.artefacts.displacement import displaced
-from gaussian_enhancer.degrade.generative.factors import CELL, Factors, convolution, linear, whole_cells
+from gaussian_enhancer.degrade.artefacts.displacement import displace
+from gaussian_enhancer.degrade.generative.factors import CELL, Factors, convolution, linear, pad_to_cells
 from gaussian_enhancer.degrade.generative.texture import OCTAVES, octaves
 
 REACH = 4.0
@@ -113,12 +113,12 @@ class FactorCombiner(nn.Module):
             noise: standard normal.
         """
         height, width = manual.shape[-2:]
-        whole = whole_cells(manual)
-        said = self._half_resolution_output(torch.cat([whole, whole_cells(noise)], dim=1), factors)
+        whole = pad_to_cells(manual)
+        said = self._half_resolution_output(torch.cat([whole, pad_to_cells(noise)], dim=1), factors)
         local, residue = said[:, :LOCAL], F.pixel_shuffle(said[:, LOCAL:], 2).to(manual.dtype).tanh()
         local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
         offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
-        moved = displaced(whole, REACH * offset)
+        moved = displace(whole, REACH * offset)
         changed = moved + sum(contrast[:, k : k + 1] * octave for k, octave in enumerate(octaves(moved)))
         return (changed + RESIDUE * (tone + residue))[..., :height, :width]
 

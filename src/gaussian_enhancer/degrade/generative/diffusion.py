@@ -16,9 +16,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.degrade.generative.extractor import Refine, Trunk
-from gaussian_enhancer.degrade.generative.factors import Factors, convolution, linear, white
+from gaussian_enhancer.degrade.generative.factors import Factors, convolution, linear, white_noise
 from gaussian_enhancer.errors import InputError
-from gaussian_enhancer.types import precise
+from gaussian_enhancer.types import single_precision
 
 LONG = 64
 """Steps of the sampler beyond which half precision is not trusted with a walk."""
@@ -117,7 +117,7 @@ class Sampler:
         """
         times = torch.linspace(1, 0, self.steps + 1, dtype=torch.float64)
         signals = schedule.signal(times).tolist()
-        z = Factors(precise(start.vector), precise(start.grid))
+        z = Factors(single_precision(start.vector), single_precision(start.grid))
         for k in range(self.steps):
             if k > 0 and signals[k] == 1:
                 return z  # no noise is left: z is the clean code, of which the network knows nothing more
@@ -141,11 +141,11 @@ class Sampler:
         ratio = (now / then) ** 2
         fresh = max(0.0, noise_then / noise_now * (1 - ratio))
         if self.mean:
-            return z.combined(clean, (now / then) * noise_then / noise_now, then * (1 - ratio) / noise_now)
+            return z.linear_combination(clean, (now / then) * noise_then / noise_now, then * (1 - ratio) / noise_now)
         sigma2 = self.noise**2 * fresh
         along = math.sqrt(max(0.0, noise_then - sigma2) / noise_now)
-        z = z.combined(clean, along, then - along * now)
-        return z.combined(white(z, generators), 1.0, math.sqrt(sigma2)) if sigma2 > 0 else z
+        z = z.linear_combination(clean, along, then - along * now)
+        return z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(sigma2)) if sigma2 > 0 else z
 
 
 class Denoiser(nn.Module):

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from gaussian_enhancer.degrade.generative.factors import Factors, convolution, linear, whole_cells
+from gaussian_enhancer.degrade.generative.factors import Factors, convolution, linear, pad_to_cells
 from gaussian_enhancer.degrade.generative.texture import OCTAVES, amplitudes
 
 
@@ -48,7 +48,7 @@ class Trunk(nn.Module):
 
     def forward(self, images: Float[Tensor, "b n h w"]) -> Float[Tensor, "b k i j"]:
         """Features of each cell of 8 x 8 pixels."""
-        x = self.stem(F.pixel_unshuffle(whole_cells(images), 4))
+        x = self.stem(F.pixel_unshuffle(pad_to_cells(images), 4))
         return self.coarse(F.relu(self.halve(self.fine(x))))
 
 

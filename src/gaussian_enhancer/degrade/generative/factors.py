@@ -34,7 +34,7 @@ class Factors(Movable):
     vector: Float[Tensor, "b v"]
     grid: Float[Tensor, "b c i j"]
 
-    def combined(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
+    def linear_combination(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
         """The sum mine * self + others * other; factors may differ from sample to sample, shape (b,)."""
 
         def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
@@ -45,18 +45,18 @@ class Factors(Movable):
         return Factors(vector, grid)
 
 
-def cells(height: int, width: int) -> tuple[int, int]:
+def grid_size(height: int, width: int) -> tuple[int, int]:
     """Rows and columns of the grid over an image."""
     return math.ceil(height / CELL), math.ceil(width / CELL)
 
 
-def whole_cells(image: Float[Tensor, "b _ h w"]) -> Float[Tensor, "b _ _ _"]:
+def pad_to_cells(image: Float[Tensor, "b _ h w"]) -> Float[Tensor, "b _ _ _"]:
     """The image continued to whole cells by repeating its last row and column."""
     height, width = image.shape[-2:]
     return F.pad(image, (0, -width % CELL, 0, -height % CELL), mode="replicate")
 
 
-def white(like: Factors, generators: Sequence[torch.Generator]) -> Factors:
+def white_noise(like: Factors, generators: Sequence[torch.Generator]) -> Factors:
     """Standard normal factors of the same shape, each sample's from its own generator.
 
     Args:

@@ -15,7 +15,7 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.degrade.generative.combiner import FactorCombiner
 from gaussian_enhancer.degrade.generative.diffusion import CosineSchedule, Denoiser, LinearSchedule, Sampler, Schedule
 from gaussian_enhancer.degrade.generative.extractor import FactorExtractor
-from gaussian_enhancer.degrade.generative.factors import Factors, cells, white
+from gaussian_enhancer.degrade.generative.factors import Factors, grid_size, white_noise
 from gaussian_enhancer.errors import InputError
 
 
@@ -73,11 +73,11 @@ class FactorModel(nn.Module):
         self.register_buffer("vector_scale", torch.ones(design.vector))
         self.register_buffer("grid_scale", torch.ones(design.grid, 1, 1))
 
-    def standardised(self, factors: Factors) -> Factors:
+    def standardise(self, factors: Factors) -> Factors:
         """Codes on the denoiser's scale, each entry of about unit size."""
         return Factors(factors.vector / self.vector_scale, factors.grid / self.grid_scale)
 
-    def restored(self, factors: Factors) -> Factors:
+    def unstandardise(self, factors: Factors) -> Factors:
         """Codes of the denoiser's scale on the combiner's."""
         return Factors(factors.vector * self.vector_scale, factors.grid * self.grid_scale)
 
@@ -92,7 +92,7 @@ class FactorModel(nn.Module):
             generators: one for each sample.
         """
         features = self.denoiser.features(manual)
-        size = len(manual), *cells(*manual.shape[-2:])
+        size = len(manual), *grid_size(*manual.shape[-2:])
         empty = Factors(
             manual.new_zeros(size[0], self.design.vector),
             manual.new_zeros(size[0], self.design.grid, size[1], size[2]),
@@ -101,8 +101,8 @@ class FactorModel(nn.Module):
         def predict(noisy: Factors, time: Tensor) -> Factors:
             return self.denoiser(noisy, time, features)
 
-        start = white(empty, generators)
-        return self.restored(sampler(predict, start, SCHEDULES[self.design.schedule], generators))
+        start = white_noise(empty, generators)
+        return self.unstandardise(sampler(predict, start, SCHEDULES[self.design.schedule], generators))
 
     def combine(
         self, manual: Float[Tensor, "b 3 h w"], factors: Factors, generators: Sequence[torch.Generator]

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from gaussian_enhancer.degrade.generative.factors import CELL, whole_cells
+from gaussian_enhancer.degrade.generative.factors import CELL, pad_to_cells
 
 OCTAVES = 3
 """Octaves of detail that are distinguished: of 1, 2 and 4 pixels."""
@@ -38,7 +38,7 @@ def amplitudes(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b _ i j"]:
     Args:
         image: colours.
     """
-    whole = whole_cells(image)
+    whole = pad_to_cells(image)
     right = F.pad(whole[..., :, 1:] - whole[..., :, :-1], (0, 1))
     down = F.pad(whole[..., 1:, :] - whole[..., :-1, :], (0, 0, 0, 1))
     energies = torch.cat([*octaves(whole), right, down], dim=1).square()

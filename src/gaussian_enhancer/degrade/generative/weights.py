@@ -12,10 +12,10 @@ import torch
 from gaussian_enhancer.checkpoint import (
     MEND,
     build_filled,
-    described,
+    check_whole_number,
     find_checkpoint,
+    parse_metadata,
     read_checkpoint,
-    whole_number,
     write_checkpoint,
 )
 from gaussian_enhancer.degrade.generative.diffusion import Sampler
@@ -72,7 +72,7 @@ def load_model(source: str | Path) -> PretrainedModel:
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
-    design, card = (described(metadata, name, path) for name in ("design", "card"))
+    design, card = (parse_metadata(metadata, name, path) for name in ("design", "card"))
     try:
         model = build_filled(lambda: FactorModel(_design(design)), design, tensors, path)
     except InputError:
@@ -113,9 +113,9 @@ def _fastest_dtype() -> torch.dtype:
 
 
 def _design(values: Mapping[str, Any]) -> FactorDesign:
-    counts = {name: whole_number(values[name], 0, 1024) for name in ("vector", "grid", "blocks")}
-    widths = [whole_number(width, 1, 1024) for width in values["widths"]]
-    code = {name: whole_number(values[name], 1, 1024) for name in ("code_width", "code_blocks")}
+    counts = {name: check_whole_number(values[name], 0, 1024) for name in ("vector", "grid", "blocks")}
+    widths = [check_whole_number(width, 1, 1024) for width in values["widths"]]
+    code = {name: check_whole_number(values[name], 1, 1024) for name in ("code_width", "code_blocks")}
     if not 1 <= len(widths) <= 3:
         raise ValueError(f"{len(widths)} widths")
     return FactorDesign(**counts, widths=widths, **code, schedule=str(values["schedule"]))

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -24,4 +24,4 @@ class Bicubic(Network):
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 H W"], ...]:
         """The enlarged render."""
-        return (upsampled(views.render, self.scale),)
+        return (upsample_bicubic(views.render, self.scale),)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from gaussian_enhancer.network.block import Block
 from gaussian_enhancer.network.deform import deformable_sample
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -75,7 +75,7 @@ class EDVR(Network):
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         height, width = views.render.shape[-2:]
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         batch, count = views.references.shape[:2]
         alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
         rgb_alpha = torch.cat([views.render, alpha], dim=1)

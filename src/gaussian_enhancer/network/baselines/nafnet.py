@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gaussian_enhancer.network.network import Network
-from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.types import NetworkInput
 
 
@@ -67,7 +67,7 @@ class NAFNet(Network):
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
         """The enhanced image alone: there is one scale."""
         height, width = views.render.shape[-2:]
-        padded_input = padded(
+        padded_input = pad_to_stride(
             NetworkInput(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
         )
         alpha = torch.ones_like(padded_input.render[:, :1]) if padded_input.alpha is None else padded_input.alpha
@@ -106,9 +106,9 @@ class NAFBlock(nn.Module):
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
         """Refine features; sides are multiples of the cell."""
-        mixed = self.attend(gated(self.depthwise(self.widen(self.first_norm(x)))))
+        mixed = self.attend(multiply_halves(self.depthwise(self.widen(self.first_norm(x)))))
         x = x + _scale_outputs(self.project, self.scales[0], mixed)
-        return x + _scale_outputs(self.contract, self.scales[1], gated(self.expand(self.second_norm(x))))
+        return x + _scale_outputs(self.contract, self.scales[1], multiply_halves(self.expand(self.second_norm(x))))
 
 
 class PixelNorm(nn.LayerNorm):
@@ -141,7 +141,7 @@ class LocalAttention(nn.Module):
         return x * F.interpolate(weights, scale_factor=float(self.cell), mode="bilinear", align_corners=False)
 
 
-def gated(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b _ i j"]:
+def multiply_halves(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b _ i j"]:
     """One half of the channels times the other."""
     one, other = x.chunk(2, dim=1)
     return one * other

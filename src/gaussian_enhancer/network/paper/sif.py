@@ -13,7 +13,7 @@ from gaussian_enhancer.network.deform import Deformable
 from gaussian_enhancer.network.depth_modulation import DepthModulation
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.paper.stages import DeformableConv, ImageEncoder, halved_visibility
-from gaussian_enhancer.network.pyramid import padded
+from gaussian_enhancer.network.pyramid import pad_to_stride
 from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput
 
@@ -52,7 +52,7 @@ class PaperSIF(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c i j"], ...]:
         """Features of the references."""
-        return (self.encode_reference.each(padded(views, self.stride).references - 0.5),)
+        return (self.encode_reference.each(pad_to_stride(views, self.stride).references - 0.5),)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
@@ -60,7 +60,7 @@ class PaperSIF(CachesReferences):
         """H, the fused view, and E, H after depth modulation, from two references or fewer, both whole."""
         height, width = views.render.shape[-2:]
         references = (self.encode(views) if encoded is None else encoded)[0]
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         render = views.render
         target = self.encode_target(render - 0.5)
         fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))

@@ -19,7 +19,7 @@ from gaussian_enhancer.network.paper.stages import (
     LearnedCombine,
     depth_planes,
     halved_visibility,
-    zeroed,
+    zero_initialised,
 )
 from gaussian_enhancer.network.pyramid import three_scales
 from gaussian_enhancer.network.stem import Choice
@@ -56,7 +56,7 @@ class PaperSSIFLR(CachesReferences):
         self.scales = nn.ModuleList(Scale(widths, blocks, encoder_blocks, refine) for _ in FACTORS)
         self.encode_coarsest = ImageEncoder(3, widths[0], encoder_blocks)
         self.align_again = DeformableConv(widths[0], refine, 12)
-        zeroed(self.align_again.join)
+        zero_initialised(self.align_again.join)
         self.combine = LearnedCombine(1, widths[0])
         self.fuse = LearnedCombine(2, widths[0])
 

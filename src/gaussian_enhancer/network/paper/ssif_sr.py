@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from gaussian_enhancer.network.decode import Decoder
 from gaussian_enhancer.network.deform import Deformable
-from gaussian_enhancer.network.halving import halved
+from gaussian_enhancer.network.halving import halve
 from gaussian_enhancer.network.network import CachesReferences
 from gaussian_enhancer.network.paper.stages import (
     ADJACENT,
@@ -20,11 +20,11 @@ from gaussian_enhancer.network.paper.stages import (
     FeatureFusion,
     ImageEncoder,
     LearnedCombine,
-    adjacent,
+    adjacent_features,
     depth_planes,
     halved_visibility,
 )
-from gaussian_enhancer.network.pyramid import padded, upsampled
+from gaussian_enhancer.network.pyramid import pad_to_stride, upsample_bicubic
 from gaussian_enhancer.network.ssif_sr import fine_references
 from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput
@@ -76,12 +76,12 @@ class PaperSSIFSR(CachesReferences):
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
         """Features of the references: F[G] at 1x, then F[HG] at 1x, 2x and 4x."""
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         finest, _ = fine_references(views)
-        half = halved(finest)
+        half = halve(finest)
         fine = (
             cast(ImageEncoder, encoder).each(photos.to(views.render.dtype) - 0.5)
-            for encoder, photos in zip(self.encode_fine, (halved(half), half, finest), strict=True)
+            for encoder, photos in zip(self.encode_fine, (halve(half), half, finest), strict=True)
         )
         return self.encode_reference.each(views.references - 0.5), *fine
 
@@ -91,7 +91,7 @@ class PaperSSIFSR(CachesReferences):
         """S at 1, 2 and 4 times the render's size, from two references or fewer; missing fine ones are zero."""
         height, width = views.render.shape[-2:]
         references, *fine = self.encode(views) if encoded is None else encoded
-        views = padded(views, self.stride)
+        views = pad_to_stride(views, self.stride)
         buffered: tuple[Tensor, Tensor] | None = None
         images: list[Tensor] = []
         for level in range(len(SCALES)):
@@ -122,5 +122,5 @@ class PaperSSIFSR(CachesReferences):
         visibility = halved_visibility(views)[:, : fine.shape[1]]
         visibility = visibility.repeat_interleave(scale, dim=-2).repeat_interleave(scale, dim=-1)
         low = [one if scale == 1 else F.interpolate(one, scale_factor=scale, mode="bilinear") for one in buffered]
-        features = self.join[level](*low, *adjacent(fine.to(low[0].dtype), visibility))
-        return upsampled(views.render, scale) + self.decode[level](features).to(views.render.dtype)
+        features = self.join[level](*low, *adjacent_features(fine.to(low[0].dtype), visibility))
+        return upsample_bicubic(views.render, scale) + self.decode[level](features).to(views.render.dtype)

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 from gaussian_enhancer.align.depth_normalisation import depth_unit, normalised_inverse_depth
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.network.block import Block
-from gaussian_enhancer.network.pyramid import upsampled
+from gaussian_enhancer.network.pyramid import upsample_bicubic
 from gaussian_enhancer.network.stem import Choice
-from gaussian_enhancer.types import NetworkInput, usable
+from gaussian_enhancer.types import NetworkInput, usable_depth
 
 ADJACENT = 2
 """References that the paper reads: t-1 and t+1."""
@@ -76,7 +76,7 @@ class DeformableConv(nn.Module):
             visibility: 0 where a reference is missing.
         """
         aligned = self.align(references, target) if references.shape[1] else references
-        return self.join(torch.cat([target, *adjacent(aligned, visibility)], dim=1))
+        return self.join(torch.cat([target, *adjacent_features(aligned, visibility)], dim=1))
 
 
 class FeatureFusion(nn.Module):
@@ -110,7 +110,7 @@ class LearnedCombine(nn.Module):
         super().__init__()
         self.join = nn.Conv2d(12 * (1 + coarser), width, 3, padding=1)
         self.head = nn.Conv2d(width, 12, 3, padding=1)
-        zeroed(self.head)
+        zero_initialised(self.head)
 
     def forward(self, fine: Float[Tensor, "b 3 h w"], *coarser: Float[Tensor, "b 3 _ _"]) -> Float[Tensor, "b 3 h w"]:
         """Combine images.
@@ -119,12 +119,12 @@ class LearnedCombine(nn.Module):
             fine: this scale's own image; height and width are even.
             coarser: the images of coarser scales, whose sides divide this one's.
         """
-        images = [fine, *(upsampled(image, fine.shape[-1] // image.shape[-1]) for image in coarser)]
+        images = [fine, *(upsample_bicubic(image, fine.shape[-1] // image.shape[-1]) for image in coarser)]
         x = F.relu(self.join(F.pixel_unshuffle(torch.cat([image - 0.5 for image in images], dim=1), 2)))
         return fine + F.pixel_shuffle(self.head(x), 2).to(fine.dtype)
 
 
-def adjacent(
+def adjacent_features(
     references: Float[Tensor, "b r c i j"], visibility: Float[Tensor, "b r 1 i j"]
 ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b c i j"]]:
     """The features of t-1 and t+1; zero where one is missing.
@@ -154,11 +154,11 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
     if views.depth is None:
         return torch.zeros_like(views.render[:, :2])
     unit = depth_unit(views.depth) if views.depth_unit is None else views.depth_unit
-    known_depth = usable(views.depth)
+    known_depth = usable_depth(views.depth)
     return torch.cat([normalised_inverse_depth(views.depth, unit), known_depth], dim=1).to(views.render.dtype)
 
 
-def zeroed(convolution: nn.Conv2d) -> None:
+def zero_initialised(convolution: nn.Conv2d) -> None:
     """Set a convolution to zero, so that it changes nothing at initialisation."""
     nn.init.zeros_(convolution.weight)
     nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.turned import turned
+from gaussian_enhancer.splat.fit.turned import rotate_vectors
 from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
@@ -161,7 +161,7 @@ def _smaller_half(parents: Gaussians, generator: torch.Generator) -> Gaussians:
     """One of two smaller Gaussians, its centre drawn from its parent's density."""
     scales = parents.log_scales.exp()
     offsets = torch.randn(scales.shape, generator=generator).to(scales) * scales
-    means = parents.means + turned(parents.quaternions, offsets)
+    means = parents.means + rotate_vectors(parents.quaternions, offsets)
     return Gaussians(
         means,
         (scales / SPLIT_SHRINK).log(),

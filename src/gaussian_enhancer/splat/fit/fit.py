@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.scene.scene import Scene
-from gaussian_enhancer.splat.filters import smoothing_size
+from gaussian_enhancer.splat.filters import filter_size
 from gaussian_enhancer.splat.fit.checkpoint import discard_checkpoint, load_checkpoint, save_checkpoint
 from gaussian_enhancer.splat.fit.densify import Densification, Pull, densify
 from gaussian_enhancer.splat.fit.export import export_splat, export_views
@@ -120,7 +120,7 @@ class _Work:
 
     def begin(self, progress: Callable[[int, int], None]) -> None:
         """Start anew, or where the folder's checkpoint stopped."""
-        checkpoint = load_checkpoint(self.folder, self._identity())
+        checkpoint = load_checkpoint(self.folder, self._checkpoint_identity())
         if checkpoint is not None:
             self._adopt_gaussians(checkpoint["splat"])
             self.optimiser.restore({name: value.to(self.device) for name, value in checkpoint["optimiser"].items()})
@@ -170,7 +170,7 @@ class _Work:
 
     def splat(self) -> Gaussians:
         """The present Gaussians, detached, all coefficients and the 3D filter included."""
-        return self.optimiser.detached(self.smoothing)
+        return self.optimiser.detached_gaussians(self.smoothing)
 
     def save(self) -> None:
         """Replace the checkpoint."""
@@ -178,7 +178,7 @@ class _Work:
         save_checkpoint(
             self.folder,
             {
-                "identity": self._identity(),
+                "identity": self._checkpoint_identity(),
                 "step": self.step,
                 "splat": {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)},
                 "optimiser": self.optimiser.state(),
@@ -222,7 +222,7 @@ class _Work:
     def _smooth(self) -> None:
         if isinstance(self.method, MipSplatting):
             means = self.optimiser.gaussians(0).means.detach()
-            self.smoothing = smoothing_size(means, self.photos.cameras, near=self.near)
+            self.smoothing = filter_size(means, self.photos.cameras, near=self.near)
 
     def _photo_number(self) -> int:
         """Every photo once per round, in an order that seed and round determine."""
@@ -233,7 +233,7 @@ class _Work:
     def _generator(self, purpose: int) -> torch.Generator:
         return _generator_of(self.settings.seed, self.step, purpose)
 
-    def _identity(self) -> str:
+    def _checkpoint_identity(self) -> str:
         """What a checkpoint must agree on to be continued."""
         return f"{self.scene.name}, {len(self.photos)} photos, {self.method}, {self.settings}"
 

@@ -56,7 +56,7 @@ class LearningRates:
             if not (0 < value < 1e3 or (field.name == "boost" and value == 0)):
                 raise InputError(f"rates.{field.name}", f"is {value}", "give a positive number")
 
-    def boosted(self, steps: int) -> "LearningRates":
+    def without_boost(self, steps: int) -> "LearningRates":
         """The rates for a fit of so many steps, with boost 1."""
         boost = self.boost or min(4.0, max(1.0, math.sqrt(16_000 / steps)))
         kept = {"opacity_logits": self.opacity_logits, "boost": 1.0}
@@ -80,7 +80,7 @@ class SplatOptimiser:
     def __init__(
         self, gaussians: Gaussians, rates: LearningRates, extent: float, steps: int, fade: float = 1.0
     ) -> None:
-        self._rates, self._extent, self._steps, self._fade = rates.boosted(steps), extent, steps, fade
+        self._rates, self._extent, self._steps, self._fade = rates.without_boost(steps), extent, steps, fade
         self._leaves: dict[str, Tensor] = {}
         self._moments: dict[str, Moments] = {}
         self._taken = 0
@@ -102,7 +102,7 @@ class SplatOptimiser:
             leaves["sh"] = leaves["sh"][:, : (sh_degree + 1) ** 2]
         return Gaussians(**leaves)
 
-    def detached(self, smoothing: Tensor | None = None) -> Gaussians:
+    def detached_gaussians(self, smoothing: Tensor | None = None) -> Gaussians:
         """The present splat with all coefficients, without gradients.
 
         Args:
@@ -151,7 +151,7 @@ class SplatOptimiser:
         """
         self._rewrite(lambda field, value: values.clone() if field == name else value)
 
-    def put(self, index: Tensor, others: Gaussians) -> None:
+    def overwrite(self, index: Tensor, others: Gaussians) -> None:
         """Replace Gaussians by others; their moments start again at zero.
 
         Args:

@@ -15,7 +15,7 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.fit.densify import due_between
 from gaussian_enhancer.splat.fit.optimise import SplatOptimiser
-from gaussian_enhancer.splat.fit.turned import turned
+from gaussian_enhancer.splat.fit.turned import rotate_vectors
 from gaussian_enhancer.types import Gaussians
 
 MOST_COPIES = 51
@@ -59,7 +59,7 @@ class Relocation:
         return due_between(self.every, self.start, self.stop, step, steps)
 
 
-def shared_between(
+def split_between_copies(
     opacities: Float[Tensor, " m"], copies: Int64[Tensor, " m"]
 ) -> tuple[Float[Tensor, " m"], Float[Tensor, " m"]]:
     """Opacity of each of N copies on one place that together equal one Gaussian, and the factor on their scales.
@@ -100,7 +100,7 @@ def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, genera
         return
     if len(dead):
         chosen = live[_draw_indices(opacities[live], len(dead), generator)]
-        optimiser.put(dead, _split_opacity(optimiser, chosen, settings)[chosen])
+        optimiser.overwrite(dead, _split_opacity(optimiser, chosen, settings)[chosen])
     joining = min(limit, int((1 + settings.growth) * len(optimiser))) - len(optimiser)
     if joining > 0:
         chosen = _draw_indices(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
@@ -128,9 +128,9 @@ def explore(
     free = (gate > 1e-6).nonzero()[:, 0]
     scales = gaussians.log_scales[free].exp()
     quaternions = gaussians.quaternions[free]
-    displacement = turned(quaternions, noise[free], back=True)[:, : scales.shape[1]] * scales.square()
+    displacement = rotate_vectors(quaternions, noise[free], back=True)[:, : scales.shape[1]] * scales.square()
     strength = settings.noise * optimiser.means_rate(number) / extent**2 * gate[free]
-    optimiser.shift(free, strength[:, None] * turned(quaternions, displacement))
+    optimiser.shift(free, strength[:, None] * rotate_vectors(quaternions, displacement))
 
 
 def _draw_indices(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:
@@ -145,9 +145,9 @@ def _split_opacity(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settin
     """Make each drawn Gaussian one of as many as it will be; all Gaussians afterwards."""
     now = optimiser.gaussians()
     parents, times = drawn.unique(return_counts=True)
-    opacity, factor = shared_between(now.opacity_logits[parents].sigmoid(), times + 1)
+    opacity, factor = split_between_copies(now.opacity_logits[parents].sigmoid(), times + 1)
     changed = now[parents]
-    optimiser.put(
+    optimiser.overwrite(
         parents,
         Gaussians(
             changed.means,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def turned(
+def rotate_vectors(
     quaternions: Float[Tensor, "n 4"], vectors: Float[Tensor, "n s"], *, back: bool = False
 ) -> Float[Tensor, "n 3"]:
     """Turn vectors from own axes to the world.

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.splat.io.ply import read_elements
 from gaussian_enhancer.splat.io.quantised import SH_CONSTANT, bit_field, completed_rotation, opacity_logits
-from gaussian_enhancer.splat.io.validity import validated
+from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
 _CHUNK = 256
@@ -57,7 +57,7 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
         opacity_logits=_tensor(opacity_logits((vertex["packed_color"] & np.uint32(255)).astype(np.uint8))),
         sh=_tensor(sh),
     )
-    return validated(path, gaussians, invalid)
+    return refuse_or_drop_invalid(path, gaussians, invalid)
 
 
 def _check(path: str | Path, chunk: np.ndarray, vertex: np.ndarray, sh: np.ndarray | None) -> None:

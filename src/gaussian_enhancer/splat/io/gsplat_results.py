@@ -17,7 +17,7 @@ from torch import Tensor
 
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import reading, refuse_larger, refuse_larger_archive, regular_file
-from gaussian_enhancer.splat.io.validity import validated
+from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
 PLY = re.compile(r"point_cloud_(\d+)\.ply")
@@ -113,7 +113,7 @@ def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaus
         opacity_logits=whole["opacities"],
         sh=torch.cat([whole["sh0"], whole["shN"]], dim=1),
     )
-    return validated(path, gaussians, invalid)
+    return refuse_or_drop_invalid(path, gaussians, invalid)
 
 
 def _part(path: Path) -> dict[str, Tensor]:

@@ -19,7 +19,7 @@ from plyfile import PlyData, PlyElement
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.ply_file import read_ply_elements
-from gaussian_enhancer.splat.io.validity import validated
+from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
 _POSITION = ("x", "y", "z")
@@ -61,7 +61,7 @@ def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
         sh=_tensor(np.concatenate([base, higher], axis=1)),
         smoothing=_tensor(_columns(vertex, ("filter_3D",))[:, 0]) if "filter_3D" in names else None,
     )
-    return validated(path, gaussians, invalid)
+    return refuse_or_drop_invalid(path, gaussians, invalid)
 
 
 def write_ply(path: str | Path, gaussians: Gaussians) -> None:

@@ -17,8 +17,8 @@ import torch
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import whole_file
 from gaussian_enhancer.optional_library import optional_library
-from gaussian_enhancer.splat.filters import smoothed
-from gaussian_enhancer.splat.io.spz import half_turned
+from gaussian_enhancer.splat.filters import apply_3d_filter
+from gaussian_enhancer.splat.io.spz import half_turn
 from gaussian_enhancer.types import Gaussians
 
 ENDINGS: Mapping[str, str] = {"compressed": ".compressed.ply", "spz": ".spz"}
@@ -57,7 +57,7 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
     """
     check_format(name, gaussians)
     shown_gaussians = _apply_filter(gaussians.to("cpu"))
-    shown_gaussians = half_turned(shown_gaussians) if name == "spz" else shown_gaussians
+    shown_gaussians = half_turn(shown_gaussians) if name == "spz" else shown_gaussians
     parts = {
         "means": shown_gaussians.means,
         "scales": shown_gaussians.log_scales,
@@ -82,7 +82,9 @@ def _apply_filter(gaussians: Gaussians) -> Gaussians:
     """The splat with its 3D filter applied."""
     if gaussians.smoothing is None:
         return gaussians
-    scales, opacities = smoothed(gaussians.log_scales.exp(), gaussians.opacity_logits.sigmoid(), gaussians.smoothing)
+    scales, opacities = apply_3d_filter(
+        gaussians.log_scales.exp(), gaussians.opacity_logits.sigmoid(), gaussians.smoothing
+    )
     opacities = opacities.clamp(1e-6, 1 - 1e-6)
     return replace(gaussians, log_scales=scales.log(), opacity_logits=opacities.logit(), smoothing=None)
 

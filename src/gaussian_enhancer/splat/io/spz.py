@@ -26,7 +26,7 @@ from jaxtyping import Float
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import read_bytes, refuse_larger
 from gaussian_enhancer.splat.io.quantised import completed_rotation, opacity_logits
-from gaussian_enhancer.splat.io.validity import validated
+from gaussian_enhancer.splat.io.validity import refuse_or_drop_invalid
 from gaussian_enhancer.types import Gaussians
 
 MAGIC = b"NGSP"
@@ -79,7 +79,7 @@ def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
         warnings.warn(f"{path}: was trained with anti-aliasing; render it as Mip-Splatting", stacklevel=2)
     if header.extended:
         warnings.warn(f"{path}: has vendor extensions, which are ignored; check its axes", stacklevel=2)
-    return validated(path, _decode(header, streams), invalid)
+    return refuse_or_drop_invalid(path, _decode(header, streams), invalid)
 
 
 def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _Header:
@@ -172,10 +172,10 @@ def _decode(header: _Header, streams: list[bytes]) -> Gaussians:
         opacity_logits=_tensor(opacity_logits(opacity)),
         sh=_tensor(sh),
     )
-    return half_turned(stored_axes)
+    return half_turn(stored_axes)
 
 
-def half_turned(gaussians: Gaussians) -> Gaussians:
+def half_turn(gaussians: Gaussians) -> Gaussians:
     """A splat turned half round x: from the axes of .spz to those of 3DGS's .ply, and back.
 
     Args:

@@ -27,7 +27,7 @@ Measured: gradients stop being finite at log scales of 60 and -1000 and at harmo
 """
 
 
-def renderable(gaussians: Gaussians) -> Bool[Tensor, " n"]:
+def renderable_mask(gaussians: Gaussians) -> Bool[Tensor, " n"]:
     """Which Gaussians have values within `LIMITS` throughout, NaN being none, and a rotation of non-zero length."""
     mask = gaussians.quaternions.detach().double().square().sum(1) > 0
     for name, (low, high) in LIMITS.items():
@@ -38,14 +38,14 @@ def renderable(gaussians: Gaussians) -> Bool[Tensor, " n"]:
     return mask
 
 
-def only_renderable(gaussians: Gaussians) -> Gaussians:
+def hide_unrenderable(gaussians: Gaussians) -> Gaussians:
     """The same splat with every Gaussian that cannot be rendered transparent, at the origin and of unit size.
 
     Its count stays, and its tensors' gradients are 0 there.
     """
     if _is_plainly_valid(gaussians):
         return gaussians
-    good = renderable(gaussians)
+    good = renderable_mask(gaussians)
     neutral = {"opacity_logits": -1e4, "quaternions": 1.0}
 
     def kept(name: str) -> Tensor | None:
@@ -70,7 +70,7 @@ def _is_plainly_valid(gaussians: Gaussians) -> bool:
     return bool((gaussians.quaternions.detach().abs().amax(1) > 0).all())
 
 
-def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -> Gaussians:
+def refuse_or_drop_invalid(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -> Gaussians:
     """Return the Gaussians if all can be rendered; else refuse them, or drop the bad ones with a warning.
 
     Args:
@@ -85,7 +85,7 @@ def validated(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -
         raise InputError("invalid", f"is {invalid!r}", 'use "refuse" or "drop"')
     if len(gaussians) == 0:
         raise InputError(path, "holds no Gaussians", "export the splat again")
-    good = renderable(gaussians)
+    good = renderable_mask(gaussians)
     if bool(good.all()):
         return gaussians
     bad = (~good).nonzero().flatten()
