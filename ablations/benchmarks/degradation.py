@@ -1,11 +1,11 @@
-"""``gaussian-enhancer degradation``: how many megapixels a second the simulator degrades on one core.
+"""``gaussian-enhancer degradation``: megapixels a second that the simulator degrades on one core.
 
-Beside it stands Real-ESRGAN's second-order degradation. Every row (method and input) runs in turn, round after round,
-with the round's seed, so that what else the machine does falls on all of them alike. Inputs are batches as the trainer
-has them, with depth and opacity for those that use them. Printed are the median over the rounds of what a row does by
-the wall clock, all rounds together by the processor's clock (draws differ in cost, and others may use the machine), and
-the median ratio to the rival in the same round. The row of both stages needs the networks of stage 2: where they are
-not there it is left out with a word, or refused where it was asked for.
+It is compared with Real-ESRGAN's second-order degradation. All rows (method and input) run in turn, round after round,
+with the round's seed, so that other load on the machine affects all of them alike. Inputs are batches of the trainer's
+format, with depth and opacity for methods that use them. The job prints the median over the rounds by the wall clock,
+the total over all rounds by the processor's clock (draws differ in cost, and the machine may be shared), and the median
+ratio to the rival in the same round. The row of both stages needs the networks of stage 2. If they are missing, a note
+says that the row is left out; if the row was requested, it is an error.
 """
 
 import statistics
@@ -40,7 +40,7 @@ INPUTS = {"4 crops of 128x128": (4, 128, 128), "1 image of 300x400": (1, 300, 40
 
 
 def degradation(method: str, overrides: Sequence[str]) -> Degradation:
-    """What a row measures.
+    """Build the degradation that a row measures.
 
     Args:
         method: one of `METHODS`.
@@ -64,7 +64,7 @@ def degradation(method: str, overrides: Sequence[str]) -> Degradation:
 
 
 def scene(count: int, height: int, width: int) -> View:
-    """Photos with structure at all scales, depth as batches have it, full opacity."""
+    """Photos with structure at all scales, with depth and with full opacity."""
     draw = torch.Generator().manual_seed(0)
     layers = [torch.rand(count, 4, max(2, height // n), max(2, width // n), generator=draw) for n in (1, 4, 16, 64)]
     planes = [F.interpolate(layer, size=(height, width), mode="bilinear", align_corners=False) for layer in layers]
@@ -74,7 +74,7 @@ def scene(count: int, height: int, width: int) -> View:
 
 @dataclass
 class MethodTiming:
-    """A method on an input, and the seconds it took in each round by wall and by processor's clock."""
+    """A method on an input, and its seconds in each round by the wall clock and by the processor's clock."""
 
     method: str
     input: str
@@ -95,7 +95,7 @@ class MethodTiming:
         self.processor.append(time.process_time() - processor)
 
     def summary(self, rival: "MethodTiming | None") -> dict[str, Any]:
-        """Megapixels a second, and how many times the rival's they are."""
+        """Megapixels a second, and their ratio to the rival's."""
         count, height, width = INPUTS[self.input]
         pixels = count * height * width / 1e6
         low, middle, high = statistics.quantiles([pixels / seconds for seconds in self.wall], n=4)
@@ -129,7 +129,7 @@ def rows_of(methods: Sequence[str] | None, overrides: Sequence[str]) -> tuple[li
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """All rows in turn; says which methods are left out.
+    """All rows in turn; prints which methods are left out.
 
     Raises:
         InputError: a method that was asked for is unknown or cannot be built.

@@ -1,9 +1,8 @@
-"""``gaussian-enhancer networks``: what every network costs at every size, in parameters, multiply-adds and time.
+"""``gaussian-enhancer networks``: parameters, multiply-adds and time of every network at every size.
 
-Multiply-adds are those of convolutions and matrix products; reading features at moved positions, activations and
-interpolation are not among them. Both figures are for a megapixel of the enhanced image. Times are single calls in
-bfloat16 and channels-last memory on an otherwise idle machine; networks run in turn, round after round, and the median
-is kept.
+Multiply-adds are those of convolutions and matrix products, without sampling at offsets, activations and
+interpolation. Both figures are for a megapixel of the enhanced image. Times are single calls in bfloat16 and
+channels-last memory on an otherwise idle machine; networks run in turn, round after round, and the median is kept.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,8 +36,8 @@ class Subject:
 
     Args:
         fusion: the network's configuration.
-        size: of the network; "-" where it makes no difference.
-        alignment: of the references; "-" where the network has no part in it.
+        size: of the network; "-" where the network has no sizes.
+        alignment: of the references; "-" where it does not change the network.
         network: untrained.
     """
 
@@ -49,7 +48,7 @@ class Subject:
 
 
 def subjects(paper: bool = False) -> Iterator[Subject]:
-    """Every network that weights can name, as its own configuration builds it, without variants and repetitions.
+    """Every network that weights can name, as its own configuration builds it, without variants and duplicates.
 
     Hydra must be initialised with the project's configurations, as it is within a job.
 
@@ -89,7 +88,7 @@ def _ours() -> Iterator[Subject]:
 
 
 def example(height: int, width: int, references: int) -> NetworkInput:
-    """Noise in the form of views that have everything that there may be."""
+    """Noise as network input with every optional part."""
     generator = torch.Generator().manual_seed(0)
 
     def noise(*shape: int) -> torch.Tensor:
@@ -102,7 +101,7 @@ def example(height: int, width: int, references: int) -> NetworkInput:
 
 
 def multiply_adds(network: Network, references: int, side: int = 256) -> float:
-    """Multiply-adds for each pixel of the enhanced image; nothing is computed unless the network looks at values."""
+    """Multiply-adds for each pixel of the enhanced image, without computing values unless the network reads them."""
     views = example(side, side, references)
     return counted(lambda: network(views))
 

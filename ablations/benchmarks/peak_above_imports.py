@@ -1,7 +1,7 @@
 """Peak memory of one enhancement or of one network, above what its process held after all imports.
 
-Each measurement has a process of its own. It does everything once at a small size first, so that what is imported,
-compiled or kept by libraries on first use does not count.
+Each measurement runs in a separate process. The process first makes the call at a small size, so that imports, compiled
+code and caches of libraries do not count.
 """
 
 import gc
@@ -62,7 +62,7 @@ def _enhance(name: str, dtype: str, cfg: DictConfig, device: torch.device, views
 
 
 def _alone(cfg: DictConfig, call: Callable[..., None], small: Any, whole: Any) -> float:
-    """Megabytes of a call on the whole input, in a process of its own, after a call on the small one."""
+    """Megabytes of a call on the whole input, in a separate process, after a call on the small input."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(_measured, plain_values(cfg), call, small, whole).result()
 
@@ -76,7 +76,7 @@ def _measured(values: dict[str, Any], call: Callable[..., None], small: Any, who
 
 
 def _above(call: Callable[[], None], device: torch.device) -> float:
-    """Megabytes that a call takes at its peak, above what is held before it."""
+    """Peak megabytes of a call, minus the memory in use before it."""
     gc.collect()
     memory.give_back()
     held = 0 if device.type == "cuda" else psutil.Process().memory_info().rss

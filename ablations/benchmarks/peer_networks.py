@@ -37,20 +37,20 @@ CAST = "bfloat16 weights"
 DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16, CAST: torch.bfloat16}
 
 SMALL = 64
-"""Side of the input that tells a published network's scale."""
+"""Side of the input by which a published network's scale is determined."""
 
 Call = Callable[[], Tensor]
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A network that is measured.
+    """A measured network.
 
     Args:
         name: in the table.
         network: in evaluation mode, channels-last.
-        scale: how many times finer the image is than the input.
-        pretrained: of ours, with how its references are aligned; None of published ones.
+        scale: size of the image over that of the input.
+        pretrained: our network with its reference configuration; None for published networks.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Peer:
 
 
 def names(cfg: DictConfig) -> tuple[str, ...]:
-    """The networks that a configuration asks for, ours first.
+    """The networks that a configuration requests, ours first.
 
     Args:
         cfg: conf/peers.yaml, composed.
@@ -115,7 +115,7 @@ def _prepared(network: nn.Module, device: torch.device) -> nn.Module:
 
 
 def ways(peer: Peer, dtypes: Mapping[str, torch.dtype]) -> tuple[str, ...]:
-    """The number types in which a network is measured; ours is built for autocast alone."""
+    """The number types in which a network is measured; ours supports autocast only."""
     return tuple(name for name in dtypes if name != CAST or peer.pretrained is None)
 
 
@@ -149,7 +149,7 @@ class Forward:
 
 
 def forward(peer: Peer, dtype: str, height: int, width: int, references: int) -> Forward:
-    """The network alone, on noise: references are on the target's grid already.
+    """The forward pass of the network alone, on noise, with references on the target's grid.
 
     Args:
         peer: the network; for `CAST` the call keeps a copy of it in bfloat16.
@@ -170,7 +170,7 @@ def forward(peer: Peer, dtype: str, height: int, width: int, references: int) ->
 
 
 def enhancement(peer: Peer, dtype: str, views: RenderedSet, device: torch.device) -> Call:
-    """Everything that an enhancement does to decoded images: planning, aligning, network, limits to the change.
+    """A whole enhancement of decoded images: planning, alignment, network, limits to the change.
 
     Args:
         peer: one of ours.
@@ -192,9 +192,9 @@ def enhancement(peer: Peer, dtype: str, views: RenderedSet, device: torch.device
 
 
 class BytesMoved(TorchDispatchMode):
-    """Counts what operations read and write: each of their tensors once, views left out.
+    """Counts the bytes that operations read and write: each tensor of an operation once, without views.
 
-    Caches save some of it and compilers more, so it is what memory would have to move at most.
+    Caches and compilers save some of these transfers, so the count is an upper bound of the memory traffic.
     """
 
     def __init__(self) -> None:
@@ -215,7 +215,7 @@ def bytes_moved(call: Call) -> int:
     """Bytes that the operations of a call read and write.
 
     Args:
-        call: does not turn to inference mode, in which operations that are made of others are not taken apart.
+        call: must not use inference mode, in which composite operations are not decomposed.
     """
     with BytesMoved() as counter:
         call()
@@ -237,10 +237,10 @@ def work(peer: Peer, dtype: str, references: int, side: int = 128) -> tuple[floa
 
 
 def yardsticks(device: torch.device) -> Iterator[tuple[str, Callable[[], object], float, str]]:
-    """Fixed workloads that times are held against: name, call, how much it does, in which unit.
+    """Fixed workloads that times are compared with: name, call, amount of work and its unit.
 
-    A convolution of 64 to 64 channels in each number type says what arithmetic the machine gives, a copy of 256 MB what
-    its memory gives.
+    A convolution of 64 to 64 channels in each number type measures the machine's arithmetic, a copy of 256 MB its
+    memory.
     """
     side, channels, repeats = 256, 64, 4
     for name in ("bfloat16", "float32"):

@@ -1,9 +1,9 @@
-"""``gaussian-enhancer peers``: speed and memory beside published restorers, and of the whole pipeline, in one run.
+"""``gaussian-enhancer peers``: speed and memory of our networks, of published ones, and of the pipeline, in one run.
 
-Networks run in turn, round after round, on the same input, and so do fixed workloads, the yardsticks: a time is also
-given as its ratio to a convolution within the same round, which another machine, or this one on another day, can be
-compared by. Then the whole pipeline, from files to a file, part by part at several sizes; and the start of the command
-line. Records come first, and the page from these alone.
+Networks run in turn, round after round, on the same input, and so do fixed workloads, the yardsticks. Each time is also
+given as a ratio to a convolution within the same round, which allows comparisons between machines and days. The job
+then measures the whole pipeline from files to a file, part by part at several sizes, and the start of the command line.
+The page is made from the records alone.
 """
 
 import os
@@ -62,9 +62,9 @@ from gaussian_enhancer.metrics.cost import Timing, device_description, time_inte
 from gaussian_enhancer.metrics.records import Record, missing_record, read_records
 
 OURS = {1: "lr_tiny", 4: "sr_tiny"}
-"""By scale, the weights whose whole enhancement others are held against."""
+"""By scale, the weights whose whole enhancement others are compared with."""
 SMALL = (240, 320)
-"""Height and width of the views by which memory's first call is made; large enough for every part to take place."""
+"""Height and width of the views of the uncounted first call for memory; large enough to reach every part."""
 
 Views = Callable[[int, int, bool], Path]
 """A folder of views by height, width, and whether photos are 4 times as fine."""
@@ -72,13 +72,13 @@ Views = Callable[[int, int, bool], Path]
 
 @dataclass(frozen=True)
 class Way:
-    """A network in a number type, alone or with all that an enhancement does beside it.
+    """A network in a number type, alone or in a whole enhancement.
 
     Args:
         peer: the network.
         dtype: one of `DTYPES`.
-        whole: everything from decoded images on.
-        call: does it once.
+        whole: whether the call is a whole enhancement of decoded images.
+        call: makes one pass.
     """
 
     peer: Peer
@@ -130,7 +130,7 @@ def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Conso
         cfg: conf/peers.yaml, composed.
         device: where networks run.
         folder: empty, for views and images.
-        console: is told what is measured.
+        console: prints what is measured.
     """
     folders: dict[tuple[int, int, bool], Path] = {}
 
@@ -154,7 +154,7 @@ def measured(cfg: DictConfig, device: torch.device, folder: Path, console: Conso
 
 
 def network_records(cfg: DictConfig, peers: list[Peer], device: torch.device, views: Views) -> Iterator[Record]:
-    """Yardsticks, then every network in every number type, alone; ours with all the rest as well."""
+    """Yardsticks, then every network in every number type, alone; ours also in a whole enhancement."""
     fixed = {name: (call, amount, unit) for name, call, amount, unit in yardsticks(device)}
     dtypes = {name: DTYPES[name] for name in cfg.dtypes}
     amounts: dict[tuple[str, str], tuple[float, float]] = {}
@@ -222,7 +222,7 @@ def _peak(cfg: DictConfig, way: Way, views: Views) -> float:
 
 
 def pipeline_records(cfg: DictConfig, device: torch.device, views: Views, folder: Path) -> Iterator[Record]:
-    """From files to a file, part by part, at every size of every weights."""
+    """The pipeline from files to a file, part by part, for all weights at all sizes."""
     stopwatch, calls, asked = Stopwatch(device), {}, {}
     for name, sizes in cfg.pipeline.items():
         peer = built(cfg, name, device)
@@ -275,7 +275,7 @@ def tried_records(cfg: DictConfig) -> Iterator[Record]:
 
 
 def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]:
-    """Whole processes: the job enhance until its one image is written, and the import that it cannot do without."""
+    """Whole processes: the job enhance until its one image is written, and the import of torch alone."""
     threads = [] if cfg.runtime.threads is None else [f"runtime.threads={cfg.runtime.threads}"]
     words = [f"run={views}", f"output={folder / 'first'}", f"runtime.device={cfg.runtime.device}", *threads]
     commands = {
@@ -290,7 +290,7 @@ def cold_records(cfg: DictConfig, views: Path, folder: Path) -> Iterator[Record]
 
 
 def _process(command: list[str]) -> None:
-    """Run a command with compiled Python modules kept, as installations do, whatever this process was told."""
+    """Run a command with Python's bytecode cache on, as in installations, whatever this process uses."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if process.returncode:

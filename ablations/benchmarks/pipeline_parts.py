@@ -1,7 +1,7 @@
-"""Which part of an enhancement takes how long: a stopwatch around the functions that the enhancement calls.
+"""Times of the parts of an enhancement, by a stopwatch around the functions that the enhancement calls.
 
-Nothing of the pipeline is repeated here. While a stopwatch runs, the functions of `PARTS` are replaced by themselves
-with a clock around them; a part's time does not hold that of a part within it.
+The pipeline's code is not repeated here: while a stopwatch runs, timed wrappers replace the functions of `PARTS`. The
+time of a part does not include that of parts within it.
 """
 
 import functools
@@ -40,9 +40,9 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "confidence": ((ChangeConfidence, "forward"),),
     "write": ((image_files, "write_image"),),
 }
-"""Parts in the order in which a view passes through them, and the functions that do them."""
+"""Parts in the order in which a view passes through them, and their functions."""
 REST = "rest"
-"""What no part holds: checks, joins, copies."""
+"""Time outside of all parts: checks, joins, copies."""
 READ = "read"
 """The part that is left out of the time from decoded images on."""
 
@@ -51,7 +51,7 @@ class Stopwatch:
     """Milliseconds by part, lap by lap.
 
     Args:
-        device: is waited for whenever a part begins or ends, if it is CUDA.
+        device: a CUDA device is synchronised at the start and the end of each part.
     """
 
     def __init__(self, device: torch.device) -> None:
@@ -62,10 +62,10 @@ class Stopwatch:
 
     @contextmanager
     def lap(self, name: str) -> Iterator[None]:
-        """One run of a whole; what no part takes is `REST`.
+        """Time one run; time outside of all parts counts as `REST`.
 
         Args:
-            name: of the whole, under which its laps are kept.
+            name: key under which the run's laps are kept.
         """
         self._lap = dict.fromkeys((*PARTS, REST), 0.0)
         self.laps.setdefault(name, []).append(self._lap)
@@ -73,7 +73,7 @@ class Stopwatch:
             yield
 
     def around(self, part: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """A function with the clock around it; outside of a lap it is itself."""
+        """Wrap a function to time it; outside of a lap the wrapper only calls it."""
 
         @functools.wraps(function)
         def clocked(*args: Any, **kwargs: Any) -> Any:
@@ -104,7 +104,7 @@ class Stopwatch:
 
 @contextmanager
 def clocked_parts(stopwatch: Stopwatch) -> Iterator[None]:
-    """Let a stopwatch clock the functions of `PARTS` until the block ends."""
+    """Time the functions of `PARTS` by a stopwatch until the block ends."""
     with ExitStack() as stack:
         for part, places in PARTS.items():
             for owner, name in places:
@@ -114,5 +114,5 @@ def clocked_parts(stopwatch: Stopwatch) -> Iterator[None]:
 
 
 def write_clocked(image: Tensor, path: Path) -> None:
-    """Write an image as the job enhance does, where the stopwatch sees it."""
+    """Write an image as the job enhance does, by the function that the stopwatch wraps."""
     image_files.write_image(path, image)

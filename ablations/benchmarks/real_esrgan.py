@@ -1,10 +1,10 @@
-"""Real-ESRGAN's second-order degradation at scale 1: the rival that `degradation.py` measures the simulator against.
+"""Real-ESRGAN's second-order degradation at scale 1, which `degradation.py` compares the simulator with.
 
 X. Wang, L. Xie, C. Dong, Y. Shan, "Real-ESRGAN: Training Real-World Blind Super-Resolution with Pure Synthetic Data",
 ICCVW 2021, section 3, with the ranges of section 4.1; those of the resizes, which the paper leaves to its released
 options, are from there. Two rounds of blur, resize, noise and JPEG, then a sinc filter, before or after the last JPEG.
-As in the released training, all images of a batch share a resize; blur, noise and quality are each image's own. Kernels
-are applied at their own size, not padded to the largest, and the result is brought back to the input's size.
+As in the released training, all images of a batch share a resize; blur, noise and quality are drawn for each image.
+Kernels are applied without padding to the largest, and the result is resized to the input's size.
 Axes: b batch, h height, w width, k side of a kernel.
 """
 
@@ -29,10 +29,10 @@ class Order:
     """One round of the degradation.
 
     Args:
-        blurred: chance of a blur.
+        blurred: probability of a blur.
         sigma: standard deviations of a blur along its axes in pixels.
-        directions: chances that the resize enlarges, shrinks, keeps.
-        scale: range of the resize, of the input's side.
+        directions: probabilities that the resize enlarges, shrinks, or keeps the size.
+        scale: range of the resize factor.
         noise: standard deviation of Gaussian noise, of 255.
         poisson: scale of Poisson noise.
     """
@@ -99,7 +99,7 @@ class Draw:
         return self.uniform(0, 1) < share
 
     def side(self) -> int:
-        """Side of a kernel: 7, 9 ... 21, all equally often."""
+        """Side of a kernel: 7, 9 ... 21, with equal probability."""
         return 1 + 2 * int(self.uniform(SIZES[0], SIZES[1] + 1))
 
 
@@ -140,19 +140,19 @@ def _offsets(side: int) -> tuple[Tensor, Tensor]:
 
 
 def filtered(images: Images, kernels: Sequence[Float[Tensor, "_ _"]]) -> Images:
-    """Each image under its own kernel, continued by reflection."""
+    """Filter each image by its own kernel, with reflection padding."""
     return torch.cat([filter2d(images[i : i + 1], kernel[None]) for i, kernel in enumerate(kernels)])
 
 
 def resized(images: Images, size: Sequence[int], draw: Draw) -> Images:
-    """Resized by area, bilinear or bicubic interpolation, each equally often."""
+    """Resize by area, bilinear or bicubic interpolation, with equal probability."""
     mode = ("area", "bilinear", "bicubic")[int(draw.uniform(0, 3))]
     options = {} if mode == "area" else {"align_corners": False}
     return F.interpolate(images, size=tuple(size), mode=mode, **options)
 
 
 def noisy(image: Float[Tensor, "3 h w"], order: Order, draw: Draw) -> Float[Tensor, "3 h w"]:
-    """With Gaussian or Poisson noise, in grey or in colour."""
+    """Add Gaussian or Poisson noise, in grey or in colour."""
     grey = draw.chance(GREY)
     if draw.chance(GAUSSIAN):
         noise = torch.randn((1 if grey else 3, *image.shape[1:]), generator=draw.generator)
@@ -170,7 +170,7 @@ def jpeg(images: Images, draw: Draw) -> Images:
 
 
 def sharpened(images: Images, draw: Draw) -> Images:
-    """Through the final sinc filter, where it is drawn."""
+    """Apply the final sinc filter where it is drawn."""
     kernels = []
     for _ in images:
         kernel = sinc_kernel(21, draw.uniform(math.pi / 3, math.pi)) if draw.chance(FINAL_SINC) else torch.ones(1, 1)

@@ -1,7 +1,7 @@
-"""``gaussian-enhancer similarity``: what a fit's loss costs.
+"""``gaussian-enhancer similarity``: run time of the loss of a fit.
 
-SSIM and L1 with their compiled gradient, against torch's autograd of the same loss. The two run in turn, round after
-round; printed are the medians and the median of the ratios of neighbouring runs.
+SSIM and L1 with their compiled gradient are compared with torch's autograd of the same loss. Both run in turn, round
+after round. The job prints the medians and the median of the ratios of neighbouring runs.
 """
 
 from typing import Any

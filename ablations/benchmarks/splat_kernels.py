@@ -1,8 +1,8 @@
-"""``gaussian-enhancer splat_kernels``: how long one iteration of a splat's fit takes on the CPU, part by part.
+"""``gaussian-enhancer splat_kernels``: time of one iteration of a splat's fit on the CPU, part by part.
 
-Every cell (image size, number of Gaussians, method) runs in turn, round after round, so that what else the machine does
-falls on all of them alike. Printed per part: median and, as what an idle machine would give, the least wall time.
-"processor" is the time spent on all cores together, which says what the wall time hides when others use the machine.
+All cells (image size, number of Gaussians, method) run in turn, round after round, so that other load on the machine
+affects all of them alike. The job prints for each part the median and the least wall time; the least estimates an idle
+machine. "processor" is the time on all cores together, which is affected less when others use the machine.
 ``cold=true`` measures the first compilation in an empty cache instead.
 """
 
@@ -32,7 +32,7 @@ PARTS = ("forward", "loss", "backward", "optimizer", "iteration")
 
 
 def cloud(count: int, axes: int, seed: int = 0) -> Gaussians:
-    """Gaussians as a fit has them: anisotropic, of mixed opacity, smaller where there are more, SH degree 1."""
+    """Gaussians like those of a fit: anisotropic, of mixed opacity, smaller where there are more, SH degree 1."""
     draw = torch.Generator().manual_seed(seed)
     means = torch.randn(count, 3, generator=draw) * torch.tensor([0.8, 0.8, 1.0]) + torch.tensor([0.0, 0.0, 3.0])
     scale = torch.tensor(0.03 * (10_000 / count) ** 0.5)
@@ -47,7 +47,7 @@ def cloud(count: int, axes: int, seed: int = 0) -> Gaussians:
 
 @dataclass
 class TimedFit:
-    """One size, count and method, with the state of its little fit and the times measured so far in ms."""
+    """One size, count and method, with the state of its small fit and the times measured so far, in ms."""
 
     height: int
     width: int
@@ -60,7 +60,7 @@ class TimedFit:
 
     def __post_init__(self) -> None:
         axes = 2 if isinstance(self.method, TwoDGS) else 3
-        # Rates of next to nothing: the scene must not change while it is measured.
+        # Learning rates near 0, since the scene must not change while it is measured.
         rates = LearningRates(*[1e-12] * 7)
         self.optimiser = SplatOptimiser(cloud(self.count, axes), rates, extent=1.0, steps=1)
         photo = torch.rand(3, self.height, self.width, generator=torch.Generator().manual_seed(1))
@@ -71,7 +71,7 @@ class TimedFit:
         camera = identity_camera(self.height, self.width, float(self.width))
         begin = time.perf_counter(), time.process_time()
         image = self._timed("forward", lambda: render(self.optimiser.gaussians(), camera, self.method))
-        # The loss computes its own gradient in its forward, so that "backward" is the renderer's.
+        # The loss computes its gradient in its forward pass, so "backward" times the renderer alone.
         loss = self._timed("loss", lambda: photometric_loss(image.colour, self.photo))
         self._timed("backward", loss.backward)
         self._timed("optimizer", lambda: self.optimiser.step(0))
@@ -88,7 +88,7 @@ class TimedFit:
         self.processor[part].append(1e3 * (time.process_time() - begin[1]))
 
     def summary(self) -> dict[str, Any]:
-        """Medians and minima in ms, the first (compiling) iteration left out."""
+        """Medians and minima in ms, without the first iteration, which compiles."""
         columns: dict[str, Any] = {
             "method": self.method.name, "image": f"{self.height}x{self.width}", "gaussians": self.count,
         }  # fmt: skip
@@ -102,7 +102,7 @@ class TimedFit:
 
 
 def cold_compile(method: str) -> dict[str, Any]:
-    """Seconds of the first iteration in an empty cache, and in a second process that finds the cache filled."""
+    """Seconds of the first iteration with an empty cache, and in a second process with a filled cache."""
     code = (
         "import sys, time; from ablations.benchmarks.splat_kernels import METHODS, TimedFit; "
         "cell = TimedFit(32, 32, 50, METHODS[sys.argv[1]]); begin = time.perf_counter(), time.process_time(); "
@@ -124,7 +124,7 @@ def cold_compile(method: str) -> dict[str, Any]:
 
 
 def measured(cfg: DictConfig) -> list[dict[str, Any]]:
-    """One row a size, count and method; or one a method, of its first compilation.
+    """One row per size, count and method; or one per method with its first compilation.
 
     Args:
         cfg: conf/splat_kernels.yaml, composed.

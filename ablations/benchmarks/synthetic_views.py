@@ -1,7 +1,7 @@
-"""Views to measure speed on: a procedural scene at any size, in memory or as a run's folder, so that no data is needed.
+"""Views for measuring speed without data: a procedural scene at any size, in memory or as a run's folder.
 
-The render is the photo with half of its resolution lost; depth is exact. Photos are drawn at most ``DRAWN`` pixels wide
-and enlarged, since drawing takes 15 s a megapixel; what is measured does not depend on how sharp they are.
+The render is the photo at half of its resolution; depth is exact. Photos are drawn at most ``DRAWN`` pixels wide and
+enlarged, since drawing takes 15 s a megapixel; times do not depend on their sharpness.
 """
 
 import functools
@@ -54,7 +54,7 @@ def write_views(rendered: RenderedSet, folder: Path) -> None:
 
     Args:
         rendered: with renders, photos, depth and cameras.
-        folder: where; made if it is not there.
+        folder: of the files; created if it does not exist.
 
     Raises:
         InputError: a file cannot be written.

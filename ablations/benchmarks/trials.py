@@ -1,6 +1,6 @@
-"""What was tried to make an enhancement faster: each way before and after, side by side, those that failed too.
+"""Attempts to make an enhancement faster: code before and after each change, failed attempts included.
 
-The ways before are kept here alone. Both ways of a trial give the same image, up to rounding.
+Only this module keeps the code before. Both versions of a trial give the same image, up to rounding.
 """
 
 import io
@@ -41,10 +41,10 @@ class Trial:
     """A change that was tried.
 
     Args:
-        change: in words.
-        expected: what it was expected to bring, and why.
-        before: the way before.
-        after: the way that was tried.
+        change: description.
+        expected: the expected effect, and its reason.
+        before: the code before the change.
+        after: the code after the change.
         kept: whether it was kept.
     """
 
@@ -61,7 +61,7 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
     Args:
         height: of the views, even.
         width: of the views, even.
-        photo: what is written as PNG.
+        photo: the image that is written as PNG.
     """
     views = example(height, width, REFERENCES)
     planes = torch.cat([views.references[0], views.visibility[0]], 1).repeat(1, 2, 1, 1).bfloat16()
@@ -110,13 +110,13 @@ def trials(height: int, width: int, photo: Float[Tensor, "3 _ _"]) -> Iterator[T
 
 
 def fused(call: Callable[[], object]) -> object:
-    """A call as inference in bfloat16 makes it, where compiled kernels are used."""
+    """Wrap a call in bfloat16 inference, in which compiled kernels are used."""
     with torch.autocast("cpu", torch.bfloat16):
         return call()
 
 
 def _compiled(views: NetworkInput) -> Iterator[Trial]:
-    """Parts of a view in compiled kernels, beside their twins on tensors."""
+    """Trials of compiled kernels against their twins on tensors."""
     height, width = views.render.shape[-2:]
     image, opaque, visibility = (
         torch.rand(1, 3, height, width),
@@ -184,7 +184,7 @@ def _compiled(views: NetworkInput) -> Iterator[Trial]:
 
 
 def unshuffled_before(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
-    """Torch's pixel-unshuffle, then what the convolution makes of its memory."""
+    """Torch's pixel-unshuffle, then the conversion to channels-last memory that the convolution makes."""
     return F.pixel_unshuffle(image, 2).contiguous(memory_format=torch.channels_last)
 
 

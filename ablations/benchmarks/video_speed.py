@@ -1,9 +1,9 @@
-"""``gaussian-enhancer video_speed``: how much of its slowest stage's own speed the job ``video`` keeps.
+"""``gaussian-enhancer video_speed``: speed of the job ``video`` relative to its slowest stage alone.
 
-The frames of a path are rendered, enhanced, written and encoded: first each stage by itself, with what it needs in
-memory, then all of them as the job does it. Nothing can be faster than the slowest stage by itself.
-Stages use the same cores: "share" says what is left of that speed. Every round begins with no reference in memory. The
-weights and the splat are read before, and are not counted.
+The frames of a path are rendered, enhanced, written and encoded: first each stage alone, with its input in memory,
+then all stages together, as the job runs them. The slowest stage alone bounds the speed. Stages share the cores;
+"share" is the speed of all together over that bound. Every round begins without references in memory. Reading the
+weights and the splat is not counted.
 """
 
 import os
@@ -35,13 +35,13 @@ TOGETHER = "together"
 
 @dataclass(frozen=True)
 class Bench:
-    """A film, made again and again.
+    """A film that is made repeatedly.
 
     Args:
-        filmed: what it is made of.
+        filmed: path, splat and enhancer of the film.
         rules: what may be left out of a frame.
         output: how it is encoded.
-        folder: where each making writes to a folder of its own.
+        folder: parent of the folders that each repetition writes to.
     """
 
     filmed: Filmed
@@ -50,7 +50,7 @@ class Bench:
     folder: Path
 
     def fresh(self, pool: Pool | None = None) -> Film:
-        """The film with no frame made and, unless a pool is given, no reference read."""
+        """A film without finished frames and, unless a pool is given, without references in memory."""
         views = self.filmed.found.pool.views
         found = replace(self.filmed.found, pool=Pool(views) if pool is None else pool)
         enhancer = self.filmed.enhancer
@@ -77,7 +77,7 @@ def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
 
     Args:
         bench: the film.
-        rounds: of each, in turn, after one that is not counted.
+        rounds: number of rounds, in turn, after one that is not counted.
     """
     pool = Pool(bench.filmed.found.pool.views, capacity=len(bench.filmed.found.pool.views))
     drawn = list(bench.fresh(pool).draw_frames())
@@ -98,7 +98,7 @@ def measured(bench: Bench, rounds: int) -> dict[str, Timing]:
 
 
 def summary(times: dict[str, Timing], frames: int) -> dict[str, Any]:
-    """Milliseconds a frame by stage and together, and the share of the slowest stage's own speed that is kept.
+    """Milliseconds a frame by stage and together, and the speed together over that of the slowest stage alone.
 
     Args:
         times: of a whole film.

@@ -1,9 +1,9 @@
-"""``gaussian-enhancer viewer_speed``: how many pictures a second the viewer shows while its camera is dragged.
+"""``gaussian-enhancer viewer_speed``: pictures a second that the viewer shows while its camera is dragged.
 
-The job ``view`` runs in a process of its own. A headless browser drives its page and shares the cores with it. Counted
-is what arrives in the browser: the number of the picture that the page states. While it is dragged, every picture is
-enhanced, ``width`` wide and as high as the page's canvas asks for. "processor" is the time spent on all cores together,
-which says what the rate hides when others use the machine. ``picture=FILE`` makes a picture of the page instead.
+The job ``view`` runs in a separate process. A headless browser drives its page and shares the cores with it. The job
+counts pictures that arrive in the browser, by the number that the page states. During the drag, every picture is
+enhanced, ``width`` wide and as high as the page's canvas requires. "processor" is the time on all cores together, which
+is affected less when others use the machine. ``picture=FILE`` makes a picture of the page instead.
 """
 
 import io
@@ -39,7 +39,7 @@ STEP = 3
 
 
 def refuse_without_browser() -> None:
-    """Refuse a machine without what drives the page.
+    """Refuse a machine without a browser to drive the page.
 
     Raises:
         InputError: Chromium, its driver or selenium is missing.
@@ -77,13 +77,13 @@ def viewing(words: Sequence[str]) -> Iterator[tuple[str, int]]:
         last_line = (lines or ["it says nothing"])[-1].removeprefix("gaussian-enhancer: ")
         raise InputError("the job view", f"does not start ({last_line})", "correct run, show, width or overrides")
     finally:
-        job.terminate()  # Ctrl-C would be ignored where this process was started in a shell's background
+        job.terminate()  # a process that a shell started in the background ignores Ctrl-C
         job.wait(timeout=60)
 
 
 @contextmanager
 def browsing(address: str) -> Iterator[Any]:
-    """Headless Chromium on a page that has shown its first pictures.
+    """Headless Chromium on a page that already shows pictures.
 
     Raises:
         InputError: the page shows no still picture.
@@ -105,12 +105,12 @@ def browsing(address: str) -> Iterator[Any]:
 
 
 def status(driver: Any) -> tuple[int, int, int, int] | None:
-    """What the page states: milliseconds of the last picture, its width and height, and its number."""
+    """Status of the page: milliseconds of the last picture, its width and height, and its number."""
     return stated(driver.execute_script("return document.body.textContent"))  # needs no layout, unlike innerText
 
 
 def stated(text: str) -> tuple[int, int, int, int] | None:
-    """Milliseconds, width, height and number of a picture, as a page's text states them; None where it does not."""
+    """Parse milliseconds, width, height and number of a picture from a page's text; None where they are missing."""
     match = STATUS.search(text)
     return None if match is None else tuple(map(int, match.groups()))  # type: ignore[return-value]
 
@@ -119,7 +119,7 @@ def settled(driver: Any, seconds: float = 5.0) -> None:
     """Wait until the page's picture has not changed for some seconds.
 
     Raises:
-        InputError: it goes on changing, or none comes.
+        InputError: the picture keeps changing, or there is none.
     """
     began, last, since = time.monotonic(), None, time.monotonic()
     while last is None or time.monotonic() - since < seconds:
@@ -132,13 +132,13 @@ def settled(driver: Any, seconds: float = 5.0) -> None:
 
 
 def processor_seconds(process: int) -> float:
-    """What a process and its children have taken of all cores together."""
+    """Processor seconds of a process and its children on all cores together."""
     family = [psutil.Process(process), *psutil.Process(process).children(recursive=True)]
     return float(sum(sum(one.cpu_times()[:2]) for one in family))
 
 
 def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
-    """Drag the camera to and fro and count the pictures that arrive."""
+    """Drag the camera back and forth and count the pictures that arrive."""
     from selenium.webdriver import ActionChains
 
     canvas = max(driver.find_elements("tag name", "canvas"), key=lambda one: one.size["width"])
@@ -174,7 +174,7 @@ def dragged(driver: Any, job: int, seconds: float) -> dict[str, Any]:
 
 
 def words_of(cfg: DictConfig) -> list[str]:
-    """Options of the job ``view`` beside run, width and what it shows."""
+    """Options of the job ``view`` besides run, width and mode."""
     device, threads = cfg.runtime.device, cfg.runtime.threads
     overrides = [f"runtime.device={device}"] if device != "auto" else []
     return [*overrides, *([f"runtime.threads={threads}"] if threads is not None else []), *cfg.overrides]
@@ -193,12 +193,12 @@ def pictured(driver: Any, path: str) -> None:
 
 
 def quoted(text: str) -> str:
-    """A value of an override, which may hold characters that Hydra gives a meaning."""
+    """Quote a value of an override, which may contain Hydra's special characters."""
     return "'" + text.replace("'", "\\'") + "'"
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """The page of a run while its camera is dragged; or a picture of it, and nothing is measured.
+    """Measure the page of a run while its camera is dragged, or only take a picture of it.
 
     Raises:
         InputError: there is no browser.

@@ -56,10 +56,10 @@ class ResidualEnhancer:
 
 @dataclass(frozen=True)
 class IBGS:
-    """The network that was trained on a fit, at each step of it.
+    """The networks that were trained on fits, one for each fit and step.
 
     Args:
-        trainings: weights files by folder's name and step of the fit.
+        trainings: weights files by the fit's folder name and step.
         exposure: whether colours are brought to the exposure of the nearest photo.
     """
 
@@ -68,10 +68,10 @@ class IBGS:
 
     @classmethod
     def found(cls, patterns: Sequence[str], exposure: bool = True) -> "IBGS":
-        """Those of finished runs of the job ``ibgs``.
+        """Collect the networks of finished runs of the job ``ibgs``.
 
         Args:
-            patterns: folders of runs, with ``*`` where many are meant.
+            patterns: folders of runs; may contain ``*``.
             exposure: whether colours are brought to the exposure of the nearest photo.
 
         Raises:

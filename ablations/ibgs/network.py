@@ -15,18 +15,18 @@ from ablations.ibgs.sources import CAMERA_FEATURES, Sources
 from gaussian_enhancer.types import Movable
 
 DOWN = 4
-"""Sides of features at the hourglass's narrowest are so many times shorter."""
+"""Downscaling of the hourglass's coarsest features."""
 
 
 @dataclass(frozen=True)
 class ResidualInput(Movable):
-    """What the network sees of a batch of targets; see `Sources`.
+    """Input of the network for a batch of targets; see `Sources`.
 
     Args:
         render: base colours.
         colours: of the source photos.
-        cameras: from where the sources see the surface.
-        visible: where the sources count.
+        cameras: camera features of the sources.
+        visible: where the sources are used.
         rays: viewing directions of the targets.
     """
 
@@ -38,12 +38,12 @@ class ResidualInput(Movable):
 
     @classmethod
     def of(cls, render: Float[Tensor, "3 h w"], sources: Sources, most: int) -> "ResidualInput":
-        """A batch of one, with at each pixel only the sources that count there, their order kept, and then none.
+        """A batch of one. Each pixel lists the sources that are used there, in their order, padded with empty ones.
 
         Args:
             render: of the target.
             sources: of the target.
-            most: of them count at any pixel (`SourceChoice.visible`).
+            most: sources that are used at a pixel at most (`SourceChoice.visible`).
         """
         lacking = max(0, most - len(sources.names))
         filled = [F.pad(image, (0, 0) * 3 + (0, lacking)) for image in (sources.colours, sources.cameras)]
@@ -59,8 +59,8 @@ class IBGSResidual(nn.Module):
     """Residual = hourglass(base colour, ray, pooled MLP(photo - render, camera features)).
 
     The MLP is applied to each source view of each pixel; its features are pooled over the visible ones by mean,
-    variance and maximum. Untrained, the residual is 0. Sizes are ours, for about the 66,000 parameters that are
-    published.
+    variance and maximum. At initialisation, the residual is 0. We chose the sizes such that the network has about the
+    published 66,000 parameters.
 
     Args:
         features: of the MLP.

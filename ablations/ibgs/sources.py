@@ -1,4 +1,4 @@
-"""Source views of IBGS: which photos a view refers to, and what each of them says of its pixels.
+"""Source views of IBGS: the photos that a view refers to, and their colours and camera features at its pixels.
 
 Axes: m source views, n pixels, h height, w width.
 """
@@ -21,7 +21,7 @@ from gaussian_enhancer.types import Camera
 
 CAMERA_FEATURES = 4
 LEAST = 500
-"""Pixels in which a photo must be visible to tell its exposure."""
+"""Least number of visible pixels from which a photo's exposure is estimated."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Sources:
     """The source views of a target, nearest first, on the target's grid.
 
     Args:
-        colours: of the photos, 0 where they do not count.
-        cameras: from where each sees the surface: the difference of the unit viewing directions, source less target,
-            and the logarithm of the ratio of the distances; 0 where it does not count.
-        visible: where a photo shows the target's surface and is among the first that do.
+        colours: of the photos, 0 where they are not used.
+        cameras: camera features of each source: the difference of the unit viewing directions, source minus target,
+            and the logarithm of the ratio of the distances to the surface; 0 where the source is not used.
+        visible: where a source is used: it shows the target's surface and is among the first that do.
         rays: unit viewing directions of the target's pixels in the world.
         names: of the source views.
     """
@@ -50,10 +50,10 @@ class SourceChoice:
 
     Args:
         candidates: source views of a target at most.
-        visible: photos that count at a pixel at most, the nearest first.
+        visible: sources that are used at a pixel at most, the nearest first.
         angle: between the optical axes of target and source, in degrees, below which a source is a candidate.
-        tolerance: relative difference between a point's depth in a source and the depth rendered there, up to which
-            the source sees the point.
+        tolerance: largest relative difference between a point's depth in a source and the depth rendered there at
+            which the point counts as visible.
     """
 
     candidates: int = 4
@@ -135,7 +135,7 @@ def surface_points(
 def camera_features(
     points: Float[Tensor, "3 h w"], rays: Float[Tensor, "3 h w"], reach: Float[Tensor, "1 h w"], other: Camera
 ) -> Float[Tensor, "4 h w"]:
-    """From where another camera sees points, beside the target.
+    """Camera features of points: how another camera sees them, relative to the target.
 
     Args:
         points: in the world.
@@ -149,9 +149,9 @@ def camera_features(
 
 
 def exposure_map(render: Float[Tensor, "3 h w"], sources: Sources) -> Float[Tensor, "3 4"]:
-    """The affine colour map of the render onto the nearest photo, by least squares over the pixels that it shows.
+    """The affine colour map from the render to the nearest photo, by least squares over the photo's visible pixels.
 
-    The identity where no photo shows `LEAST` pixels.
+    It is the identity if no photo has `LEAST` visible pixels.
 
     Args:
         render: of the target.
@@ -164,7 +164,7 @@ def exposure_map(render: Float[Tensor, "3 h w"], sources: Sources) -> Float[Tens
 
 
 def mapped_colours(image: Float[Tensor, "*b 3 h w"], mapping: Float[Tensor, "*b 3 4"]) -> Float[Tensor, "*b 3 h w"]:
-    """An image, or each of a batch, under an affine colour map."""
+    """Apply an affine colour map to an image, or to each image of a batch."""
     return torch.einsum("...ij,...jhw->...ihw", mapping[..., :3], image) + mapping[..., 3:, None]
 
 

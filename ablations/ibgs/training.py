@@ -1,4 +1,4 @@
-"""Training of the residual network of IBGS on the training views of one fit, each without its own photo as a source.
+"""Training of the residual network of IBGS on the training views of one fit; no view's own photo is among its sources.
 
 Axes: b batch, h height, w width.
 """
@@ -32,12 +32,12 @@ class ResidualSettings:
 
     Args:
         steps: of the optimiser.
-        crop: side of the crops that it sees, in pixels.
+        crop: side of the crops, in pixels.
         batch: crops of a step.
         lr: of Adam at the first step; it falls to 0 along half a cosine.
         dissimilarity: weight of 1 - SSIM in the loss; that of the absolute difference is the rest.
-        exposure: bring colours to the exposure of the nearest photo before they are compared, as where splat and
-            network are trained together. A finished fit was not fitted under it.
+        exposure: bring colours to the exposure of the nearest photo before the comparison, as IBGS does when splat and
+            network are trained together. A finished fit was fitted without this step.
         save_every: steps between checkpoints.
         seed: of initial values and crops.
     """
@@ -65,12 +65,12 @@ class ResidualSettings:
 
 @dataclass(frozen=True)
 class TrainingView:
-    """A training view: what the network sees of it, and its photo.
+    """A training view: the network's input and the photo.
 
     Args:
-        seen: a batch of one.
-        photo: the truth.
-        exposure: from the render's colours to those of the nearest other photo.
+        seen: the network's input, a batch of one.
+        photo: the target of the training.
+        exposure: colour map from the render to the nearest other photo.
     """
 
     seen: ResidualInput
@@ -79,7 +79,7 @@ class TrainingView:
 
 
 def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) -> list[TrainingView]:
-    """The training views of a fit, the other training views being their sources; held-out views are not touched.
+    """The training views of a fit, with the other training views as their sources; held-out views are not read.
 
     Args:
         rendered: the fit's views.
@@ -103,7 +103,7 @@ def training_views(rendered: RenderedSet, choice: SourceChoice, exposure: bool) 
 
 
 def applied_exposure(render: Float[Tensor, "3 h w"], sources: Sources, exposure: bool) -> Float[Tensor, "3 4"]:
-    """What `exposure_map` finds, or the identity where exposure is left alone."""
+    """The result of `exposure_map`, or the identity if exposure is not matched."""
     if exposure:
         return exposure_map(render, sources)
     return torch.cat([torch.eye(3), torch.zeros(3, 1)], dim=1)
@@ -115,13 +115,13 @@ def train_residual(
     folder: Path,
     progress: Callable[[int], None] = lambda step: None,
 ) -> IBGSResidual:
-    """Train, or go on from the folder's checkpoint; the result is the same.
+    """Train, or resume from the folder's checkpoint; the result is the same.
 
     Args:
         views: training views of one fit.
         settings: of the training.
         folder: of the checkpoint.
-        progress: called with the number of steps that are done.
+        progress: called with the number of finished steps.
 
     Raises:
         InputError: there is no view, or the checkpoint is damaged, of other settings, or cannot be written.
@@ -155,9 +155,9 @@ class Crops:
     """A batch of crops.
 
     Args:
-        seen: what the network sees.
-        photo: the truth.
-        exposure: of each crop's view.
+        seen: the network's input.
+        photo: the target of the training.
+        exposure: colour map of each crop's view.
     """
 
     seen: ResidualInput
@@ -166,7 +166,7 @@ class Crops:
 
 
 def drawn(views: Sequence[TrainingView], settings: ResidualSettings, step: int) -> Crops:
-    """The crops of a step, which its number and the seed decide.
+    """Draw the crops of a step; the step's number and the seed determine them.
 
     Args:
         views: of one fit.
@@ -192,7 +192,7 @@ def loss(network: IBGSResidual, crops: Crops, dissimilarity: float) -> Float[Ten
 
     Args:
         network: in training.
-        crops: what it sees, and the truth.
+        crops: input and photos.
         dissimilarity: weight of the second term.
     """
     image = corrected(network, crops.seen, crops.exposure)
@@ -201,11 +201,11 @@ def loss(network: IBGSResidual, crops: Crops, dissimilarity: float) -> Float[Ten
 
 
 def corrected(network: IBGSResidual, seen: ResidualInput, exposure: Float[Tensor, "b 3 4"]) -> Float[Tensor, "b 3 h w"]:
-    """Render and residual, at the exposure of the nearest photo; not clamped.
+    """Render plus residual, at the exposure of the nearest photo; not clamped.
 
     Args:
-        network: gives the residual.
-        seen: the targets.
+        network: predicts the residual.
+        seen: input of the network.
         exposure: colour maps (`applied_exposure`).
     """
     faster = torch.cpu._is_avx512_bf16_supported()
@@ -216,11 +216,11 @@ def corrected(network: IBGSResidual, seen: ResidualInput, exposure: Float[Tensor
 
 @dataclass(frozen=True)
 class TrainedResidual:
-    """What a weights file holds.
+    """Content of a weights file.
 
     Args:
-        network: trained.
-        fit: folder's name of the fit on whose training views it was trained.
+        network: the trained network.
+        fit: folder name of the fit on whose training views it was trained.
         step: of the fit.
         settings: of the training.
         choice: of its sources.

@@ -1,4 +1,4 @@
-"""``gaussian-enhancer dashboard``: the suite's results as a page to click through, from descriptions and records."""
+"""``gaussian-enhancer dashboard``: an interactive page of the suite's results, made from descriptions and records."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``gaussian-enhancer fresh``: which committed pages are older than what they were made with.
+"""``gaussian-enhancer fresh``: lists the committed pages whose inputs have changed since they were made.
 
 A page's records state the commit that they were made at. The page is stale where a file that it depends on (weights,
 networks, splats, training) changed since. Changes of docstrings, comments and layout do not count. A page is false
@@ -30,7 +30,7 @@ class CommittedPage:
     Args:
         path: of the page, from the repository's root.
         records: its files of records, each line a JSON object with a ``commit``.
-        inputs: what its numbers depend on, by name, as git's pathspecs.
+        inputs: git pathspecs of the files that its numbers depend on, by the input's name.
     """
 
     path: str
@@ -44,10 +44,10 @@ class Age:
 
     Args:
         page: the page.
-        commits: of its records.
-        unknown: those that the repository does not have, so that nothing can be told of them.
-        changed: changed files by input; inputs without any are left out.
-        behind: commits since the oldest that is known.
+        commits: commits that its records were made at.
+        unknown: those that the repository does not have; changes since them cannot be determined.
+        changed: changed files by input, without inputs that have none.
+        behind: number of commits since the oldest known one.
         claims: whether the page says `CLAIM`.
     """
 
@@ -60,12 +60,12 @@ class Age:
 
     @property
     def stale(self) -> bool:
-        """Whether an input changed, or what changed cannot be told."""
+        """Whether an input has changed, or the changes cannot be determined."""
         return bool(self.changed or self.unknown or not self.commits)
 
     @property
     def false(self) -> bool:
-        """Whether it claims shipped weights that have changed since; in a shallow clone that may be unknown."""
+        """Whether the page says "as shipped" and shipped weights have changed since. A shallow clone may not know."""
         return self.claims and "weights" in self.changed
 
     def __str__(self) -> str:
@@ -79,7 +79,7 @@ class Age:
 
 
 def pages(root: Path, cfg: DictConfig) -> tuple[CommittedPage, ...]:
-    """All pages with records: those that are listed, and every table of the suite that was committed.
+    """All pages with records: the listed ones, and every committed table of the suite.
 
     Args:
         root: of a checkout.

@@ -1,7 +1,6 @@
-"""``gaussian-enhancer ibgs``: train the residual network of a peer, IBGS, on the training views of a finished fit.
+"""``gaussian-enhancer ibgs``: train the residual network of IBGS, a peer, on the training views of a finished fit.
 
-The fit stays as it is. A killed training goes on where it stopped. What is written is a method of the job
-``convergence``.
+The fit is not changed. A killed training resumes. The job ``convergence`` can measure the result as a method.
 """
 
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ from gaussian_enhancer.splat.fit.checkpoint import NAME
 
 
 def run(cfg: DictConfig) -> None:
-    """Train, unless the same is done already.
+    """Train, unless the same training has finished before.
 
     Args:
         cfg: see ``conf/ibgs.yaml``.

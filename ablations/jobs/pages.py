@@ -1,6 +1,6 @@
-"""``gaussian-enhancer pages``: every committed page, table and figure made again from its committed records.
+"""``gaussian-enhancer pages``: regenerate every committed page, table and figure from its committed records.
 
-Everything is made in a copy of ``docs/``, so that the paths in ``conf/`` hold whatever they are.
+Pages are made in a copy of ``docs/``, in which all paths of ``conf/`` are valid.
 """
 
 import importlib
@@ -44,7 +44,7 @@ JOBS = (
 
 
 def remade(source: Path, folder: Path) -> list[Path]:
-    """Make all pages again in a folder; the files that differ from the committed ones.
+    """Regenerate all pages in a folder and return the files that differ from the committed ones.
 
     Hydra must be initialised with the project's configurations, as it is within a job.
 
@@ -76,13 +76,13 @@ def _same(committed: Path, made: Path) -> bool:
 
 
 def run(cfg: DictConfig) -> None:
-    """Compare, or write.
+    """Compare the regenerated pages with the committed ones, or write them.
 
     Args:
         cfg: conf/pages.yaml, composed.
 
     Raises:
-        InputError: a page is not what its records say, and shall not be written.
+        InputError: a page differs from its records, and ``write`` is off.
     """
     with TemporaryDirectory() as folder:
         different = remade(ROOT, Path(folder))

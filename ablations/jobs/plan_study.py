@@ -1,7 +1,7 @@
-"""``gaussian-enhancer plan_study``: what the plan leaves out of each scene, what that saves, what it costs.
+"""``gaussian-enhancer plan_study``: what plans leave out of each scene, the time saved, and the cost in quality.
 
-Every plan enhances the same views in the same process, in turn, as the job enhance does: files are read and checked,
-the plan is made, references are warped, the network runs. Writing images is left aside.
+Every plan enhances the same views in the same process, in turn, with the steps of the job enhance: read and validate
+files, make the plan, warp references, run the network. Images are not written.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,7 +42,7 @@ WORLDS = {
 
 @dataclass(frozen=True)
 class PlanOutcome:
-    """What a plan made of a scene's views.
+    """The result of a plan on a scene's views.
 
     Args:
         plan: the plan, with the decision of every view.
@@ -85,7 +85,7 @@ run = job(study)
 
 
 def _reported(cfg: DictConfig, console: Console) -> float | None:
-    """Write diagram and page; how many times faster the shown plan is, least over the scenes, None if none has both."""
+    """Write diagram and page; return the least speed-up of the shown plan over scenes, None without one."""
     results, aims = Path(cfg.results), aims_of(cfg)
     files = {name: results / f"leaving_out_{name}.jsonl" for name in WORLDS}
     sets = [
@@ -103,7 +103,7 @@ def _reported(cfg: DictConfig, console: Console) -> float | None:
 
 
 def _refuse_without_fits(cfg: DictConfig) -> None:
-    """Refuse a folder of runs without a single fit where none shall be made: every scene would be missing."""
+    """Refuse a folder without any fit if none may be made: every scene would be missing."""
     if not cfg.fit_missing and not (Path(cfg.runs) / "fit").is_dir():
         raise InputError(
             "runs", f"is {cfg.runs}, which holds no fit", "name the folder of runs, or add fit_missing=true"
@@ -111,7 +111,7 @@ def _refuse_without_fits(cfg: DictConfig) -> None:
 
 
 def aims_of(cfg: DictConfig) -> PlanAims:
-    """What the shown plan is held to; see ``conf/plan_study.yaml``."""
+    """The aims of the shown plan; see ``conf/plan_study.yaml``."""
     return PlanAims(cfg.baseline, cfg.shown, cfg.faster, cfg.slower, cfg.allowed)
 
 

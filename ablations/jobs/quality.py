@@ -1,6 +1,6 @@
-"""``gaussian-enhancer quality``: every method on every cell, on one page with aims and with what is missing.
+"""``gaussian-enhancer quality``: measures every method on every cell; one page states aims and missing results.
 
-Each step is a content-addressed run: a killed study goes on where it stopped, and what changed alone is done again.
+Each step is a content-addressed run: a killed study resumes, and only what has changed is computed again.
 """
 
 import os
@@ -73,7 +73,7 @@ def _reported(cfg: DictConfig) -> float | None:
 
 
 def study_cells(cfg: DictConfig, table: DictConfig) -> Iterator[StudyCell]:
-    """The cells of a table: its groups' scenes x methods x densities, as far as the table and the user ask for them."""
+    """The cells of a table: scenes x methods x densities of its groups, as the table and the user request them."""
 
     def asked(name: str, *choices: Sequence[str] | None) -> bool:
         return all(choice is None or name in choice for choice in choices)
@@ -141,7 +141,7 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _refuse_unknown(cfg: DictConfig) -> None:
-    """Refuse scenes and roles that do not exist, which would leave cells or methods out without a word."""
+    """Refuse scenes and roles that do not exist; otherwise cells or methods would be left out silently."""
     known = [str(scene) for group in cfg.groups.values() for scene in group.scenes]
     refuse_unknown("scenes", cfg.scenes, known)
     for name, table in cfg.tables.items():

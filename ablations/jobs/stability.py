@@ -24,7 +24,7 @@ from gaussian_enhancer.metrics.records import Record, read_records
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """The matrix family by family, then the sampler's order schedule by schedule.
+    """The cases, family by family, then the order of the sampler's error, schedule by schedule.
 
     Raises:
         InputError: the configuration names an unknown case or family.
@@ -45,7 +45,7 @@ run = job(study)
 
 
 def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
-    """The cells of cases, each failure named as it comes."""
+    """Yield the cells of cases and print each failure."""
     console = Console(stderr=True)
     for record in matrix_records(cases, threads=threads):
         if record.variant == FAILED:
@@ -55,7 +55,7 @@ def _told(cases: Sequence[Case], threads: int) -> Iterator[Record]:
 
 
 def _reported(source: Path, page: Path) -> float:
-    """Write page and diagrams; how many cells have failed."""
+    """Write page and diagrams; return the number of failed cells."""
     cases = catalogue()
     places = {case.name: place for place, case in enumerate(cases)}
     found = read_records(source)

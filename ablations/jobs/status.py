@@ -33,7 +33,7 @@ def run(cfg: DictConfig) -> None:
 
 
 def _begun(runs: Path) -> Iterator[tuple[str, str, State]]:
-    """Every run that was begun: job, folder's name, state."""
+    """Every started run: job, name of its folder, state."""
     for file in sorted(runs.glob("*/*/config.yaml")):
         yield file.parent.parent.name, file.parent.name, state_of(file.parent)
 

@@ -1,7 +1,7 @@
-"""``gaussian-enhancer tables``: any table, figure or study, from nothing to its reports, by one command.
+"""``gaussian-enhancer tables``: makes any table, figure or study, from fits to reports, by one command.
 
-Fits, trainings and measurements are runs of their own, made where they are missing and shared by all tables: a killed
-job goes on where it stopped. The table's description and records are written together; reports come from these alone.
+Fits, trainings and measurements are separate runs, made where they are missing and shared by all tables, so a killed
+job resumes. The table's description and records are written together; reports are made from these alone.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,12 +30,12 @@ from gaussian_enhancer.scene.photos import read_photo
 
 
 def output_path(cfg: DictConfig) -> Path | None:
-    """The folder of the scale's tables; None where they are only told of."""
+    """The folder of the scale's tables; None for a dry run."""
     return None if cfg.dry_run else Path(cfg.results) / cfg.scale.name
 
 
 def run(cfg: DictConfig) -> None:
-    """Make tables, or tell what making them takes.
+    """Make tables, or print the plan and its cost.
 
     Args:
         cfg: conf/tables.yaml, composed.
@@ -65,7 +65,7 @@ def run(cfg: DictConfig) -> None:
 
 
 def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
-    """The records of a table; a method that cannot be made in a cell leaves a record with the reason."""
+    """The records of a table; where a method cannot be made in a cell, a record states the reason."""
     if one.table.kind == "cost":
         yield from cost_records(runs, one, console)
         return
@@ -84,12 +84,12 @@ def made(runs: Runs, one: Experiment, console: Console) -> Iterator[Record]:
 def _method(
     runs: Runs, one: Experiment, cell: StudyCell, method: str, seed: int | None, console: Console
 ) -> tuple[Record, ...]:
-    """A method's records in a cell, or the one that says why there are none; damaged records are refused."""
+    """A method's records in a cell, or one record with the reason why there are none; damaged records are refused."""
     try:
         runs.make(one, cell, method, seed)
     except (
         Exception
-    ) as error:  # whatever it is, the other cells are worth making; the record and the run's mark keep it
+    ) as error:  # the other cells are made whatever the error is; the record and the run's status keep it
         reason = reason_of(error)
         print_line(console, f"{method} is missing: {reason}")
         if not isinstance(error, InputError):
@@ -99,13 +99,13 @@ def _method(
 
 
 def draw(runs: Runs, one: Experiment, records: Sequence[Record], folder: Path) -> None:
-    """Write a figure's grid: the first measured view of each scene and splat, or a line for each type of artefact.
+    """Write the grid of a figure: the first measured view of each scene and splat, or a row for each type of artefact.
 
     Args:
         runs: the suite's.
         one: the figure.
-        records: its records; what they lack is a grey tile.
-        folder: where it is written, as ``NAME.png``.
+        records: its records; missing images become grey tiles.
+        folder: of the file ``NAME.png``.
     """
     pictures: dict[tuple[str, str], Path] = {}
     lines: list[str] = []
@@ -141,7 +141,7 @@ def _method_views(
 def _shown(
     one: Experiment, label: str, there: Mapping[str, Mapping[str, Path]], views: Sequence[str]
 ) -> Iterator[tuple[str, str, Box | None]]:
-    """Lines of a cell: what each is called, its view, and its crop where that follows from a type of artefact."""
+    """Rows of a cell: label, view, and the crop where it is chosen by a type of artefact."""
     photos = there.get(PHOTO, {})
     both = [view for view in views if view in photos]
     if not one.table.artefacts or not both:
@@ -158,7 +158,7 @@ def _shown(
 
 
 def index(folder: Path) -> None:
-    """Write the index of all tables of a scale that are there.
+    """Write the index of all tables that a scale has.
 
     Raises:
         InputError: one of them was damaged.

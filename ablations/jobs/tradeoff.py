@@ -1,7 +1,7 @@
 """``gaussian-enhancer tradeoff``: error over run time of every method at several settings, of trainings, of kernels.
 
-Records come first, and diagrams and the page from these alone. What was found on validation scenes is what
-``enhance budget_ms=`` chooses from.
+Diagrams and the page are made from the records alone. ``enhance budget_ms=`` chooses from the settings that were
+measured on validation scenes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,7 +33,7 @@ from gaussian_enhancer.metrics.tradeoff import pareto_front
 CONSOLE = Console(stderr=True)
 KINDS = ("quality", "training", "numerics")
 OFFERING, CHOOSING = "lr", "validation/"
-"""The study that `enhance budget_ms=` chooses from, and the scenes that choices may be made on."""
+"""The study that `enhance budget_ms=` chooses from, and the scenes on which choices may be based."""
 
 
 def output_path(cfg: DictConfig) -> Path:
@@ -42,7 +42,7 @@ def output_path(cfg: DictConfig) -> Path:
 
 
 def studies(cfg: DictConfig, device: torch.device) -> list[Study[str]]:
-    """One study a kind, whose settings or kernels take turns in one process, and the report on all that is measured.
+    """One study per kind, whose settings or kernels are timed in turn in one process, and a report on all of them.
 
     Raises:
         InputError: a name is unknown, or a limit is no number.
@@ -84,12 +84,12 @@ def measured(cfg: DictConfig, compared: Sequence[TradeoffStudy], device: torch.d
 
 
 def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: TradeoffLimits) -> None:
-    """Write diagrams, the page, and the presets where they are asked for.
+    """Write diagrams, the page, and, on request, the presets.
 
     Args:
         cfg: conf/tradeoff.yaml, composed.
         compared: studies of the kind quality.
-        asked: what the page chooses for.
+        asked: limits of time and error that the page chooses settings for.
 
     Raises:
         InputError: a file cannot be read or written.
@@ -106,10 +106,10 @@ def reported(cfg: DictConfig, compared: Sequence[TradeoffStudy], asked: Tradeoff
 
 
 def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tuple[Preset, ...]:
-    """The Pareto front of the settings that the job enhance can be asked for, on validation scenes.
+    """The Pareto front, on validation scenes, of the settings that the job enhance has options for.
 
     Args:
-        studies: of conf/curves; offers are taken from `OFFERING`.
+        studies: of conf/curves; presets are taken from `OFFERING`.
         records: of the kind quality.
 
     Raises:
@@ -130,7 +130,7 @@ def offered(studies: Sequence[TradeoffStudy], records: Iterable[Record]) -> tupl
 
 
 def decibels(asked: str | float | int) -> float:
-    """So many decibels, given as a number or with the unit.
+    """Parse decibels, given as a number or with the unit.
 
     Raises:
         InputError: it is neither, or negative.
@@ -139,7 +139,7 @@ def decibels(asked: str | float | int) -> float:
 
 
 def milliseconds(asked: str | float | int) -> float:
-    """So many milliseconds, given as a number or with the unit.
+    """Parse milliseconds, given as a number or with the unit.
 
     Raises:
         InputError: it is neither, or negative.

@@ -1,4 +1,4 @@
-"""How far apart two sets of images are in the directedness of their gradients: needles and bands have one direction.
+"""Distance of two sets of images in the anisotropy of their gradients: needles and bands have one direction.
 
 Axes: c channels, h height, w width, n pixels, k bins.
 """
@@ -11,14 +11,14 @@ from kornia.filters import gaussian_blur2d, spatial_gradient
 from torch import Tensor
 
 QUIET = 1 / 255
-"""Root mean square gradient, per pixel, below which a neighbourhood has no direction to speak of."""
+"""Root mean square gradient, per pixel, below which a neighbourhood's direction is not determined."""
 
 
 def coherence(image: Float[Tensor, "c h w"], sigma: float = 2.0) -> Float[Tensor, " n"]:
-    """Directedness of the gradients around each pixel: (l1 - l2) / (l1 + l2) of the structure tensor's eigenvalues.
+    """Coherence of the gradients around each pixel: (l1 - l2) / (l1 + l2) of the structure tensor's eigenvalues.
 
-    0 where gradients have no preferred direction, 1 where all are parallel. The tensor is summed over channels and
-    averaged under a Gaussian; neighbourhoods without gradients are left out, so n is at most h times w.
+    It is 0 where gradients have no preferred direction and 1 where all are parallel. The tensor is summed over channels
+    and averaged by a Gaussian. Neighbourhoods without gradients are left out, so n is at most h times w.
 
     Args:
         image: an image, or a difference of two.

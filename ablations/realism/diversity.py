@@ -1,4 +1,4 @@
-"""How much the samples of one view differ from each other.
+"""Diversity of the samples of one view.
 
 Axes: n samples, c channels, h height, w width.
 """
@@ -12,8 +12,8 @@ from gaussian_enhancer.errors import InputError
 def diversity(samples: Float[Tensor, "n c h w"]) -> float:
     """Mean over pixels and channels of the standard deviation (ddof 1) over samples.
 
-    Renders and their differences from the photo have the same diversity. The estimate grows a little with n, so
-    compare sets of as many samples.
+    Renders and their differences from the photo have the same diversity. The estimate grows slightly with n, so compare
+    only sets with the same number of samples.
 
     Args:
         samples: renders of one view, simulated with several seeds or fitted in several ways.

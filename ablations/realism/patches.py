@@ -1,6 +1,6 @@
 """Simulated and real renders of the same views, and patches cut from both at the same places.
 
-Since every place gives a patch of each kind, what a patch shows cannot tell the kinds apart; how it was made can.
+Every place gives a patch of each kind, so the content of a patch does not distinguish the kinds; only its origin does.
 Axes: c channels, h height, w width, n patches, s side of a patch.
 """
 
@@ -16,10 +16,10 @@ from gaussian_enhancer.errors import InputError
 
 @dataclass(frozen=True)
 class RenderPair:
-    """A photographed view, its simulated render and a real one, as 8-bit files hold them.
+    """A photographed view, its simulated render and a real one, rounded to 8 bits.
 
     Args:
-        scene: the scene's name; training and test scenes are kept apart by it.
+        scene: the scene's name, by which training and test scenes are separated.
         view: the view's name within the scene; a view may come with several renders.
         photo: the photo.
         simulated: simulated render of the view.
@@ -80,7 +80,7 @@ class Patches:
 
 
 def eight_bit(image: Float[Tensor, "*batch h w"]) -> UInt8[Tensor, "*batch h w"]:
-    """The image as an 8-bit file holds it: clamped to [0, 1] and rounded to 255 steps."""
+    """The image as stored in an 8-bit file: clamped to [0, 1] and rounded to 255 steps."""
     return (image.clamp(0, 1) * 255).round().to(torch.uint8)
 
 
@@ -94,8 +94,8 @@ def patch_places(
         size: side of a patch in pixels.
         most: number of places at most.
         generator: source of randomness.
-        flat: standard deviation, in steps of 1/255, up to which the photo is a plain background that tells nothing
-            and is left out.
+        flat: standard deviation of the photo, in steps of 1/255, up to which a place counts as plain background and
+            is left out.
     """
     height, width = photo.shape[-2:]
     if min(height, width) < size:

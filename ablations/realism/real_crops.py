@@ -1,4 +1,4 @@
-"""Crops of renders where an error of one kind is largest: what types of artefacts are held against.
+"""Crops of real renders where an error of one kind is largest, which types of artefacts are compared with.
 
 Axes: h height, w width of a view; n crops.
 """
@@ -20,10 +20,10 @@ KINDS: Mapping[str, str] = {
     "blur": "blur",
     "noise": "noise",
 }
-"""The error energy that types of artefacts stand for; the others have none of their own."""
+"""The error energy that each type of artefact represents; other types have no energy of their own."""
 
 ADDED = 0.9
-"""Least contrast of a render's crop, as a share of the photo's, for an artefact to be something added."""
+"""Least contrast of a render's crop, as a share of the photo's, at which its error counts as an added artefact."""
 
 Place = tuple[int, int]
 """Top and left of a crop, pixels."""
@@ -36,10 +36,10 @@ class Crop:
     """A crop of a render with its error.
 
     Args:
-        view: which of the given pairs it belongs to.
-        place: where it lies.
+        view: index of its pair.
+        place: its position in the view.
         energies: of its error, in the order of `ENERGIES`.
-        contrast: its standard deviation over the photo's.
+        contrast: its standard deviation over that of the photo.
     """
 
     view: int
@@ -80,9 +80,10 @@ def crops(pairs: Sequence[tuple[Float[Tensor, "3 _ _"], Float[Tensor, "3 _ _"]]]
 def worst(found: Sequence[Crop], kind: str) -> Crop:
     """The crop that shows a kind of error best: e^2 / sum of the crop's energies, with e the kind's own.
 
-    What is asked for is what a render adds. Something of the photo that is missing altogether, a pole that no fitted
-    view saw, is an error as large, but none that an enhancer could mend: crops of less than `ADDED` of the photo's
-    contrast count only where there are no others, and where the kind is not blur, which is a loss by its nature.
+    The crop shall show an artefact that the render adds. An object that the render lacks altogether, such as a pole
+    that no training view shows, is an equally large error, but no enhancer could repair it. Therefore crops with less
+    than `ADDED` of the photo's contrast are used only if there are no others. Blur, which always loses contrast, is
+    exempt.
 
     Args:
         found: crops, at least one.

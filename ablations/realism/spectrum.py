@@ -1,4 +1,4 @@
-"""How far apart two sets of images are in their power spectra.
+"""Distance of two sets of images in their power spectra.
 
 Axes: c channels, h height, w width, r rings of frequency.
 """
@@ -13,15 +13,15 @@ from torch import Tensor
 from gaussian_enhancer.errors import InputError
 
 ROUNDING = 1 / (12 * 255**2)
-"""Power density of the rounding to 8 bits, below which a spectrum says nothing."""
+"""Power density of the rounding to 8 bits; a spectrum below it carries no information."""
 
 
 def radial_spectrum(image: Float[Tensor, "c h w"], rings: int = 16) -> Float[Tensor, " r"]:
     """Power density in dB by spatial frequency, averaged over directions and channels.
 
-    10 log10(mean |F(g v)|^2 / sum g^2 + 1 / (12 255^2)), where v is the image less its mean and g a Hann window, which
-    keeps the jump between opposite edges out. White noise of variance V has about 10 log10 V in every ring, whatever
-    the image's size.
+    10 log10(mean |F(g v)|^2 / sum g^2 + 1 / (12 255^2)), where v is the image minus its mean and g a Hann window, which
+    suppresses the jump between opposite edges. White noise of variance V has about 10 log10 V in every ring, at any
+    image size.
 
     Args:
         image: an image, or a difference of two.

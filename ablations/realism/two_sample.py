@@ -1,8 +1,9 @@
 """Can a classifier tell simulated renders from real ones? A two-sample test on patches.
 
-A small network is trained on patches of some scenes and judged on others. At 50% it has found no difference; the
-further above, the plainer the simulator shows. After Lopez-Paz and Oquab, Revisiting classifier two-sample tests, ICLR
-2017; here the interval comes from resampling views, since patches of one view are no independent samples.
+A small network is trained on patches of some scenes and tested on others. An accuracy of 50% means that it found no
+difference; the higher the accuracy, the easier simulated renders are to recognise. After Lopez-Paz and Oquab,
+Revisiting classifier two-sample tests, ICLR 2017; here the interval comes from resampling views, since patches of one
+view are not independent.
 Axes: n places, k some of them, m patches (simulated and real ones of every place), c channels, s side of a patch.
 """
 
@@ -26,14 +27,14 @@ from gaussian_enhancer.errors import InputError
 
 @dataclass(frozen=True)
 class TwoSample:
-    """How well simulated and real renders of unseen scenes were told apart.
+    """How well the classifier separates simulated from real renders of unseen scenes.
 
     Args:
-        accuracy: share of the test patches that were told right; as many are simulated as are real.
+        accuracy: share of the test patches that were classified correctly; half of the patches are simulated.
         low: lower end of the accuracy's 95% bootstrap interval (BCa) over test views.
         high: upper end.
-        auc: chance that a simulated patch looks more simulated to the classifier than a real one, which does not
-            depend on where it draws its line: in other scenes that line may lie elsewhere.
+        auc: area under the ROC curve: the probability that the classifier rates a simulated patch higher than a real
+            one. It does not depend on the threshold, which may differ between scenes.
         n: number of test patches.
         views: number of test views.
         seeds: number of classifiers, over which accuracy and auc are means.
@@ -55,7 +56,7 @@ class Classifier(nn.Module):
 
     Args:
         channels: of the input: 3 for renders, 6 for renders with their photos.
-        generator: source of the first weights.
+        generator: source of the initial weights.
     """
 
     def __init__(self, channels: int, generator: torch.Generator) -> None:
@@ -90,14 +91,14 @@ def two_sample_test(
 ) -> TwoSample:
     """Train classifiers on patches of some scenes and measure them on others.
 
-    A fifth of the training scenes (of their views where there are fewer than four scenes) is held out; the weights
-    that do best on it are kept, and training ends when they stay the best for a while.
+    A fifth of the training scenes (of their views below four scenes) is held out. The weights with the
+    best result on it are kept, and training stops early when the result does not improve.
 
     Args:
         train: patches to learn from.
         test: patches of other scenes.
-        conditional: show the classifier each patch beside its photo, which is stricter: it then sees what changed.
-        seeds: number of classifiers, each with its own first weights, order and held-out share.
+        conditional: show the classifier each patch beside its photo, a stricter test, since the change is visible.
+        seeds: number of classifiers, each with its own initial weights, order and held-out share.
         epochs: passes over the training patches at most.
         batch: places in a batch; each gives a simulated and a real patch.
         rate: Adam's learning rate.
@@ -137,11 +138,11 @@ def view_interval(
     """BCa bootstrap interval (`scipy.stats.bootstrap`) of a mean over places, with whole views drawn again.
 
     Args:
-        correct: the share that was told right at each place.
+        correct: the share of correct answers at each place.
         view: the view that each place belongs to.
         generator: source of randomness.
         resamples: number of bootstrap samples.
-        level: share of such intervals that shall hold the true accuracy.
+        level: nominal coverage of the interval.
 
     Returns:
         Lower and upper end; the mean itself where all views agree, or there is only one.
@@ -171,16 +172,16 @@ def view_interval(
 
 
 def area_under_curve(positive: Float[Tensor, " n"], negative: Float[Tensor, " n"]) -> float:
-    """Chance that a positive's value exceeds a negative's, ties counted by half: the area under the ROC curve.
+    """Area under the ROC curve: the probability that a positive value exceeds a negative one; ties count half.
 
-    It is the statistic of the Mann-Whitney test over the number of pairs.
+    It is the statistic of the Mann-Whitney test divided by the number of pairs.
     """
     found = stats.mannwhitneyu(positive.double().numpy(), negative.double().numpy(), method="asymptotic")
     return float(found.statistic) / (len(positive) * len(negative))
 
 
 def _split(train: Patches, generator: torch.Generator) -> tuple[Patches, Patches]:
-    """Patches to learn from and those that decide when to stop, without a scene (or a view) in common."""
+    """Split patches for training and for early stopping, without a scene (or a view) in common."""
     group = train.scene if len(train.scenes) >= 4 else train.view
     groups = group.unique()
     if len(groups) < 2:

@@ -1,11 +1,11 @@
 """``gaussian-enhancer already_good``: can blocks that need no change be recognised before enhancement?
 
-The references' own errors are the predictor. For each view the whole image is enhanced. Then blocks of 16x16 are
-passed through in the order of a predicted error, and the loss of PSNR against the enhanced image is counted. The
-predicted error of a block is the mean difference between a reference's photo and the splat's render of the same view,
-brought to the target on a coarse grid; blocks that no reference sees come last. The order by the gain itself, which
-nobody knows, is the bound for any predictor. Runs must be training or validation scenes, since thresholds follow from
-this.
+The references' own errors are the predictor. For each view, the whole image is enhanced. Then blocks of 16x16 pixels
+are replaced by the render in the order of a predicted error, and the loss of PSNR against the enhanced image is
+measured. The predicted error of a block is the mean difference between a reference's photo and the splat's render of
+the same view, warped to the target on a coarse grid; blocks that no reference sees come last. The order by the true
+gain, which is unknown in use, is the bound for any predictor. Runs must be training or validation scenes, since
+thresholds are chosen from the result.
 """
 
 import math
@@ -41,7 +41,7 @@ ALLOWED = 0.02
 
 
 def measured(fit: Path, count: int, pretrained: Pretrained, device: torch.device | None = None) -> Iterator[Record]:
-    """One record a view: the share of blocks that each order passes through for `ALLOWED`, and what box is left."""
+    """One record a view: share of blocks that each order may pass through at a loss of `ALLOWED`, and remaining box."""
     rendered = read_run(fit)
     targets = rendered.targets[:: max(1, len(rendered.targets) // count)][:count]
     rendered = replace(rendered, targets=targets)
@@ -80,7 +80,7 @@ def predicted(target: Pixels, references: list[Pixels], shape: torch.Size) -> Te
 
 
 def passable(order: Tensor, gain: Tensor, remaining: float) -> Tensor:
-    """Blocks in the given order, as many as can be passed through for `ALLOWED`."""
+    """The first blocks of an order, as many as can be passed through at a loss of `ALLOWED`."""
     indices = order.flatten().argsort()
     lost = gain.flatten()[indices].cumsum(0) / gain.numel()
     allowed = remaining * (10 ** (ALLOWED / 10) - 1)
@@ -91,7 +91,7 @@ def passable(order: Tensor, gain: Tensor, remaining: float) -> Tensor:
 
 
 def box(needed: Tensor) -> float:
-    """Share of the image that the smallest rectangle around the needed blocks takes."""
+    """Area of the smallest rectangle around the needed blocks, as a share of the image."""
     sides = [needed.any(axis).nonzero()[:, 0] for axis in (0, 1)]
     if not len(sides[0]):
         return 0.0
@@ -104,7 +104,7 @@ def blocks(values: Tensor) -> Tensor:
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
-    """What each order passes through.
+    """The blocks that each order may pass through.
 
     Raises:
         InputError: a run is of a test scene, or weights or runs cannot be used.

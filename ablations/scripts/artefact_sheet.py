@@ -1,10 +1,10 @@
 """``gaussian-enhancer artefact_sheet``: each type of artefact beside a real crop of the same kind, at pixel size.
 
-For the types that stand for errors of splats the real crop is the one with most of that error among the held-out
-renders of the runs, all snapshots; the simulated crops are the same place of the same photo, at rising strengths. Of
-several draws the one that changes the crop most is shown. Types whose error is none of the six have no real crop. The
-table compares sizes: quantiles over all crops of the error that a type stands for. Runs must be training runs
-(docs/data.md), of captures whose licence lets them be shown.
+For types that represent an error of splats, the real crop is the one with most of that error among the held-out renders
+of the runs, all snapshots. The simulated crops show the same place of the same photo at rising strengths, for the one
+of several draws that changes the crop most. Types that represent none of the six errors have no real crop. The table
+compares quantiles, over all crops, of the error that a type represents. Runs must be training runs (docs/data.md), of
+captures whose licence permits showing them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,7 @@ QUANTILES = (0.5, 0.95, 0.99)
 
 
 def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[Float[Tensor, "3 h w"]]:
-    """A view under one type of artefact at rising strengths, the same draw for all."""
+    """A view with one type of artefact at rising strengths, all with the same random draw."""
     copies = view[torch.zeros(len(strengths), dtype=torch.int64)]
     generators = [torch.Generator().manual_seed(seed) for _ in strengths]
     with torch.no_grad():
@@ -40,7 +40,7 @@ def drawn(view: View, name: str, strengths: Sequence[float], seed: int) -> list[
 
 
 def plainest(view: View, crop: Crop, name: str, side: int, draws: int) -> list[Tensor]:
-    """Crops at rising strengths, of the draw that changes this place most."""
+    """Crops at rising strengths, for the draw that changes this place most."""
     before = cut(view.image[0], crop.place, (side, side))
 
     def change(seed: int) -> float:
@@ -66,7 +66,7 @@ def sheet_row(
 
 
 def simulated_energies(reals: Sequence[RealRender], name: str, side: int, seeds: int) -> Float[Tensor, "n 6"]:
-    """Energies of every crop of the same views under a type of artefact at full strength.
+    """Error energies of every crop of the same views, with a type of artefact at full strength.
 
     Args:
         reals: real renders, whose photos, depths and opacities are degraded.
@@ -121,7 +121,7 @@ def write_sheet(reals: Sequence[RealRender], found: Sequence[Crop], path: Path, 
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """The sizes of every type that stands for an error of splats; and the sheet, where it is asked for.
+    """Amplitudes of every type that represents an error of splats; on request, also the sheet.
 
     Raises:
         InputError: runs cannot be used or are of scenes that nothing may be trained on, or a file cannot be written.

@@ -1,8 +1,8 @@
 """``gaussian-enhancer before_after``: a strip of raw render, enhanced view and photo, a magnified crop under each.
 
-The run is the folder of a finished job ``enhance``. The view is the one with the median gain of PSNR, and the crop is
-the block where the raw render is furthest from the photo, so that neither is chosen by what the enhancement did there.
-The caption is printed, and stored in the file as its description.
+The run is the folder of a finished job ``enhance``. The view has the median gain of PSNR, and the crop is the block
+where the raw render has the largest error, so neither is chosen to favour the enhancement. The
+caption is printed and stored in the file's metadata.
 
 Axes: h height, w width.
 """
@@ -26,7 +26,7 @@ from gaussian_enhancer.scene.photos import list_images, read_photo
 
 PARTS = ("renders", "enhanced", "gt")
 CROP = 4
-"""The crop is so many times smaller than the view, each way."""
+"""Side of the view over that of the crop."""
 GAP, BAND = 6, 22
 """Pixels between images, and of the line of text over them."""
 DESCRIPTION = 0x010E
@@ -79,7 +79,7 @@ def read_views(run: Path) -> list[Compared]:
 
 
 def median_gain(views: list[Compared]) -> Compared:
-    """The view with the median gain; the lower of the two middle ones where their number is even."""
+    """The view with the median gain; the lower of the two middle views if their number is even."""
     return sorted(views, key=lambda view: view.gain)[(len(views) - 1) // 2]
 
 
@@ -89,7 +89,7 @@ def worst_block(view: Compared) -> tuple[int, int, int, int]:
 
 
 def harmed_block(view: Compared) -> tuple[int, int, int, int]:
-    """The crop to which the enhancement adds the most squared error, or from which it takes the least."""
+    """The crop with the largest increase, or the smallest decrease, of squared error by the enhancement."""
     return _largest(_squared_error(view.enhanced, view.photo) - _squared_error(view.raw, view.photo))
 
 
@@ -106,7 +106,7 @@ def _largest(values: Float[Tensor, "h w"]) -> tuple[int, int, int, int]:
 
 
 def caption(views: list[Compared], shown: Compared, splat: str, capture: str, weights: str) -> str:
-    """What the picture shows: capture, fit, gain, and how view and crop were chosen."""
+    """Caption of the picture: capture, fit, gain, and how view and crop were chosen."""
     before, after = shown.decibels
     mean = sum(view.gain for view in views) / len(views)
     return (

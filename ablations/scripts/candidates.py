@@ -1,7 +1,7 @@
 """``gaussian-enhancer candidates``: which weights to ship: gains of several on the same validation views.
 
-Weights are shipped names or files; a row is named by the shipped name, or by the folder of its training without its
-address. Runs must be validation runs (docs/data.md): weights that were chosen on test scenes would be worth nothing.
+Weights are shipped names or files; a row is named by the shipped name, or by the folder of its training without the
+digest. Runs must be validation runs (docs/data.md), since test scenes may not decide which weights are shipped.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def name_of(weights: str) -> str:
 
 
 def loaded(candidates: Sequence[str]) -> dict[str, Pretrained]:
-    """Each candidate by what its row is called.
+    """Load each candidate, by the name of its row.
 
     Raises:
         InputError: two have the same name, or one enlarges its renders.

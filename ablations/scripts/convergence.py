@@ -1,9 +1,9 @@
 """``gaussian-enhancer convergence``: gain against the age of a splat.
 
-Every snapshot of fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job ``fit``
-with several snapshots (``settings.snapshots``). Rows of a method, scene and step that are in the records already are
-replaced. Without methods the page is made again from the records. Blocks are 16x16 pixels; one is harmed where it loses
-more than 0.5 dB. Methods of others and controls are measured alike: ``ibgs``, ``average`` and ``two_fits``.
+Every snapshot of the fits is enhanced and measured, frame by frame and block by block. A run is a folder of the job
+``fit`` with several snapshots (``settings.snapshots``). New rows replace recorded rows of the same method, scene and
+step. Without methods, the page is made from the records alone. Blocks are 16x16 pixels; a block is harmed if it loses
+more than 0.5 dB. A peer and two controls are measured in the same way: ``ibgs``, ``average`` and ``two_fits``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,14 +45,14 @@ WITHOUT = {
     "without_confidence": EnhancementOptions(confidence=False),
     "plain": EnhancementOptions(confidence=False, colour_completion=False),
 }
-"""What may be left out: the confidence, or it and colour completion."""
+"""What a method may leave out: the confidence, or the confidence and colour completion."""
 ROLES = {
     "training": ("conch", "viking", "tumdesk", "panel17", "axe", "caliterra", "lewis", "boruszyn", "office", "buddha"),
     "validation": ("plush", "flowerpot", "cyprus", "banana", "copr"),
     "test": ("fox", "monstree"),
     "procedural": ("object_1000", "outdoor_1000", "unbounded_1000", "indoor_1000"),
 }
-"""Captures, and procedural validation scenes, by role, as docs/data.md has them."""
+"""Captures, and procedural validation scenes, by their role in docs/data.md."""
 
 CREDITS = {
     "plush": "noname0310, MIT licence",
@@ -61,7 +61,7 @@ CREDITS = {
     "copr": "Michele M. Tobias and Alex Mandel, CC BY-SA 4.0, as this picture",
     "flowerpot": "Natowi, CC BY-SA 4.0, as this picture",
 }
-"""Who took a capture's photos. Other captures' photos are not shown."""
+"""Photographer of each capture. Photos of other captures are not shown."""
 
 
 def blocks(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "i j"]:
@@ -82,10 +82,10 @@ def harm(
 
 
 def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dict[str, tuple[str, SetEnhancer]]:
-    """Digest of the weights and enhancer, by what a method is called.
+    """Digest of the weights and enhancer of each method, by its name.
 
     Args:
-        methods: weights, a strength behind an @, and what of `WITHOUT` is left out behind a colon.
+        methods: each names weights, then optionally ``@`` and a strength, then a colon and a key of `WITHOUT`.
         device: where networks run; None is the processor.
 
     Raises:
@@ -110,18 +110,18 @@ def enhancers(methods: Sequence[str], device: torch.device | None = None) -> dic
 
 
 OTHERS = ("ibgs", "ibgs:without_exposure", "average", "two_fits")
-"""Methods that are no weights of ours: a peer, and two controls."""
+"""Methods without weights of ours: a peer, and two controls."""
 
 
 def asked_methods(cfg: DictConfig, device: torch.device | None = None) -> dict[str, Method]:
-    """The methods of a configuration, by what each is called.
+    """The methods of a configuration, by name.
 
     Args:
         cfg: conf/convergence.yaml, composed.
         device: where networks run; None is the processor.
 
     Raises:
-        InputError: see `enhancers`; or what a method is made of cannot be found.
+        InputError: see `enhancers`; or a method's trainings or fits are missing.
     """
     made: dict[str, Method] = {}
     for method in cfg.methods:
@@ -215,7 +215,7 @@ def _gain(view: EnhancedView, method: str) -> float:
 
 
 def role_of(scene: str) -> str:
-    """Whether weights may learn from a capture, are chosen by it, or are tested on it.
+    """Role of a scene: training, validation or test.
 
     Raises:
         InputError: the capture has no role.
@@ -232,7 +232,7 @@ def with_roles(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def drawn(frame: pd.DataFrame, path: Path) -> None:
-    """The diagram: mean aligned gain over the raw renders' aligned PSNR, one line a capture, for the first method."""
+    """Draw mean aligned gain against the raw renders' aligned PSNR, one line a capture, for the first method."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -278,7 +278,7 @@ KEYS = ("method", "scene", "step")
 
 
 def shown_views(page: Path) -> dict[str, str]:
-    """Captions of the pictures in the folder that is named as a page, by their address on it."""
+    """Captions of the pictures in the page's folder, by their address on the page."""
     found = {}
     for path in sorted(page.with_suffix("").glob("*.jpg")):
         with Image.open(path) as image:
@@ -287,14 +287,14 @@ def shown_views(page: Path) -> dict[str, str]:
 
 
 def diagram(frame: pd.DataFrame, page: Path) -> list[str]:
-    """The part of the page with the diagram, which is drawn beside it."""
+    """The section with the diagram; the diagram's file is written next to the page."""
     drawing = page.with_suffix(".svg")
     drawn(frame, drawing)
     return [f"![gain against raw PSNR, by capture]({drawing.name})"]
 
 
 def overall(frame: pd.DataFrame, layout: TableLayout) -> list[str]:
-    """The part of the page with a table of all views of each role, a line a method."""
+    """The section with a table of all views of each role, one line a method."""
     layout, parts = replace(layout, by={"method": "method"}), []
     for role, title in layout.sections.items():
         own = frame[frame["role"] == role]
@@ -310,18 +310,18 @@ def pictured(page: Path) -> list[str]:
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
-    """Every snapshot of fits, or the last alone, by every method; and pictures where they are asked for.
+    """Measure every snapshot of fits, or only the last one, with every method; on request, write pictures.
 
-    Where the last snapshots alone are measured, the page has means over all views in place of the diagram.
+    If only the last snapshots are measured, the page has means over all views in place of the diagram.
 
     Raises:
-        InputError: weights or fits cannot be read, or what a method is made of is missing.
+        InputError: weights or fits cannot be read, or a method's trainings or fits are missing.
     """
     chosen = fits(cfg.runs) if cfg.methods else []
     methods = asked_methods(cfg, device)
     for fit, method in ((fit, method) for fit in chosen for method in methods.values()):
         for step in steps_of(fit, cfg.last):
-            method.of(fit, step)  # what is missing is refused before anything is measured
+            method.of(fit, step)  # missing inputs are refused before anything is measured
     distances = requested_distances(cfg.lpips, cfg.backbones, device) if chosen else []
 
     def measure(fit: Path) -> Iterator[dict[str, object]]:

@@ -1,14 +1,13 @@
 """``gaussian-enhancer depth``: gain with seven kinds of depth.
 
-The same weights enhance with references warped through seven kinds of it: through the splat's expected depth and
-through its surface (median depth), each as it is and searched as its kind asks for (`enhance.depth`). The surface is
-also smoothed before it is searched (`enhance.smooth`), first by how renders agree with the target's alone, then also by
-how photos agree with each other. In procedural scenes they are warped through the depth that the world itself has, too,
-of target and references alike. Candidates are the same, and the network sees the stored depth in all of them. Beside
-the network's gain stand two figures that no network has a part in: how close the best warped reference is to the photo,
-on the pixels that it shows, and what handing on the splat's mistakes gives,
-render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos
-and renders, w_i = visibility x exp(-|render_i - render| / 0.02), differences averaged over 5x5 visible pixels.
+The same weights enhance with references warped through seven kinds of depth: the splat's expected depth and its surface
+(median depth), each unchanged and after the search for its kind (`enhance.depth`); the surface smoothed before the
+search (`enhance.smooth`), once with renders compared with the target's render alone and once with photos compared with
+each other, too; and, in procedural scenes, the exact depth of the world, for target and references. The candidates are
+the same for all rows, and the network always sees the stored depth. Two figures need no network: the PSNR of the best
+warped reference on the pixels that it shows, and the result of adding the splat's residuals in the references,
+render + sum_i w_i (photo_i - render_i) / (sum_i w_i + 0.5) over warped photos and renders,
+with w_i = visibility x exp(-|render_i - render| / 0.02) and differences averaged over 5x5 visible pixels.
 """
 
 import copy
@@ -58,7 +57,7 @@ SEARCHED: tuple[tuple[str, str, DepthKind, bool, bool], ...] = (
 """Name of a row, which depth it warps through, how that is searched, whether it is smoothed before, and whether photos
 are asked to agree with each other."""
 FAR = 1e4
-"""How many times further than all else the sky lies, which has no depth of its own."""
+"""Distance that the sky, which has no depth, is given: this many times that of everything else."""
 
 
 Depths = Mapping[str, Float[Tensor, "1 h w"]]
@@ -67,11 +66,11 @@ Depths = Mapping[str, Float[Tensor, "1 h w"]]
 
 @dataclass(frozen=True, eq=False)  # depths are not compared
 class Through:
-    """A warp through other depth than what is stored.
+    """A warp through other depth than the stored one.
 
     Args:
         depths: of targets and references.
-        warp: how.
+        warp: method of the warp.
     """
 
     depths: Depths
@@ -84,7 +83,7 @@ class Through:
 
 
 def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
-    """Every kind of depth of a run's views: drawn from its splat, and the world's own where that is known."""
+    """Every kind of depth of a run's views: rendered from its splat and, for procedural scenes, exact."""
     splat = configuration(run).get("splat")
     if not isinstance(splat, DictConfig):
         raise InputError(run / "config.yaml", "names no splat", "give runs of the job fit")
@@ -103,7 +102,7 @@ def depths_of(run: Path, rendered: RenderedSet) -> dict[str, Depths]:
 
 
 def exact_depths(world: tuple[str, int], views: Sequence[RenderedView]) -> Depths:
-    """The world's own z in views; the sky lies far behind all else."""
+    """The exact z of the world in views; the sky lies far behind everything else."""
     return {view.name: with_sky(ProceduralView(*world, camera_of(view), "cpu").depth()) for view in views}
 
 
@@ -133,7 +132,7 @@ def camera_of(view: RenderedView) -> Camera:
 
 
 def with_sky(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
-    """Depth whose holes are filled with what counts as infinitely far."""
+    """Fill holes in depth with the distance of the sky."""
     return torch.where(depth > 0, depth, FAR * depth.max().clamp_min(1.0))
 
 
@@ -144,14 +143,14 @@ def at_one_size(enhancer: SetEnhancer) -> None:
 
 
 def with_references(enhancer: SetEnhancer, config: ReferenceConfig) -> SetEnhancer:
-    """The same enhancer, given references by another configuration."""
+    """The same enhancer with another reference configuration."""
     other = copy.copy(enhancer)
     other.reference_config = config
     return other
 
 
 def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[str, ReferenceConfig]:
-    """The preparation with each kind of depth that is known.
+    """The reference configuration for each kind of known depth.
 
     Raises:
         InputError: it does not warp by depth.
@@ -169,7 +168,7 @@ def preparations(base: ReferenceConfig, depths: Mapping[str, Depths]) -> dict[st
 def propagated(
     render: Float[Tensor, "3 h w"], aligned: Aligned, softness: float = 0.02, prior: float = 0.5
 ) -> Float[Tensor, "3 h w"]:
-    """The render with the references' residuals handed on, each as far as the splat's two renders agree.
+    """Add the references' residuals to the render, each weighted by the agreement of the splat's two renders.
 
     Raises:
         InputError: the splat's renders of the references are not known.
@@ -187,7 +186,7 @@ def propagated(
 def reference_quality(
     aligned: Aligned, render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 ) -> dict[str, float | None]:
-    """PSNR of the first reference where it is visible, of the render on the same pixels, and what share they are."""
+    """PSNR of the first reference where it is visible, PSNR of the render on these pixels, and their share."""
     if not len(aligned.references):
         return {"reference_psnr": None, "render_psnr_there": None, "reference_visible": 0.0}
     mask = (aligned.visibility[0] > 0.5).float()
@@ -211,7 +210,7 @@ def measured(
 
     Args:
         rendered: a run's held-out renders and training views.
-        enhancer: the network; its preparation is taken with every kind of depth.
+        enhancer: the network; its reference configuration is used with every kind of depth.
         depths: by kind.
         distances: LPIPS distances to measure as well.
         every: take every n-th target.
@@ -244,7 +243,7 @@ def gains(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
-    """The same weights through every kind of depth.
+    """Measure the same weights with every kind of depth.
 
     Raises:
         InputError: weights or runs cannot be used.

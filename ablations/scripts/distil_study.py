@@ -1,9 +1,9 @@
-"""``gaussian-enhancer distil_study``: what distilling gains.
+"""``gaussian-enhancer distil_study``: gain of distilling.
 
-Compared are a fit, the same further steps without and with enhanced views, and each of them enhanced. A run is named as
-CAPTURE/SPLAT:RUN; SPLAT is what the run's splat is called: raw (the fit), further (``distil settings.share=0``),
-distilled, or a variant. Rows of a capture's splat that are in the records already are replaced. Without runs the page
-is made again from the records.
+The study compares a fit, the same number of further steps without and with enhanced views, and each of them enhanced. A
+run is named CAPTURE/SPLAT:RUN. SPLAT is the name of the run's splat: raw (the fit), further (``distil
+settings.share=0``), distilled, or a variant. New rows replace recorded rows of the same capture and splat. Without
+runs, the page is made from the records alone.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -36,9 +36,9 @@ class StudiedRun:
 
     Args:
         capture: the scene's name.
-        splat: what the run's splat is called.
+        splat: name of the run's splat.
         run: folder of the job ``fit`` or ``distil``.
-        seconds: that the run took.
+        seconds: duration of the run.
         gaussians: of its splat.
     """
 
@@ -56,7 +56,7 @@ def rows(
 
     Args:
         one: the run.
-        method: what the enhancer is called.
+        method: name of the enhancer.
         made: digest of its weights, and the enhancer.
         distances: LPIPS distances to measure as well.
 
@@ -78,7 +78,7 @@ def gains(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def named(word: str) -> StudiedRun:
-    """The run that a word names.
+    """Parse the name of a run.
 
     Args:
         word: CAPTURE/SPLAT:RUN.
@@ -101,11 +101,11 @@ def named(word: str) -> StudiedRun:
 
 
 def chosen(words: Sequence[str], held: Collection[tuple[str, str]]) -> list[StudiedRun]:
-    """The runs that words name, checked before any is measured.
+    """Parse the names of runs and check them before any is measured.
 
     Args:
         words: see `named`.
-        held: captures and splats that the records have already.
+        held: captures and splats in the records.
 
     Raises:
         InputError: a word names no such run, two name the same splat, or a capture's raw splat is not there.

@@ -1,8 +1,8 @@
 """``gaussian-enhancer diversity``: spread of simulated renders of one view over seeds.
 
-They are held against real renders of it from fit to fit, which come from runs of the same scene: other methods,
-training views, snapshots. Each of them has a simulated counterpart with a seed of its own, so that both spreads are
-over as many samples. A simulator whose spread is far below the real one has collapsed.
+It is compared with the spread of real renders of the view, which come from runs of the same scene with other methods,
+training views or snapshots. Each real render has a simulated counterpart with its own seed, so both spreads are over
+the same number of samples. A simulator whose spread is far below the real one has collapsed.
 """
 
 import statistics
@@ -65,7 +65,7 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def study(cfg: DictConfig, device: torch.device) -> Study[str]:
-    """Every row's spread beside the real one.
+    """Every row's spread and the real one.
 
     Raises:
         InputError: a row is unknown, or runs cannot be used.

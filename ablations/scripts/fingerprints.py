@@ -1,9 +1,10 @@
 """``gaussian-enhancer fingerprints``: ratio of errors of held-out to training views, for the gate.
 
-For every run and snapshot it measures the fingerprint of the training views and that of the held-out views. The line
-fitted to both in the logarithms is what `gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` states. ``gates`` also
-calibrates a gate on the held-out views of each snapshot and writes it there: with ``gate=adaptive
-'gate.file=FOLDER/*.json'`` they are stage 1 of the second stage's training. Runs must be training runs (docs/data.md).
+For every run and snapshot, the job measures the fingerprints of the training views and of the held-out views.
+`gaussian_enhancer.degrade.gates.adaptive.HELD_OUT` is the line fitted to both in the logarithms. ``gates=FOLDER`` also
+calibrates a gate on the held-out views of each snapshot and writes it to the folder; the training of the second stage
+uses these gates as its stage 1 (``gate=adaptive 'gate.file=FOLDER/*.json'``). Runs must be training runs
+(docs/data.md).
 """
 
 import math
@@ -51,7 +52,7 @@ def calibrate(run: Path, folder: Path, count: int, photographs: int = 3) -> None
         targets = read_run(run, step).targets
         photos = spread(targets, photographs)[1]
         generator = torch.Generator().manual_seed(0)
-        # Held-out views are measured themselves, so that nothing has to be made up for.
+        # Held-out views are measured directly, so no correction is needed.
         gate = calibrate_gate(measured(targets, count), photos, generator, held_out={}, draws=1)
         gate.to_file(folder / f"{run.name}-{step}.json")
 
@@ -84,7 +85,7 @@ def by_energy(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def growth(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Factor and power of held-out energies as a function of training views': least squares in the logarithms.
+    """Factor and power of held-out energies as a function of training energies: least squares in the logarithms.
 
     NaN where fewer than two energies are positive.
     """

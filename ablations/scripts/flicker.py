@@ -1,15 +1,14 @@
 """``gaussian-enhancer flicker``: warped-frame error of raw and enhanced frames along a smooth path through a capture.
 
 The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
-enhanced with the run's training photos as references, as a view of a capture would be. The next frame is then warped
-onto each through rendered depth, which is the same for all variants. Of a procedural scene the path is rendered
-exactly as well: steady photos still differ, since rendered depth is not exact and the warp blurs, and all the more the
-sharper they are. A blurred render is steadier than the truth by this measure; therefore the network's change alone is
-followed too: how much it differs from frame to frame, as a share of its size. References are chosen anew for every
-frame: pairs where the choice changes are compared with those where it stays. Frames whose change is partly carried over
-from the frame before (`enhance temporal_smoothing=S`) are variants of their own, and so are frames whose candidate
-references are chosen for the path: kept from frame to frame until others cost less than the share ``hysteresis`` of
-theirs.
+enhanced with the run's training photos as references. The next frame is then warped onto each frame through rendered
+depth, which is the same for all variants. In a procedural scene, exact photos along the path are measured too: they
+also have an error, since rendered depth is not exact and the warp blurs; the error grows with sharpness. By this measure
+a blurred render flickers less than the truth. Therefore the study also measures the network's change alone: its
+difference from frame to frame, as a share of its size. References are chosen anew for every frame, and pairs of frames
+with changing references are compared with the others. Further variants are frames with temporal smoothing (`enhance
+temporal_smoothing=S`), and frames whose candidate references are kept along the path until others cost less than the
+share ``hysteresis`` of theirs.
 """
 
 import dataclasses
@@ -51,9 +50,9 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 from gaussian_enhancer.types import Camera
 
 STEADY = "steady "
-"""What stands in names of variants whose change is partly carried over; the share follows."""
+"""Part of the names of variants with temporal smoothing; the share follows."""
 PATH = "path "
-"""What names of variants begin with whose references are chosen for the path; the factor follows."""
+"""Start of the names of variants whose references are chosen for the path; the factor follows."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ def rendered_sequence(
     Args:
         rendered: the path's frames, and the references.
         enhancer: chooses references for each frame by itself.
-        photos: the path as it looks; none where that is not known.
+        photos: exact photos along the path; none where they are unknown.
         temporal_smoothing: shares of the change that are carried over.
         hysteresis: factors on the cost of the frame before's references, as `PathReferences` takes them.
     """
@@ -135,7 +134,7 @@ def rendered_sequence(
 
 
 def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> Iterator[Tensor]:
-    """Frames as the job enhance gives them with ``temporal_smoothing=share``."""
+    """Frames enhanced with ``temporal_smoothing=share``."""
     before: PreviousChange | None = None
     for view, enhanced in zip(rendered.targets, frames, strict=True):
         image, before = smooth_change(enhanced, read_target(view), before, share)
@@ -143,13 +142,13 @@ def _steadied(rendered: RenderedSet, frames: Sequence[Tensor], share: float) -> 
 
 
 def exact_photos(run: Path, cameras: Sequence[Camera]) -> tuple[Tensor, ...]:
-    """The path as the world itself looks, for runs of procedural scenes; empty for captures."""
+    """Exact photos along the path, for runs of procedural scenes; empty for captures."""
     world = world_of(run)
     return () if world is None else tuple(ProceduralView(*world, camera, "cpu").photo() for camera in cameras)
 
 
 def changes(references: Sequence[Sequence[str]]) -> list[tuple[int, bool]]:
-    """From each frame to the next, how many references are new, and whether the same ones only change their order."""
+    """For each frame and the next, the number of new references, and whether only their order changes."""
     pairs = itertools.pairwise(map(tuple, references))
     return [(len(set(b) - set(a)), set(a) == set(b) and a != b) for a, b in pairs]
 
@@ -174,7 +173,7 @@ def records(run: Path, sequence: FrameSequence, weights: str) -> Iterator[Record
 
 
 def compared(frame: pd.DataFrame) -> pd.DataFrame:
-    """The pairs of frames that show a common surface, with their error beside that of raw frames and of exact photos.
+    """The pairs of frames that show a common surface, with their error relative to raw frames and to exact photos.
 
     An error "over" another is divided by the other's mean over the pairs that both have, so that its mean over pairs is
     the ratio of the two means.
@@ -243,7 +242,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
 
     @cache
     def made() -> tuple[str, SetEnhancer]:
-        """What records say of the weights, and the enhancer; needed where something is measured alone."""
+        """The weights' entry for records, and the enhancer; loaded only if something has to be measured."""
         found = load_weights(cfg.weights)
         enhancer = EnhancementOptions(strength=cfg.strength).enhancer(found, found.reference_config, device)
         digest = checkpoint_digest(find_checkpoint(cfg.weights))

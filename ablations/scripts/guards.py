@@ -1,9 +1,9 @@
 """``gaussian-enhancer guards``: gain and harm at several values of a limit to the change.
 
-A limit to the change guards a view against harm. ``guard`` is ``photo_consistency`` (how far a reference may
-differ from the render, `Reprojected.photo_consistency`), ``colour_clamping`` (the window whose colours a pixel stays
-within, `SetEnhancer`) or ``strength`` (the share of the change that is applied). Runs must be validation runs
-(docs/data.md): limits that were chosen on test scenes would be worth nothing.
+Limits to the change protect a view from harm. ``guard`` is ``photo_consistency`` (the largest difference of a reference
+to the render, `Reprojected.photo_consistency`), ``colour_clamping`` (the window that a pixel's colours are clamped to,
+`SetEnhancer`) or ``strength`` (the share of the change that is applied). Runs must be validation runs (docs/data.md),
+since test scenes may not decide limits.
 """
 
 from dataclasses import replace
@@ -27,13 +27,13 @@ LIMITS: dict[str, tuple[float | None, ...]] = {
     "colour_clamping": (0, 1, 3, 5, 9),
     "strength": (0.5, 0.8, 1.0),
 }
-"""What is compared of each guard; None and 0 switch photo-consistency and colour clamping off."""
+"""Compared values of each guard; None and 0 switch photo-consistency and colour clamping off."""
 
 
 def guarded(
     pretrained: Pretrained, guard: str, limit: int | float | None, device: torch.device | None = None
 ) -> SetEnhancer:
-    """A network held to a limit; all else is as the job enhance has it.
+    """A network with a limit; everything else is as in the job enhance.
 
     Raises:
         InputError: references are not warped, so that they are not checked.

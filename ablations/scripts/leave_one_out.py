@@ -1,9 +1,9 @@
-"""``gaussian-enhancer leave_one_out``: can training views tell how much of a change to apply?
+"""``gaussian-enhancer leave_one_out``: do training views predict how much of a change to apply?
 
-Strength could be chosen for each splat by its own training views: each is enhanced with the photos of the others, and
-compared with its own photo. That works only if the share of the change that is best there is also best on held-out
-views. Both are measured here, for the same fit. The best share of a view is (c, w) / (c, c), where c is the change and
-w what would make the render equal to its photo in the render's exposure.
+The strength could be chosen for each splat by its own training views: each one is enhanced with the photos of the
+others and compared with its own photo. This works only if the best share of the change is the same on training and
+held-out views. The study measures both for the same fit. The best share of a view is (c, w) / (c, c), where c is the
+change and w the difference of the photo, in the render's exposure, to the render.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ def measured(view: RenderedView, pool: Pool, enhancer: SetEnhancer) -> dict[str,
     Args:
         view: with a photo; it is never its own reference.
         pool: training views.
-        enhancer: makes the change.
+        enhancer: enhances the view.
 
     Raises:
         InputError: the view has no photo.
@@ -59,7 +59,7 @@ def study(cfg: DictConfig, device: torch.device) -> Study[Path]:
 
     @cache
     def made() -> tuple[str, SetEnhancer]:
-        """The digest of the weights, and the enhancer; needed where something is measured alone."""
+        """The digest of the weights, and the enhancer; loaded only if something has to be measured."""
         found = load_weights(cfg.weights)
         options = EnhancementOptions(strength=1.0, confidence=cfg.confidence)
         enhancer = options.enhancer(found, found.reference_config, device)

@@ -1,10 +1,10 @@
 """``gaussian-enhancer realism``: can a classifier tell simulated renders from real ones?
 
-It is also measured what separates them. Real renders are the held-out views of finished runs, all snapshots; each row
-simulates the same views from their photos. The classifier learns on scenes of ``train`` and is judged on scenes of
-``test``, all rows on the same patches. While a simulator is developed both are validation scenes (docs/data.md); the
-final test is on test scenes, with validation scenes to train the classifier, since the simulator has never seen
-either.
+The job also measures distances between them. Real renders are the held-out views of finished runs, all snapshots; each
+row simulates the same views from their photos. The classifier is trained on scenes of ``train`` and tested on scenes of
+``test``, for all rows on the same patches. During development of a simulator, both are validation scenes
+(docs/data.md). The final test is on test scenes, with a classifier trained on validation scenes; the simulator has
+learned from neither.
 """
 
 import dataclasses
@@ -59,7 +59,7 @@ def compared(name: str, row: Row, train: list[RealRender], test: list[RealRender
 
 
 def chosen(patterns: Sequence[str], most: int | None, seed: int) -> list[RealRender]:
-    """Real renders of the finished runs that patterns name; says which runs are not finished."""
+    """Real renders of the finished runs that patterns name; prints which runs are not finished."""
     runs, unfinished = finished_runs(patterns)
     for run in unfinished:
         print(f"{run}: not finished, left out", file=sys.stderr)
@@ -67,7 +67,7 @@ def chosen(patterns: Sequence[str], most: int | None, seed: int) -> list[RealRen
 
 
 def told(row: dict) -> dict:
-    """A row, shown as soon as it is measured: each takes long."""
+    """Print a row as soon as it is measured, since rows take long."""
     print(json.dumps(row), file=sys.stderr)
     return row
 

@@ -2,8 +2,8 @@
 
 One row for each number of steps and kind of sampling, on crops of held-out views, all snapshots: spread of sampled
 codes over that of the extractor's (1 is right), root mean square change L - G over that of real renders R - G, and
-milliseconds. Stage 1 is the gate calibrated on the renders of the view itself, so that what is left to see is stage
-2. Runs must be validation runs (docs/data.md).
+milliseconds. Stage 1 is the gate calibrated on the renders of the view itself, which isolates the effect of stage 2.
+Runs must be validation runs (docs/data.md).
 """
 
 import time

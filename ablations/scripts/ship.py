@@ -1,8 +1,8 @@
-"""``gaussian-enhancer ship``: put trained weights into the package, with a card that says where they help.
+"""``gaussian-enhancer ship``: copy trained weights into the package, with a card that states where they help.
 
-Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. What training wrote on the card (data,
-steps, seed, hash of the configuration, validation) stays; the two texts summarise docs/results/quality.md.
-With ``first`` a cascade's first network is put back to weights that learnt from more than the cascade did.
+Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. The card keeps the entries of the training
+(data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/quality.md.
+``first`` replaces a cascade's first network by weights that were trained on more data than the cascade.
 """
 
 import json
@@ -20,7 +20,7 @@ from gaussian_enhancer.runs.instantiate import require
 
 
 def with_first(network: Network, first: Pretrained) -> tuple[Cascade, dict[str, Any]]:
-    """A cascade with another first network, and what its card says of that.
+    """A cascade with another first network, and the entry on it for the card.
 
     Raises:
         InputError: the network is no cascade.

@@ -1,4 +1,4 @@
-"""The rows of the simulator's studies: what makes simulated renders, by name."""
+"""The simulators that studies compare, by the name of their row."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 GENERIC = ("blur", "noise", "jpeg")
-"""What any image restoration simulates; nothing that only splats do. The same as conf/gate/naive.yaml."""
+"""Degradations that general image restoration simulates, without artefacts of splats. The same as conf/gate/naive.yaml."""
 
 
 class AdaptedGates:
@@ -70,7 +70,7 @@ def rows(names: Sequence[str], generator: str | None = None, steps: int = 8) -> 
 
 
 def none(splat: RenderedSet) -> Simulator:
-    """The photo itself: how far real renders are from photos."""
+    """Return the photo itself, which gives the distance of real renders from photos."""
     return Simulator(NoGate())
 
 
