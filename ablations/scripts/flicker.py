@@ -2,8 +2,8 @@
 
 The run's splat is rendered along a smooth path through some neighbouring cameras of its capture; each frame is
 enhanced with the run's training photos as references. The next frame is then warped onto each frame through rendered
-depth, which is the same for all variants. In a procedural scene, exact photos along the path are measured too: they
-also have an error, since rendered depth is not exact and the warp blurs; the error grows with sharpness. By this measure
+depth, which is the same for all variants. In a procedural scene, exact photos along the path are measured too; they
+have an error, since rendered depth is not exact and the warp blurs; the error grows with sharpness. By this measure
 a blurred render flickers less than the truth. Therefore the study also measures the network's change alone: its
 difference from frame to frame, as a share of its size. References are chosen anew for every frame, and pairs of frames
 with changing references are compared with the others. Further variants are frames with temporal smoothing (`enhance

@@ -3,9 +3,11 @@
 Writes `NAME.safetensors` and `NAME.json` to the package's folder of weights. The card keeps the entries of the training
 (data, steps, seed, hash of the configuration, validation); its two texts summarise docs/results/quality.md.
 ``first`` replaces a cascade's first network by weights that were trained on more data than the cascade.
+``references`` and ``candidates`` replace the numbers of references and candidates that the training used.
 """
 
 import json
+from dataclasses import replace
 from typing import Any
 
 from omegaconf import DictConfig
@@ -13,7 +15,7 @@ from omegaconf import DictConfig
 from gaussian_enhancer.checkpoint import SHIPPED
 from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.files import write_text
-from gaussian_enhancer.infer.weights import Pretrained, design_of, load_weights, save_weights
+from gaussian_enhancer.infer.weights import Pretrained, design_of, load_weights, reference_config_of, save_weights
 from gaussian_enhancer.network.cascade import Cascade
 from gaussian_enhancer.network.network import Network
 from gaussian_enhancer.runs.instantiate import require
@@ -44,8 +46,11 @@ def run(cfg: DictConfig) -> None:
     found = load_weights(cfg.weights)
     network, card = found.network, {**found.card, "name": cfg.name, "strength": cfg.strength}
     card |= {"helps": cfg.helps, "harms": cfg.harms}
+    counts = {name: cfg[name] for name in ("references", "candidates") if cfg[name] is not None}
+    reference_config = replace(found.reference_config, **counts)
+    card |= {"reference_config": reference_config_of(reference_config)}
     if cfg.first:
         network, first = with_first(network, load_weights(cfg.first))
         card |= {"first": first, "design": design_of(network)}
-    save_weights(SHIPPED / f"{cfg.name}.safetensors", network, found.reference_config, card, found.confidence)
+    save_weights(SHIPPED / f"{cfg.name}.safetensors", network, reference_config, card, found.confidence)
     write_text(SHIPPED / f"{cfg.name}.json", json.dumps(card, indent=2) + "\n")

@@ -15,7 +15,7 @@ from gaussian_enhancer.errors import InputError, refuse_unknown
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 GENERIC = ("blur", "noise", "jpeg")
-"""Degradations that general image restoration simulates, without artefacts of splats. The same as conf/gate/naive.yaml."""
+"""Degradations of general image restoration, without artefacts of splats; as in conf/gate/naive.yaml."""
 
 
 class AdaptedGates:

@@ -38,3 +38,17 @@ def test_a_cascade_is_shipped_with_the_first_network_that_is_named(tmp_path, mon
         job("ship", f"weights={tmp_path}/sr.safetensors", *first_words)
     assert "are of SSIFSR; give those of a cascade with first=" in capsys.readouterr().err
     assert (shipped / "new.json").read_text() == before
+
+
+def test_other_numbers_of_references_and_candidates_are_shipped_with_the_weights(tmp_path, monkeypatch, job):
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    monkeypatch.setattr(ship, "SHIPPED", shipped)
+    save_weights(
+        tmp_path / "lr.safetensors", SSIFLR(**SMALL), ReferenceConfig(references=3, candidates=5), {"steps": 3}
+    )
+    job("ship", f"weights={tmp_path}/lr.safetensors", "references=2", "candidates=3", *TEXTS)
+    config = load_weights(shipped / "new.safetensors").reference_config
+    assert (config.references, config.candidates) == (2, 3)
+    card = json.loads((shipped / "new.json").read_text())["reference_config"]
+    assert (card["references"], card["candidates"]) == (2, 3)
