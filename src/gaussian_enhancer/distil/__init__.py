@@ -1,1 +1,1 @@
-"""A better splat from enhanced views: new cameras, their confidence, further steps, pruning by free space."""
+"""Distilling of enhanced views into a splat: new cameras, confidence maps, further optimisation, and pruning."""

@@ -1,6 +1,6 @@
-"""Going on with a finished splat: steps on its training photos and on enhanced views at new cameras, in rounds.
+"""Further optimisation of a fitted splat on its training photos and on enhanced views at new cameras, in rounds.
 
-All randomness is a function of seed and step, so that a resumed run draws what the uninterrupted one would have drawn.
+Random numbers depend only on seed and step, so a resumed run draws the same ones as an uninterrupted run.
 
 Axes: h height, w width.
 """
@@ -32,7 +32,7 @@ from gaussian_enhancer.splat.render import render
 from gaussian_enhancer.types import Camera, Gaussians
 
 SMOOTHING_EVERY = 100
-"""Steps between two looks at how finely the photos sample each Gaussian, as in a fit."""
+"""Steps between updates of the size of the 3D filter (Mip-Splatting only), as in a fit."""
 
 
 def distil(
@@ -47,49 +47,51 @@ def distil(
     made_of: str = "",
     stop_after: int | None = None,
 ) -> Gaussians:
-    """Distil enhanced views into a splat. A folder with a checkpoint of the same run is continued.
+    """Distil enhanced views into a splat. Where the folder has a checkpoint of the same run, the run is resumed.
 
-    The loss of a step on a photo is a fit's. On an enhanced view its gradient is scaled, pixel by pixel, by
-    ``settings.weight`` and the view's confidence. No Gaussian joins.
+    Each step uses one image. The loss is the photometric loss of a fit. On an enhanced view, its gradient is multiplied
+    at each pixel by ``settings.weight`` and the view's confidence. No Gaussians are added.
 
     Args:
-        capture: its training photos are fitted to, and are the enhancer's references. Held-out photos and their cameras
-            are not looked at.
-        start: the splat to begin with and how it is rendered.
-        enhancer: makes the enhanced views; None where ``settings.share`` is 0.
-        folder: of the run; ``rounds`` in it holds the enhanced views.
-        settings: choices.
-        checkpoint_seconds: time between checkpoints.
-        progress: show a progress bar.
-        made_of: tells this splat, these weights and their options from others, for folders that are not named by them:
-            a checkpoint of others is refused.
-        stop_after: end after this step with a checkpoint, as if killed; for tests.
+        capture: capture whose training photos are fitted, and are the enhancer's references. Held-out photos and their
+            cameras are not used.
+        start: initial splat with its renderer.
+        enhancer: enhances views; None where ``settings.share`` is 0.
+        folder: folder of the run; its subfolder ``rounds`` holds the enhanced views.
+        settings: settings of the run.
+        checkpoint_seconds: seconds between checkpoints.
+        progress: whether to show progress bars.
+        made_of: identifies the splat, the weights and their options, for folders whose names do not identify them: a
+            checkpoint with another identity is refused.
+        stop_after: stop after this step with a checkpoint, as if the process were killed; for tests.
 
     Raises:
-        InputError: photos, checkpoint or disk do not allow it.
+        InputError: a photo cannot be read, the checkpoint is of another run, or the disk cannot be written.
     """
-    work = _Work(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
-    last = settings.steps if stop_after is None else min(stop_after, settings.steps)
-    saved = time.monotonic()
-    while work.step < last:
-        number = settings.round_of(work.step)
-        work.save()  # views that a killed run has left to make are made from the same splat
-        with FitProgress(settings.views, f"enhance views, round {number + 1} of {settings.rounds}", progress) as bar:
-            for index in work.begin_round():
+    run = _Work(capture.with_split(capture.train, ()), start, enhancer, folder, settings, made_of)
+    last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
+    last_saved = time.monotonic()
+    while run.step < last_step:
+        round_index = settings.round_of(run.step)
+        run.save()  # so that a resumed run makes the missing views from the same splat
+        with FitProgress(
+            settings.views, f"enhance views, round {round_index + 1} of {settings.rounds}", progress
+        ) as bar:
+            for index in run.begin_round():
                 bar.swept(index + 1, settings.views)
         with FitProgress(settings.steps, f"distil {capture.name}", progress) as bar:
-            while work.step < last and settings.round_of(work.step) == number:
-                loss, difference = work.advance()
-                bar.update(work.step, loss, difference, len(work.optimiser))
-                if time.monotonic() - saved > checkpoint_seconds:
-                    work.save()
-                    saved = time.monotonic()
-    work.save()
-    return work.splat()
+            while run.step < last_step and settings.round_of(run.step) == round_index:
+                loss, difference = run.advance()
+                bar.update(run.step, loss, difference, len(run.optimiser))
+                if time.monotonic() - last_saved > checkpoint_seconds:
+                    run.save()
+                    last_saved = time.monotonic()
+    run.save()
+    return run.splat()
 
 
 class _Work:
-    """The state of one run."""
+    """State of one run."""
 
     def __init__(
         self,
@@ -112,29 +114,29 @@ class _Work:
             self.first.gaussians if checkpoint is None else Gaussians(**checkpoint["splat"])
         )
         if checkpoint is not None:
-            device, smoothing = self.first.gaussians.means.device, checkpoint["splat"]["smoothing"]
+            device, saved_smoothing = self.first.gaussians.means.device, checkpoint["splat"]["smoothing"]
             self.optimiser.restore({name: value.to(device) for name, value in checkpoint["optimiser"].items()})
-            self.smoothing = None if smoothing is None else smoothing.to(device)
+            self.smoothing = None if saved_smoothing is None else saved_smoothing.to(device)
             self.step = checkpoint["step"]
 
     def begin_round(self) -> Iterator[int]:
-        """Make the enhanced views of the present round that are not on disk yet; yields the number of each."""
-        settings, number = self.settings, self.settings.round_of(self.step)
+        """Make the enhanced views of the current round that are not on disk yet; yield the index of each."""
+        settings, round_index = self.settings, self.settings.round_of(self.step)
         if settings.share == 0:
             return
         if self.enhancer is None:
             raise ValueError("enhanced views need an enhancer")
-        which = {"number": number, "rounds": settings.rounds, "seed": settings.seed}
-        cameras = new_cameras(self.photos.cameras, settings.views, settings.around, **which)
-        self.views = EnhancedViews(self.folder / "rounds" / str(number + 1), cameras)
+        round_options = {"number": round_index, "rounds": settings.rounds, "seed": settings.seed}
+        cameras = new_cameras(self.photos.cameras, settings.views, settings.around, **round_options)
+        self.views = EnhancedViews(self.folder / "rounds" / str(round_index + 1), cameras)
         renderer = dataclasses.replace(self.first, gaussians=self.splat())
         yield from self.views.make(renderer, self.capture.train_photos, self.enhancer)
 
     def advance(self) -> tuple[Tensor, Tensor]:
-        """One step; returns the loss and the difference of render and image."""
-        chance = torch.rand((), generator=self._generator(self.step, 1)).item()
-        on_view = self.views is not None and chance < self.settings.share
-        loss, difference = self._view_loss() if on_view else self._photo_loss()
+        """Make one step; return the loss and the difference of render and image."""
+        random_number = torch.rand((), generator=self._generator(self.step, 1)).item()
+        uses_view = self.views is not None and random_number < self.settings.share
+        loss, difference = self._view_loss() if uses_view else self._photo_loss()
         loss.backward()
         self.optimiser.step(self.step)
         self.step += 1
@@ -143,35 +145,38 @@ class _Work:
         return loss.detach(), difference
 
     def splat(self) -> Gaussians:
-        """The present Gaussians, detached, the 3D filter included."""
+        """Return the current Gaussians, detached, with the sizes of their 3D filter."""
         return self.optimiser.detached_gaussians(self.smoothing)
 
     def save(self) -> None:
-        """Replace the checkpoint."""
+        """Write the checkpoint, which replaces the previous one."""
         splat = self.splat()
-        values = {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)}
-        state = {"identity": self._identity(), "step": self.step, "splat": values, "optimiser": self.optimiser.state()}
+        fields = {f.name: getattr(splat, f.name) for f in dataclasses.fields(splat)}
+        state = {"identity": self._identity(), "step": self.step, "splat": fields, "optimiser": self.optimiser.state()}
         save_checkpoint(self.folder, state)
 
     def _photo_loss(self) -> tuple[Tensor, Tensor]:
-        """Every photo once before any comes again, in an order that seed and turn determine."""
+        """Loss on a training photo. In each pass of ``len(self.photos)`` steps, a photo is used at most once.
+
+        The order of the photos is random; seed and number of the pass determine it.
+        """
         count = len(self.photos)
-        turn, position = divmod(self.step, count)
-        number = int(torch.randperm(count, generator=self._generator(turn, 2))[position])
-        colour, target = self._colour(self.photos.cameras[number]), self.photos.target(number)
+        epoch, position = divmod(self.step, count)
+        photo_index = int(torch.randperm(count, generator=self._generator(epoch, 2))[position])
+        colour, target = self._colour(self.photos.cameras[photo_index]), self.photos.target(photo_index)
         loss = photometric_loss(colour, target, self.settings.ssim_weight)
         return loss, colour.detach() - target.photo
 
     def _view_loss(self) -> tuple[Tensor, Tensor]:
         if self.views is None:
             raise ValueError("a round begins before its first step")
-        number = int(torch.randint(len(self.views), (), generator=self._generator(self.step, 3)))
-        image, confidence = (one.to(self.first.gaussians.means) for one in self.views.read(number))
-        colour = self._colour(self.views.cameras[number])
-        pulled = self.settings.weight * confidence
-        # The value of the loss stays; its gradient is scaled pixel by pixel.
-        weighted = pulled * colour + (1 - pulled) * colour.detach()
-        loss = photometric_loss(weighted, prepare(image), self.settings.ssim_weight)
+        view_index = int(torch.randint(len(self.views), (), generator=self._generator(self.step, 3)))
+        image, confidence = (tensor.to(self.first.gaussians.means) for tensor in self.views.read(view_index))
+        colour = self._colour(self.views.cameras[view_index])
+        gradient_scale = self.settings.weight * confidence
+        # The value of the loss is unchanged; its gradient is scaled at each pixel.
+        scaled_colour = gradient_scale * colour + (1 - gradient_scale) * colour.detach()
+        loss = photometric_loss(scaled_colour, prepare(image), self.settings.ssim_weight)
         return loss, colour.detach() - image
 
     def _colour(self, camera: Camera) -> Float[Tensor, "3 h w"]:
@@ -193,6 +198,6 @@ class _Work:
         return torch.Generator().manual_seed(((self.settings.seed * 1_000_003 + number) * 8 + purpose) % 2**63)
 
     def _identity(self) -> str:
-        """What a checkpoint must agree on to be continued."""
+        """Description of the run, which must equal that in a checkpoint to be resumed."""
         description = f"{self.capture.name}, {len(self.photos)} photos, {self.first.method}, {self.settings}"
         return f"{description}, {self.made_of}" if self.made_of else description

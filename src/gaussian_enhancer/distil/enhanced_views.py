@@ -1,4 +1,4 @@
-"""Enhanced views at new cameras with their confidence, on disk, so that a killed run makes none of them twice.
+"""Enhanced views at new cameras with confidence maps, on disk, so that a resumed run does not make them again.
 
 Axes: h height, w width.
 """
@@ -27,8 +27,8 @@ class EnhancedViews:
     """The enhanced views of one round.
 
     Args:
-        folder: where they lie; it need not exist.
-        cameras: of the views, in their order.
+        folder: folder of the views, which need not exist.
+        cameras: cameras of the views, in order.
     """
 
     folder: Path
@@ -38,7 +38,7 @@ class EnhancedViews:
         return len(self.cameras)
 
     def read(self, index: int) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "1 h w"]]:
-        """A view and its confidence, as they are on disk, in 8 bits.
+        """Read a view and its confidence map, which are stored in 8 bits.
 
         Raises:
             InputError: a file is missing or damaged.
@@ -46,15 +46,15 @@ class EnhancedViews:
         return read_photo(self._image(index)), read_photo(self._confidence(index))[:1]
 
     def make(self, renderer: SplatRenderer, photos: Sequence[Photo], enhancer: SetEnhancer) -> Iterator[int]:
-        """Render and enhance the views that are not on disk yet; yields the number of each.
+        """Render and enhance the views that are not on disk yet; yield the index of each.
 
-        The confidence is how surely the reference that shows a pixel best shows the splat's surface there: 0 where no
-        photo sees it.
+        The confidence of a pixel is the largest visibility of its surface in the references, in [0, 1]. It is 0 where
+        no photo shows the surface.
 
         Args:
             renderer: renders the splat.
-            photos: the training photos, which are the references.
-            enhancer: enhances at the render's own resolution.
+            photos: training photos, which are the references.
+            enhancer: enhancer at the render's own resolution.
 
         Raises:
             InputError: a photo cannot be read, or the folder cannot be written.
@@ -66,9 +66,9 @@ class EnhancedViews:
             view = renderer.target(self._image(index).name, camera)
             target = read_target(view).to_device(enhancer.device)
             aligned = enhancer.reference_config.align(target, view, pool)
-            image = enhancer.enhance(join(target, aligned), aligned.names)[0]
+            enhanced_image = enhancer.enhance(join(target, aligned), aligned.names)[0]
             visibility = aligned.visibility if len(aligned.names) else torch.zeros_like(target.image[None, :1])
-            write_image(self._image(index), image)
+            write_image(self._image(index), enhanced_image)
             _write_grey(self._confidence(index), visibility.amax(0))
             yield index
 

@@ -1,4 +1,4 @@
-"""Removing floaters: Gaussians in space that photos and depth maps of several training views say is empty.
+"""Removal of floaters: Gaussians in space that is empty according to photos and depth maps of several training views.
 
 Axes: n Gaussians, v views, h height, w width.
 """
@@ -21,21 +21,21 @@ from gaussian_enhancer.types import Camera
 
 Share = Annotated[int | float, Field(ge=0, le=1)]
 PROBES = 4
-"""Backward passes with random signs a view."""
+"""Number of backward passes with random signs per view."""
 SHARES = tuple(0.5**halvings for halvings in range(8))
-"""Of the Gaussians that may go, the ones with the clearest evidence; the share is taken that suits the photos best."""
+"""Shares of the suspected Gaussians, strongest evidence first, that are tried; the one of highest PSNR is removed."""
 
 
 @dataclass(frozen=True)
 class PruneSettings:
-    """What counts as evidence that space is empty.
+    """Criteria by which Gaussians are floaters.
 
     Args:
-        views: training views that must see through a Gaussian's centre to a surface behind it, at least.
-        margin: how far behind it, as a share of its depth.
-        agreement: how far views agree that a Gaussian makes things worse, from 0 to 1 where all do; and share of the
-            views of its place that must see through it.
-        loss: decibels that the training views' mean PSNR may fall by at most; else none is removed.
+        views: smallest number of training views whose depth map shows a surface behind a Gaussian's centre.
+        margin: distance by which the surface must be behind the centre, as a share of the centre's depth.
+        agreement: threshold of two values: the agreement of views that a Gaussian increases the error, 1 where all
+            agree; and the share of views with the surface behind the centre in those with the surface at or behind it.
+        loss: largest permitted decrease of the training views' mean PSNR in dB; with a larger one, nothing is removed.
     """
 
     views: Annotated[int, Field(ge=1)] = 3
@@ -49,13 +49,13 @@ class PruneSettings:
 
 @dataclass(frozen=True)
 class Pruned:
-    """What was removed.
+    """Result of pruning.
 
     Args:
         kept: mask of the Gaussians that stay.
-        suspected: how many the evidence spoke against.
+        suspected: number of Gaussians that meet the criteria.
         before: mean PSNR of the training views in dB.
-        after: the same without the removed ones.
+        after: the same without the removed Gaussians.
     """
 
     kept: Bool[Tensor, " n"]
@@ -70,42 +70,49 @@ class Pruned:
 
 
 def prune(renderer: SplatRenderer, photos: Sequence[Photo], settings: PruneSettings) -> Pruned:
-    """Find the Gaussians that photos contradict and that depth maps see through.
+    """Find floaters: Gaussians that photos contradict and whose centres are in front of the surface in depth maps.
 
-    Removing one Gaussian changes a pixel by the derivative of its colour in the Gaussian's opacity, times that opacity:
-    blending is affine in each. With d this change and e the pixel's error, the squared error of a view changes by the
-    sum of 2 e d + d^2. One backward pass a view tells the first part of every Gaussian, one with random signs in place
-    of the error an estimate of the second (Hutchinson's). Contradicted is a Gaussian without which the error falls, and
-    whose first part has one sign in nearly all views that show it. Depth maps are rendered without these; a floater is
-    one whose place they see through.
+    Blending is affine in each Gaussian's opacity. So the removal of one Gaussian changes a pixel's colour by d, the
+    negative opacity times the derivative of the colour in the opacity. With e the pixel's error, the squared error of a
+    view changes by the sum of 2 e d + d^2. One backward pass per view gives the first term for every Gaussian. Backward
+    passes with random signs in place of the error give an estimate of the second term (Hutchinson's). Photos contradict
+    a Gaussian if the error decreases without it, and the first term has the same sign in nearly all views that show it.
+    Depth maps are rendered without these Gaussians. A floater is one of them whose centre is in front of the surface in
+    enough views.
+
+    Floaters are sorted by the decrease of the error. Several shares of them are removed on trial, and the share with
+    the highest training PSNR is chosen.
 
     Args:
-        renderer: the splat and how it is rendered.
-        photos: the training photos, with cameras.
-        settings: what counts as evidence.
+        renderer: renderer of the splat.
+        photos: training photos, with cameras.
+        settings: criteria.
 
     Raises:
         InputError: a photo cannot be read or has no camera.
     """
-    gain, agreed = _error_reductions(renderer, photos)
+    gain, agreement = _error_reductions(renderer, photos)
     gaussians = renderer.gaussians
-    contradicted = (gain > 0) & (agreed >= settings.agreement)
-    through, met = _seen_through(
+    contradicted = (gain > 0) & (agreement >= settings.agreement)
+    behind, at_surface = _seen_through(
         replace(renderer, gaussians=gaussians[~contradicted]), gaussians.means, photos, settings.margin
     )
-    empty = (through >= settings.views) & (through >= settings.agreement * (through + met))
+    empty = (behind >= settings.views) & (behind >= settings.agreement * (behind + at_surface))
     suspects = contradicted & empty
-    before = _psnr(renderer, photos)
+    psnr_before = _psnr(renderer, photos)
     order = torch.where(suspects, gain, -1.0).argsort(descending=True, stable=True)
     count = int(suspects.sum())
-    tried = {max(1, round(share * count)) for share in SHARES} if count else set()
-    results = {number: _psnr(_render_without(renderer, order[:number]), photos) for number in sorted(tried)}
-    best = max(results, key=results.__getitem__, default=0)
+    counts = {max(1, round(share * count)) for share in SHARES} if count else set()
+    psnrs = {
+        removed_count: _psnr(_render_without(renderer, order[:removed_count]), photos)
+        for removed_count in sorted(counts)
+    }
+    best_count = max(psnrs, key=psnrs.__getitem__, default=0)
     kept_mask = torch.ones_like(suspects)
-    if not best or results[best] < before - settings.loss:
-        return Pruned(kept_mask, count, before, before)
-    kept_mask[order[:best]] = False
-    return Pruned(kept_mask, count, before, results[best])
+    if not best_count or psnrs[best_count] < psnr_before - settings.loss:
+        return Pruned(kept_mask, count, psnr_before, psnr_before)
+    kept_mask[order[:best_count]] = False
+    return Pruned(kept_mask, count, psnr_before, psnrs[best_count])
 
 
 def _render_without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
@@ -117,46 +124,46 @@ def _render_without(renderer: SplatRenderer, index: Tensor) -> SplatRenderer:
 def _error_reductions(
     renderer: SplatRenderer, photos: Sequence[Photo]
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """By how much the squared error falls without each Gaussian, and how far views agree on it, from -1 to 1."""
-    first = torch.zeros_like(renderer.gaussians.opacity_logits)
-    absolute, second = torch.zeros_like(first), torch.zeros_like(first)
+    """Decrease of the squared error by removal of each Gaussian, and agreement of the views on its sign, in [-1, 1]."""
+    first_order = torch.zeros_like(renderer.gaussians.opacity_logits)
+    absolute_first_order, second_order = torch.zeros_like(first_order), torch.zeros_like(first_order)
     transmittance = (1 - renderer.gaussians.opacity_logits.sigmoid()).clamp_min(1e-6)
     generator = torch.Generator().manual_seed(0)
     for camera, photo in _posed(photos):
         logits = renderer.gaussians.opacity_logits.clone().requires_grad_()
-        shown = replace(renderer.gaussians, opacity_logits=logits)
-        colour = render(shown, camera, renderer.method, renderer.background, near=renderer.near).colour
+        gaussians = replace(renderer.gaussians, opacity_logits=logits)
+        colour = render(gaussians, camera, renderer.method, renderer.background, near=renderer.near).colour
         error = (colour - photo.read().to(colour)).square().sum()
-        (fall,) = torch.autograd.grad(error, logits, retain_graph=True)
-        first += fall / transmittance
-        absolute += (fall / transmittance).abs()
+        (gradient,) = torch.autograd.grad(error, logits, retain_graph=True)
+        first_order += gradient / transmittance
+        absolute_first_order += (gradient / transmittance).abs()
         for _ in range(PROBES):
             signs = (2 * torch.randint(2, colour.shape, generator=generator) - 1).to(colour)
-            (change,) = torch.autograd.grad((colour * signs).sum(), logits, retain_graph=True)
-            second += (change / transmittance).square() / PROBES
-    return first - second, first / absolute.clamp_min(1e-12)
+            (probe_gradient,) = torch.autograd.grad((colour * signs).sum(), logits, retain_graph=True)
+            second_order += (probe_gradient / transmittance).square() / PROBES
+    return first_order - second_order, first_order / absolute_first_order.clamp_min(1e-12)
 
 
 def _seen_through(
     renderer: SplatRenderer, places: Float[Tensor, "n 3"], photos: Sequence[Photo], margin: int | float
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """In how many views the surface lies behind each place, and in how many at it."""
-    through = torch.zeros(len(places))
-    met = torch.zeros(len(places))
+    """Number of views whose surface is behind each position, and number of views whose surface is at it."""
+    behind = torch.zeros(len(places))
+    at_surface = torch.zeros(len(places))
     centres = places.cpu()
     for camera, _ in _posed(photos):
         surface = renderer(camera).surface[0]
         depth, pixel, inside = _project(centres, camera, renderer.near)
         surface_depth = torch.where(inside, surface.flatten()[pixel], 0.0)
-        through += (surface_depth > depth * (1 + margin)) & inside
-        met += (surface_depth > depth * (1 - margin)) & (surface_depth <= depth * (1 + margin)) & inside
-    return through.to(places), met.to(places)
+        behind += (surface_depth > depth * (1 + margin)) & inside
+        at_surface += (surface_depth > depth * (1 - margin)) & (surface_depth <= depth * (1 + margin)) & inside
+    return behind.to(places), at_surface.to(places)
 
 
 def _project(
     places: Float[Tensor, "n 3"], camera: Camera, near: float
 ) -> tuple[Float[Tensor, " n"], Tensor, Bool[Tensor, " n"]]:
-    """Depth of each place, the number of its pixel, and whether it lies in the image."""
+    """Depth of each position, index of its pixel, and whether it projects into the image."""
     points = places @ camera.rotation.T.cpu() + camera.world_to_camera[:3, 3].cpu()
     depth = points[:, 2]
     pixels = (points @ camera.K.T.cpu())[:, :2] / depth[:, None].clamp_min(near)

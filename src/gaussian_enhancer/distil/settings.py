@@ -1,4 +1,4 @@
-"""The choices of distilling, as plain values."""
+"""Settings of distilling."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -18,20 +18,21 @@ def _rates() -> LearningRates:
 
 @dataclass(frozen=True)
 class DistilSettings:
-    """Choices of distilling.
+    """Settings of distilling.
 
     Args:
-        steps: number of further steps in all rounds together, one image each.
-        rounds: how often the enhanced views are made anew, from the splat as it is then.
-        views: enhanced views a round.
-        share: share of steps on enhanced views; the others are on the training photos. 0 makes no enhanced view.
-        weight: factor on the gradient of an enhanced view, which its confidence scales as well, pixel by pixel.
-        around: how far new cameras leave the way between training cameras at most, in mean distances from one training
-            camera to the next.
-        ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
-        seed: of all randomness.
-        rates: learning rates of the first step; centres move less than in a fit.
-        fade: share of these rates that is left at the last step.
+        steps: total number of steps in all rounds; each step uses one image.
+        rounds: number of rounds; each makes its enhanced views from the current splat.
+        views: number of enhanced views per round.
+        share: expected share of steps on enhanced views; other steps use training photos. With 0, no views are made.
+        weight: factor on the gradient of an enhanced view, in addition to its confidence at each pixel.
+        around: largest displacement of new cameras from the path through the training cameras along each world axis, in
+            mean distances from a training camera to its nearest neighbour.
+        ssim_weight: weight of 1 - SSIM in the loss; the weight of L1 is 1 minus this.
+        seed: seed of all random numbers.
+        rates: learning rates at the first step; that of the centres is smaller than in a fit.
+        fade: factor on the learning rates at the last step, reached exponentially. The centres' rate ends at
+            ``rates.means_final`` instead.
     """
 
     steps: Annotated[int, Field(ge=1)] = 1500
@@ -51,5 +52,5 @@ class DistilSettings:
             raise InputError("settings.rounds", f"is {self.rounds} for {self.steps} steps", "give at most one a step")
 
     def round_of(self, step: int) -> int:
-        """The round to which a step belongs, both counted from 0."""
+        """Index of the round to which a step belongs; both count from 0."""
         return step * self.rounds // self.steps

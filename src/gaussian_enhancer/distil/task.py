@@ -1,4 +1,4 @@
-"""From what the job ``distil`` or `distil_splat` is given to the splat, its capture, and what enhances its views."""
+"""Inputs of the job ``distil`` and of `distil_splat`: the splat, its capture, and the enhancer of new views."""
 
 import copy
 import dataclasses
@@ -39,19 +39,19 @@ ENHANCING = (
     "precision",
     "tile",
 )
-"""Keys that say how views are enhanced; without effect where none is."""
+"""Configuration keys of enhancement; without effect where no view is enhanced."""
 
 
 @dataclass(frozen=True)
 class DistilTask:
-    """What is distilled into what.
+    """The splat to improve, its capture, and the settings.
 
     Args:
-        capture: photos, their cameras and their split.
-        splat: the splat's file.
-        renderer: the splat and how it is rendered.
-        settings: of the further steps; None where there are none.
-        prune: what counts as evidence of empty space; None where nothing is removed.
+        capture: photos, cameras and split.
+        splat: file of the splat.
+        renderer: renderer of the splat.
+        settings: settings of distilling; None without distilling.
+        prune: settings of pruning; None without pruning.
     """
 
     capture: Scene
@@ -67,54 +67,56 @@ class DistilTask:
 
 
 def read_distil_task(cfg: DictConfig, device: torch.device) -> DistilTask:
-    """Read the splat and its capture, as the job's configuration names them.
+    """Read the splat and its capture by the job's configuration.
 
     Args:
         cfg: configuration of the job ``distil``.
-        device: where the splat is rendered.
+        device: device on which the splat is rendered.
 
     Raises:
-        InputError: as `distil_task`, or an option is out of range.
+        InputError: see `distil_task`, or an option is out of range.
     """
     settings: DistilSettings = build(cfg.settings)
-    evidence: PruneSettings = build(cfg.evidence)
+    prune_settings: PruneSettings = build(cfg.evidence)
     capture = build(cfg.scene) if cfg.run is None and cfg.get("scene") else None
     splat, capture = read_given_splat(cfg.run, cfg.gaussians, capture)
-    further = None if cfg.prune_only else settings
-    pruning = evidence if cfg.prune or cfg.prune_only else None
+    distil_settings = None if cfg.prune_only else settings
+    pruning = prune_settings if cfg.prune or cfg.prune_only else None
     return distil_task(
-        splat, capture, further, pruning, method=cfg.method, device=device, invalid=cfg.invalid, kind=cfg.format
+        splat, capture, distil_settings, pruning, method=cfg.method, device=device, invalid=cfg.invalid, kind=cfg.format
     )
 
 
 def read_enhancer(cfg: DictConfig, task: DistilTask, device: torch.device) -> SetEnhancer | None:
-    """What enhances new views, as the job's configuration says; None where there are none.
+    """Make the enhancer of new views by the job's configuration; None where no views are made.
 
     Args:
         cfg: configuration of the job ``distil``.
-        task: what is distilled.
-        device: where the network runs.
+        task: splat, capture and settings.
+        device: device of the network.
 
     Raises:
-        InputError: as `enhancer_of_new_views`.
+        InputError: see `enhancer_of_new_views`.
     """
     if not task.makes_views:
         return None
-    kept = (cfg.max_references, cfg.depth_kind, cfg.strength, cfg.colour_clamping)
-    options = EnhancementOptions(*kept, 0.0, cfg.precision, cfg.tile, "full", cfg.colour_completion, cfg.confidence)
+    leading_options = (cfg.max_references, cfg.depth_kind, cfg.strength, cfg.colour_clamping)
+    options = EnhancementOptions(
+        *leading_options, 0.0, cfg.precision, cfg.tile, "full", cfg.colour_completion, cfg.confidence
+    )
     return enhancer_of_new_views(task, cfg.weights, options, device)
 
 
 def read_given_splat(run: str | Path | None, gaussians: str | Path | None, capture: Scene | None) -> tuple[Path, Scene]:
-    """A splat's file and its capture: of a run, or as they were given.
+    """Find a splat's file and its capture, by a run or by file and capture.
 
     Args:
-        run: folder of a fitted run, ours or original 3DGS output.
-        gaussians: instead: file of a splat, which needs a capture.
+        run: folder of a fitted run, this project's or original 3DGS output.
+        gaussians: file of a splat, in place of ``run``; it needs a capture.
         capture: photos and cameras of ``gaussians``.
 
     Raises:
-        InputError: no splat or several were given, a splat without its capture, or the run cannot be read.
+        InputError: neither or both of run and splat are given, the splat has no capture, or the run cannot be read.
     """
     if run is not None and gaussians is None:
         return _capture_of_run(Path(run))
@@ -137,45 +139,45 @@ def distil_task(
     invalid: str = "refuse",
     kind: str = "ply",
 ) -> DistilTask:
-    """Read the splat and try to render it, so that nothing is written for input that cannot be used.
+    """Read the splat and render it once, so that invalid input is refused before anything is written.
 
     Args:
-        splat: the splat's file.
-        capture: photos, their cameras and their split.
-        settings: of the further steps; None where there are none.
-        pruning: what counts as evidence of empty space; None where nothing is removed.
-        method: how the splat is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
-        device: where it is rendered.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        splat: file of the splat.
+        capture: photos, cameras and split.
+        settings: settings of distilling; None without distilling.
+        pruning: settings of pruning; None without pruning.
+        method: rendering method of the splat: "auto", "3dgs", "2dgs" or "mip_splatting".
+        device: device on which it is rendered.
+        invalid: treatment of Gaussians that are not finite: "refuse" or "drop".
         kind: format of the result: "ply", "compressed" or "spz".
 
     Raises:
-        InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored so.
+        InputError: the capture lacks photos or cameras, or the splat cannot be read, rendered or stored in the format.
     """
-    training = [photo.camera for photo in capture.train_photos if photo.camera is not None]
-    if len(training) < len(capture.train) or len(training) < 2:
-        received = f"has {len(training)} training photos with a camera of {len(capture.train)}"
+    training_cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
+    if len(training_cameras) < len(capture.train) or len(training_cameras) < 2:
+        received = f"has {len(training_cameras)} training photos with a camera of {len(capture.train)}"
         raise InputError(capture.name, received, "give a capture of at least two photos, all with cameras")
-    renderer = open_renderer(splat, training, capture.background, method, device.type, invalid)
+    renderer = open_renderer(splat, training_cameras, capture.background, method, device.type, invalid)
     if kind != "ply":
         check_format(kind, renderer.gaussians)
-    renderer(training[0].resized(8, 8))
+    renderer(training_cameras[0].resized(8, 8))
     return DistilTask(capture, splat, renderer, settings, pruning)
 
 
 def enhancer_of_new_views(
     task: DistilTask, weights: str | Path, options: EnhancementOptions, device: torch.device
 ) -> SetEnhancer:
-    """What enhances renders of the task's splat with its training photos.
+    """Make the enhancer of renders of the task's splat, with its training photos as references.
 
     Args:
-        task: what is distilled.
+        task: splat, capture and settings.
         weights: a shipped name or a ``.safetensors`` file.
-        options: of the enhancement.
-        device: where the network runs.
+        options: options of enhancement.
+        device: device of the network.
 
     Raises:
-        InputError: there are no such weights, they enlarge or use no photos, or an option is out of range.
+        InputError: the weights do not exist, enlarge images or use no photos, or an option is out of range.
     """
     pretrained = load_weights(weights)
     if pretrained.network.scale > 1 or pretrained.reference_config.references == 0:
@@ -183,12 +185,12 @@ def enhancer_of_new_views(
         raise InputError(weights, received, "choose weights for the render's own size that use photos")
     if options.max_references == 0:
         raise InputError("max_references", "is 0", "give at least 1: views are weighed by what photos show")
-    asked = options.reference_config(pretrained, "surface" if device.type == "cpu" else "expected")
+    requested_config = options.reference_config(pretrained, "surface" if device.type == "cpu" else "expected")
     photos = task.capture.train_photos
-    one = task.renderer.target("first", photos[0].camera)
-    rendered = RenderedSet(task.capture.name, (one,), tuple(map(task.renderer.reference, photos)), own_depth=True)
-    found = validate_inputs(rendered, asked, options.rules)
-    return options.enhancer(pretrained, found.reference_config, device)
+    example = task.renderer.target("first", photos[0].camera)
+    rendered = RenderedSet(task.capture.name, (example,), tuple(map(task.renderer.reference, photos)), own_depth=True)
+    validated = validate_inputs(rendered, requested_config, options.rules)
+    return options.enhancer(pretrained, validated.reference_config, device)
 
 
 def improve_splat(
@@ -200,66 +202,68 @@ def improve_splat(
     made_of: str = "",
     on_pruned: Callable[[Pruned], None] | None = None,
 ) -> Gaussians:
-    """Prune and distil, each where the task says so; a folder with a checkpoint of the same work is continued.
+    """Prune and distil by the task; where the folder has a checkpoint of the same run, the run is resumed.
 
     Args:
-        task: what is distilled.
-        enhancer: of new views; None where there are none.
-        folder: holds the checkpoint and the enhanced views.
-        progress: show progress bars.
-        made_of: as in `distil`.
-        on_pruned: is told what was removed, before the steps begin.
+        task: splat, capture and settings.
+        enhancer: enhancer of new views; None where none are made.
+        folder: folder of the checkpoint and the enhanced views.
+        progress: whether to show progress bars.
+        made_of: see `distil`.
+        on_pruned: called with the result of pruning, before distilling starts.
 
     Raises:
-        InputError: as `distil`.
+        InputError: see `distil`.
     """
     renderer = task.renderer
     if task.prune is not None:
-        found = prune(renderer, task.capture.train_photos, task.prune)
+        pruned = prune(renderer, task.capture.train_photos, task.prune)
         if on_pruned is not None:
-            on_pruned(found)
-        renderer = dataclasses.replace(renderer, gaussians=renderer.gaussians[found.kept])
+            on_pruned(pruned)
+        renderer = dataclasses.replace(renderer, gaussians=renderer.gaussians[pruned.kept])
     if task.settings is None:
         return renderer.gaussians
     return distil(task.capture, renderer, enhancer, folder, task.settings, progress=progress, made_of=made_of)
 
 
 def run_configuration(cfg: DictConfig, task: DistilTask) -> DictConfig:
-    """The configuration from which the run's folder gets its name: without what has no effect, files by their content.
+    """Configuration that names the run's folder: without keys that have no effect, with hashes of file contents.
 
     Args:
         cfg: configuration of the job ``distil``.
-        task: what is distilled.
+        task: splat, capture and settings.
     """
-    kept = copy.deepcopy(cfg)
-    made_of = {"splat": file_digest(task.splat)}
-    idle: list[str] = [] if task.prune is not None else ["evidence"]
+    reduced_cfg = copy.deepcopy(cfg)
+    digests = {"splat": file_digest(task.splat)}
+    unused_keys: list[str] = [] if task.prune is not None else ["evidence"]
     if task.settings is None:
-        idle.append("settings")
+        unused_keys.append("settings")
     if not task.makes_views:
-        idle += ENHANCING
+        unused_keys += ENHANCING
     else:
-        made_of["weights"] = file_digest(find_checkpoint(cfg.weights))
-    with open_dict(kept):
-        for name in idle:
-            kept.pop(name, None)
-        kept["made_of"] = made_of
-    return kept
+        digests["weights"] = file_digest(find_checkpoint(cfg.weights))
+    with open_dict(reduced_cfg):
+        for name in unused_keys:
+            reduced_cfg.pop(name, None)
+        reduced_cfg["made_of"] = digests
+    return reduced_cfg
 
 
 def _capture_of_run(run: Path) -> tuple[Path, Scene]:
-    """A run's splat, and its photos under its own split."""
+    """Splat of a run, and its photos with the run's split."""
     rendered = read_run(run)
     names = [view.name for view in (*rendered.targets, *rendered.references)]
-    alike = len(set(names)) < len(names)  # 3DGS numbers the renders of each side from 0
-    held_out = _photos(rendered.targets, "test_" if alike else "")
-    photos = sorted((*held_out, *_photos(rendered.references, "train_" if alike else "")), key=lambda one: one.name)
-    apart = {photo.name for photo in held_out}
-    train = tuple(index for index, photo in enumerate(photos) if photo.name not in apart)
-    test = tuple(index for index, photo in enumerate(photos) if photo.name in apart)
+    has_equal_names = len(set(names)) < len(names)  # 3DGS numbers test and training renders from 0 each
+    held_out = _photos(rendered.targets, "test_" if has_equal_names else "")
+    photos = sorted(
+        (*held_out, *_photos(rendered.references, "train_" if has_equal_names else "")), key=lambda one: one.name
+    )
+    held_out_names = {photo.name for photo in held_out}
+    train = tuple(index for index, photo in enumerate(photos) if photo.name not in held_out_names)
+    test = tuple(index for index, photo in enumerate(photos) if photo.name in held_out_names)
     return splat_file(run), Scene(rendered.name, tuple(photos), train, test, rendered.background)
 
 
 def _photos(views: Sequence[RenderedView], prefix: str) -> list[Photo]:
-    """The photos of a side; views without one can neither be learnt from nor measured."""
+    """Photos of views; views without a photo are omitted, since they serve neither for training nor for measuring."""
     return [Photo(prefix + view.name, view.camera, view.read_photo) for view in views if view.read_photo is not None]

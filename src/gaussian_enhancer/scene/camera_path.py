@@ -1,4 +1,4 @@
-"""Camera paths for videos: through the cameras of a capture, round what they look at, and in a spiral before it.
+"""Camera paths for videos: through a capture's cameras, on an orbit around their focus, or on a spiral in front of it.
 
 Axes: c cameras, p path cameras.
 """
@@ -21,28 +21,29 @@ from gaussian_enhancer.types import Camera
 
 Shape = Literal["interpolate", "orbit", "spiral"]
 OUTSIDE = 1.0
-"""A path camera may be at most this many times the capture's width away from the nearest photo."""
+"""Maximum distance of a path camera from the nearest photo's camera, in widths of the capture."""
 PARALLEL = 1e-3
-"""Smallest eigenvalue of the mean of I - d d^T, viewing directions d, at which they have a point in common."""
+"""Viewing directions d count as parallel if the smallest eigenvalue of the mean of I - d d^T is below this."""
 IN_FRONT = 0.75
-"""Share of the cameras that must have the point that they look at before them."""
+"""Minimum share of the cameras in front of which their common focus must lie."""
 AROUND = 0.5
-"""Length of the mean viewing direction below which cameras look all around."""
+"""Cameras count as looking in all directions if the length of their mean viewing direction is below this."""
 FAR = 10.0
-"""Distance, in widths of the capture, of the point that a spiral looks at where viewing directions are parallel."""
+"""Distance of a spiral's focus where there is no focus in front of the cameras, in units of the cameras' spread."""
 
 
 @dataclass(frozen=True)
 class PathSettings:
-    """How a path is laid through or round the cameras of a capture.
+    """Settings of a camera path that is derived from the cameras of a capture.
 
     Args:
         frames: number of path cameras.
-        cameras: of "interpolate": how many of the capture's cameras the path passes, evenly chosen along a short tour;
-            None passes all.
-        turns: of "orbit" and "spiral": full turns. A whole number of an orbit's, an even one of a spiral's turns, ends
-            where it began.
-        radius: of "orbit" and "spiral": times the median distance, and times the spread, of the capture's cameras.
+        cameras: for "interpolate": number of the capture's cameras that the path passes through, evenly chosen along a
+            short tour; None uses all.
+        turns: for "orbit" and "spiral": number of turns; None means 1 for an orbit and 2 for a spiral. An orbit is
+            closed for a whole number of turns, a spiral for an even number.
+        radius: for "orbit" and "spiral": factor on the path's size. At 1 an orbit has the median distance and height of
+            the capture's cameras; a spiral has, on each axis, the 90th percentile of their offsets from the mean.
 
     Raises:
         InputError: a number is out of range.
@@ -58,17 +59,18 @@ class PathSettings:
 
 
 def capture_path(shape: Shape, cameras: Sequence[Camera], settings: PathSettings) -> tuple[Camera, ...]:
-    """A path by a capture's cameras. All of its cameras have one lens, `common_lens`.
+    """A camera path derived from a capture's cameras. All path cameras have the same lens, `common_lens`.
 
     Args:
-        shape: "interpolate": through the cameras, in the order of a short tour, at even speed. "orbit": a circle round
-            the point that the cameras look at, at their median distance and height. "spiral": a spiral about the mean
+        shape: "interpolate": through the cameras, in the order of a short tour, at constant speed. "orbit": a circle
+            around the cameras' common focus, at their median distance and height. "spiral": a spiral around the mean
             camera that looks at one point, as LLFF renders forward-facing captures (Mildenhall et al., 2019).
-        cameras: of the capture, in its order.
-        settings: of the path.
+        cameras: cameras of the capture, in its order.
+        settings: settings of the path.
 
     Raises:
-        InputError: there are fewer than two cameras, or they do not look at one point, as an orbit and a spiral need.
+        InputError: there are fewer than two cameras, or they do not suit the shape. An orbit needs a common focus; a
+            spiral needs cameras that do not look in all directions.
     """
     if len(cameras) < 2:
         received = f"is laid by the cameras of a capture, which has {len(cameras)}"
@@ -80,26 +82,28 @@ def capture_path(shape: Shape, cameras: Sequence[Camera], settings: PathSettings
 
 
 def common_lens(cameras: Sequence[Camera]) -> Camera:
-    """A camera of the most common size with the median intrinsics of the cameras of that size; its pose is the first's.
+    """A camera of the most common size with the median intrinsics of the cameras of that size.
+
+    Its pose is that of the first camera of that size.
 
     Args:
-        cameras: of a capture.
+        cameras: cameras of a capture.
     """
     (height, width), _ = Counter((camera.height, camera.width) for camera in cameras).most_common(1)[0]
-    alike = [camera for camera in cameras if (camera.height, camera.width) == (height, width)]
-    K = torch.from_numpy(np.median(np.stack([camera.K.cpu().double().numpy() for camera in alike]), axis=0))
-    return dataclasses.replace(alike[0], K=K.to(alike[0].K))
+    same_size = [camera for camera in cameras if (camera.height, camera.width) == (height, width)]
+    K = torch.from_numpy(np.median(np.stack([camera.K.cpu().double().numpy() for camera in same_size]), axis=0))
+    return dataclasses.replace(same_size[0], K=K.to(same_size[0].K))
 
 
 def resize_to_even(cameras: Sequence[Camera], height: int | None = None) -> tuple[Camera, ...]:
-    """The cameras at a height in pixels, without the last row and column where a side is odd: videos have even sides.
+    """Resize cameras to a height in pixels and crop odd sides by one pixel, since videos need even sides.
 
     Args:
-        cameras: of a path, all of one size.
-        height: of the frames; None keeps the cameras'.
+        cameras: cameras of a path, all of one size.
+        height: height of the frames in pixels; None keeps the cameras' height.
 
     Raises:
-        InputError: cameras differ in size, or a side is below 2 pixels.
+        InputError: the cameras differ in size, or a side is below 2 pixels.
     """
     sizes = dict.fromkeys((camera.width, camera.height) for camera in cameras)
     if len(sizes) > 1:
@@ -114,22 +118,25 @@ def resize_to_even(cameras: Sequence[Camera], height: int | None = None) -> tupl
 
 
 def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: object) -> None:
-    """Refuse a path that leaves the space of the capture, where a splat knows nothing.
+    """Refuse a path that leaves the space of the capture, where the splat is unconstrained by photos.
 
     Args:
         path: cameras of the path.
         cameras: cameras of the capture.
-        subject: what the path is called, in the error.
+        subject: name of the path, for the error.
 
     Raises:
-        InputError: a camera is farther from the nearest of the capture's than the capture is wide.
+        InputError: the distance from a path camera to the nearest of the capture's cameras exceeds `OUTSIDE` times the
+            capture's width.
     """
-    photos = _centres(cameras)
-    width = 2 * float(np.linalg.norm(photos - photos.mean(0), axis=1).max())
-    distances = np.stack([np.linalg.norm(photos - centre, axis=1).min() for centre in _centres(path)])
-    worst = int(distances.argmax())
-    if width > 0 and distances[worst] > OUTSIDE * width:
-        received = f"leaves the capture: camera {worst + 1} of {len(path)} is {distances[worst] / width:.1f} times the "
+    photo_centres = _centres(cameras)
+    width = 2 * float(np.linalg.norm(photo_centres - photo_centres.mean(0), axis=1).max())
+    distances = np.stack([np.linalg.norm(photo_centres - centre, axis=1).min() for centre in _centres(path)])
+    farthest = int(distances.argmax())
+    if width > 0 and distances[farthest] > OUTSIDE * width:
+        received = (
+            f"leaves the capture: camera {farthest + 1} of {len(path)} is {distances[farthest] / width:.1f} times the "
+        )
         received += "capture's width away from the nearest photo"
         raise InputError(subject, received, "give a path in the capture's own coordinates, near its photos")
 
@@ -137,9 +144,9 @@ def refuse_outside(path: Sequence[Camera], cameras: Sequence[Camera], subject: o
 def _interpolated(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
     tour = [cameras[i] for i in short_tour(cameras)]
     count = len(tour) if settings.cameras is None else min(settings.cameras, len(tour))
-    passed = [tour[round(i)] for i in np.linspace(0, len(tour) - 1, count)]
-    alike = [dataclasses.replace(lens, world_to_camera=camera.world_to_camera) for camera in passed]
-    return smooth_path(alike, settings.frames, even_speed=True)
+    waypoints = [tour[round(i)] for i in np.linspace(0, len(tour) - 1, count)]
+    waypoint_cameras = [dataclasses.replace(lens, world_to_camera=camera.world_to_camera) for camera in waypoints]
+    return smooth_path(waypoint_cameras, settings.frames, even_speed=True)
 
 
 def _orbit(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> tuple[Camera, ...]:
@@ -148,14 +155,14 @@ def _orbit(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> t
     if focus is None:
         raise InputError("path=orbit", "has no centre: the cameras do not look at one point", "use path=interpolate")
     heights = (centres - focus) @ up
-    aside = centres - focus - heights[:, None] * up
-    distance = settings.radius * float(np.median(np.linalg.norm(aside, axis=1)))
+    horizontal = centres - focus - heights[:, None] * up
+    distance = settings.radius * float(np.median(np.linalg.norm(horizontal, axis=1)))
     if not distance > 0:
         raise InputError("path=orbit", "has no radius: the cameras stand above one another", "use path=interpolate")
-    first = aside[np.linalg.norm(aside, axis=1).argmax()]
-    first = first / np.linalg.norm(first)
+    start_direction = horizontal[np.linalg.norm(horizontal, axis=1).argmax()]
+    start_direction = start_direction / np.linalg.norm(start_direction)
     angles = 2 * np.pi * (settings.turns or 1) * np.arange(settings.frames) / settings.frames
-    ring = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * np.cross(up, first)
+    ring = np.cos(angles)[:, None] * start_direction + np.sin(angles)[:, None] * np.cross(up, start_direction)
     eyes = focus + settings.radius * float(np.median(heights)) * up + distance * ring
     return tuple(_look_at(lens, eye, focus, up, "orbit") for eye in eyes)
 
@@ -168,16 +175,16 @@ def _spiral(cameras: Sequence[Camera], lens: Camera, settings: PathSettings) -> 
     forward = forward / np.linalg.norm(forward)
     spread = float(np.linalg.norm(centres - mean, axis=1).max())
     focus = _focus(cameras)
-    ahead = 0.0 if focus is None else float((focus - mean) @ forward)
-    target = mean + (ahead if ahead > 0 else FAR * spread) * forward
+    focus_distance = 0.0 if focus is None else float((focus - mean) @ forward)
+    target = mean + (focus_distance if focus_distance > 0 else FAR * spread) * forward
     right = np.cross(forward, up)
     axes = np.stack([right / np.linalg.norm(right), np.cross(forward, right) / np.linalg.norm(right), forward])
     radii = settings.radius * np.percentile(np.abs((centres - mean) @ axes.T), 90, axis=0)
     if not radii.any():
         raise InputError("path=spiral", "has no radius: the cameras stand at one place", "use path=interpolate")
     angles = 2 * np.pi * (settings.turns or 2) * np.arange(settings.frames) / settings.frames
-    waves = np.stack([np.cos(angles), -np.sin(angles), -np.sin(angles / 2)], axis=1)
-    return tuple(_look_at(lens, eye, target, up, "spiral") for eye in mean + (waves * radii) @ axes)
+    offsets = np.stack([np.cos(angles), -np.sin(angles), -np.sin(angles / 2)], axis=1)
+    return tuple(_look_at(lens, eye, target, up, "spiral") for eye in mean + (offsets * radii) @ axes)
 
 
 def _centres(cameras: Sequence[Camera]) -> Float[np.ndarray, "c 3"]:
@@ -185,7 +192,7 @@ def _centres(cameras: Sequence[Camera]) -> Float[np.ndarray, "c 3"]:
 
 
 def _up(cameras: Sequence[Camera], shape: str) -> Float[np.ndarray, " 3"]:
-    """The mean of the cameras' upward directions."""
+    """Unit vector of the mean of the cameras' upward directions."""
     up = -np.stack([camera.rotation[1].double().cpu().numpy() for camera in cameras]).mean(0)
     if np.linalg.norm(up) < 1e-3:
         raise InputError(f"path={shape}", "has no upward direction: the cameras' cancel", "use path=interpolate")
@@ -193,22 +200,22 @@ def _up(cameras: Sequence[Camera], shape: str) -> Float[np.ndarray, " 3"]:
 
 
 def _focus(cameras: Sequence[Camera]) -> Float[np.ndarray, " 3"] | None:
-    """The point nearest to all viewing rays (least squares); None where they are parallel or it is not before them."""
+    """Least-squares intersection of the viewing rays; None if these are parallel or it lies behind too many cameras."""
     centres = _centres(cameras)
-    forward = np.stack([camera.forward.double().cpu().numpy() for camera in cameras])
-    across = np.eye(3) - forward[:, :, None] * forward[:, None, :]
-    normal = across.mean(0)
-    if np.linalg.eigvalsh(normal)[0] < PARALLEL:
+    directions = np.stack([camera.forward.double().cpu().numpy() for camera in cameras])
+    projections = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    normal_matrix = projections.mean(0)
+    if np.linalg.eigvalsh(normal_matrix)[0] < PARALLEL:
         return None
-    point = np.linalg.solve(normal, (across @ centres[:, :, None]).mean(0)[:, 0])
-    before = ((point - centres) * forward).sum(1) > 0
-    return point if before.mean() >= IN_FRONT else None
+    point = np.linalg.solve(normal_matrix, (projections @ centres[:, :, None]).mean(0)[:, 0])
+    in_front = ((point - centres) * directions).sum(1) > 0
+    return point if in_front.mean() >= IN_FRONT else None
 
 
 def _look_at(
     lens: Camera, eye: Float[np.ndarray, " 3"], target: Float[np.ndarray, " 3"], up: Float[np.ndarray, " 3"], shape: str
 ) -> Camera:
-    """A camera of a lens at a place that looks at a point, upright."""
+    """An upright camera at ``eye`` that looks at ``target``, with the intrinsics of ``lens``."""
     forward = target - eye
     right = np.cross(forward, up)
     if not np.linalg.norm(right) > 1e-6 * np.linalg.norm(forward):

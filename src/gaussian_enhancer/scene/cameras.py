@@ -1,7 +1,8 @@
-"""``cameras.json`` of a fitted splat: 3DGS's list, plus principal point and split.
+"""``cameras.json`` of a fitted splat: 3DGS's list, extended by principal point and split.
 
 3DGS (``utils/camera_utils.py``) writes id, img_name, width, height, position, rotation (camera-to-world, row by row),
-fx, fy; the test cameras come first. It has neither principal point (the middle is meant) nor split.
+fx and fy, test cameras first. It writes neither the principal point, which it assumes at the image's centre, nor the
+split.
 """
 
 import json
@@ -32,7 +33,7 @@ class ListedCamera:
     Args:
         name: the photo's name, with or without ending.
         camera: pose and intrinsics at the listed size.
-        split: "train" or "test"; None in files that 3DGS wrote.
+        split: "train" or "test"; None in files written by 3DGS.
     """
 
     name: str
@@ -41,7 +42,7 @@ class ListedCamera:
 
 
 def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Sequence[Side]) -> None:
-    """Write a ``cameras.json``, whole or not at all.
+    """Write a ``cameras.json`` atomically.
 
     Args:
         path: the file to write.
@@ -49,7 +50,7 @@ def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Seq
         splits: "train" or "test" for each view.
 
     Raises:
-        InputError: a view has no camera, counts differ, or the system refuses to write.
+        InputError: a view has no camera, the counts differ, or the file cannot be written.
     """
     if len(views) != len(splits):
         raise InputError("splits", f"has {len(splits)} entries for {len(views)} views", "give one for each view")
@@ -58,7 +59,7 @@ def write_cameras(path: Path, views: Sequence[Photo | RenderedView], splits: Seq
 
 
 def write_scene_cameras(path: Path, scene: Scene) -> None:
-    """Write a scene's ``cameras.json``, test cameras first as 3DGS does; photos on neither side are left out."""
+    """Write a scene's ``cameras.json``, test cameras first as in 3DGS, without photos that are in neither split."""
     views = [*scene.test_photos, *scene.train_photos]
     sides: list[Side] = ["test"] * len(scene.test) + ["train"] * len(scene.train)  # type: ignore[assignment]
     write_cameras(path, views, sides)
@@ -69,7 +70,7 @@ def read_cameras(path: Path) -> tuple[ListedCamera, ...]:
     """The cameras of a ``cameras.json``, in the file's order.
 
     Raises:
-        InputError: the file is missing or malformed, or a camera is unusable.
+        InputError: the file is missing or malformed, or a camera is invalid.
     """
     entries = read_json(path)
     if not isinstance(entries, list) or not entries:
@@ -83,13 +84,13 @@ def cameras_by_stem(cameras: Sequence[ListedCamera], source: Path) -> dict[str, 
     Raises:
         InputError: two cameras have the same name.
     """
-    found: dict[str, Camera] = {}
+    by_stem: dict[str, Camera] = {}
     for entry in cameras:
         stem = Path(entry.name).stem
-        if stem in found:
+        if stem in by_stem:
             raise InputError(source, f"lists {stem!r} more than once", "give every camera the name of its own photo")
-        found[stem] = entry.camera
-    return found
+        by_stem[stem] = entry.camera
+    return by_stem
 
 
 def _entry(index: int, view: Photo | RenderedView, side: Side) -> dict[str, Any]:
@@ -117,13 +118,13 @@ def _listed(entry: Any, where: str) -> ListedCamera:
     cx, cy = number(entry, "cx", where, width / 2), number(entry, "cy", where, height / 2)
     K, _, _ = ideal_pinhole(Lens("PINHOLE", width, height, (fx, fy, cx, cy), where))
     try:
-        to_world = torch.tensor(member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
+        camera_to_world = torch.tensor(member(entry, "rotation", where), dtype=torch.float64).reshape(3, 3)
         position = torch.tensor(member(entry, "position", where), dtype=torch.float64).reshape(3)
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise InputError(where, f"has a malformed pose ({error})", "give a 3x3 rotation and a position") from error
     pose = torch.eye(4, dtype=torch.float64)
-    pose[:3, :3] = to_world.T
-    pose[:3, 3] = -to_world.T @ position
+    pose[:3, :3] = camera_to_world.T
+    pose[:3, 3] = -camera_to_world.T @ position
     split = entry.get("split")
     if split not in (None, "train", "test"):
         raise InputError(where, f"has split {abbreviate(split)}", 'give "train" or "test"')

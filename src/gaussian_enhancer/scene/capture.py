@@ -22,26 +22,28 @@ def open_capture(
     background: tuple[float, float, float] | None = None,
     name: str = "",
 ) -> Scene:
-    """A scene from a folder in any of the known layouts.
+    """Open a scene from a folder in any of the known layouts.
 
-    Looked for in this order: ``transforms_train.json`` (NeRF-Synthetic), ``transforms.json`` (nerfstudio,
-    instant-ngp), a COLMAP model, OpenSfM's ``reconstruction.json``. A layout's own options (another photo folder or
-    file name) belong to its loader.
+    Layouts are tried in this order: ``transforms_train.json`` (NeRF-Synthetic), ``transforms.json`` (nerfstudio,
+    instant-ngp), a COLMAP model, OpenSfM's ``reconstruction.json``. Options of a single layout, such as another photo
+    folder or file name, are available in its loader only.
 
     Args:
         path: the capture's folder.
         downscale: factor that divides width and height of the photos read.
-        split: how to divide the photos; the capture's own split, or every 8th held out, where None.
+        split: how to divide the photos. Where None, the capture's own split is used or, without one, every 8th photo is
+            held out.
         missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
-        background: colour under transparent photos; the layout's habit where None (NeRF-Synthetic white, else black).
+        background: colour under transparent photos; where None, the layout's default (white for NeRF-Synthetic, else
+            black).
         name: the scene's name; the folder's where empty.
 
     Raises:
-        InputError: the folder is missing or fits no layout, or the layout's loader refuses it.
+        InputError: the folder is missing or has an unknown layout, or the layout's loader refuses it.
     """
     load = _loader(Path(path))
-    optional = {} if background is None else {"background": background}
-    return load(path, downscale=downscale, split=split, missing=missing, name=name, **optional)
+    optional_arguments = {} if background is None else {"background": background}
+    return load(path, downscale=downscale, split=split, missing=missing, name=name, **optional_arguments)
 
 
 def _loader(root: Path) -> Callable[..., Scene]:

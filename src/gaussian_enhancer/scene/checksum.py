@@ -1,7 +1,7 @@
-"""Checksums of archives: recorded, sent by the server, or taken from the first copy.
+"""Verification of archives by checksums that are recorded, sent by the server, or taken from the first copy.
 
-Where nobody publishes a checksum, the first copy's SHA-256 is written beside it (``FILE.sha256``, as ``sha256sum``
-writes it), and every later copy has to have the same.
+The first copy's SHA-256 is written beside it (``FILE.sha256``, in the format of ``sha256sum``), and every later copy
+must have the same. This covers archives without a published checksum.
 """
 
 import base64
@@ -17,42 +17,43 @@ from gaussian_enhancer.scene.datasets import Archive
 
 
 def check_archive(archive: Archive, file: Path, place: Path, md5: str | None = None) -> str:
-    """Compare a file's size and checksums with what is known of it.
+    """Compare a file's size and checksums with the expected values.
 
     Args:
-        archive: what it should be.
-        file: what is there.
-        place: its final name, whose ``.sha256`` holds the first copy's checksum and is written where there is none.
-        md5: what the server stated.
+        archive: description with the recorded values.
+        file: the downloaded file.
+        place: the file's final path. The ``.sha256`` file beside it holds the first copy's checksum and is written if
+            it does not exist.
+        md5: MD5 stated by the server.
 
     Returns:
-        Its SHA-256.
+        The file's SHA-256.
 
     Raises:
-        InputError: size or checksum are others.
+        InputError: the size or a checksum differs.
     """
     size = file.stat().st_size
     if archive.bytes not in (None, size):
         raise InputError(place, f"has {size} bytes where {archive.bytes} are recorded", _remedy(place))
-    with file.open("rb") as opened:
-        sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
-    beside = place.with_name(f"{place.name}.sha256")
-    stated = {"recorded": archive.sha256, f"in {beside.name}": _first_word(beside)}
-    for origin, expected in stated.items():
+    with file.open("rb") as stream:
+        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    checksum_file = place.with_name(f"{place.name}.sha256")
+    expected_sha256 = {"recorded": archive.sha256, f"in {checksum_file.name}": _first_word(checksum_file)}
+    for origin, expected in expected_sha256.items():
         if expected not in (None, sha256):
             raise InputError(place, f"has SHA-256 {sha256} where {expected} is {origin}", _remedy(place))
     for origin, expected in {"recorded": archive.md5, "stated by the server": md5}.items():
         if expected is not None and expected != (computed := _md5(file)):
             raise InputError(place, f"has MD5 {computed} where {expected} is {origin}", _remedy(place))
-    if stated[f"in {beside.name}"] is None:
-        write_text(beside, f"{sha256}  {place.name}\n")
+    if expected_sha256[f"in {checksum_file.name}"] is None:
+        write_text(checksum_file, f"{sha256}  {place.name}\n")
     return sha256
 
 
 def served_md5(headers: Message) -> str | None:
-    """The MD5 that Google's storage sends along (``x-goog-hash: crc32c=..., md5=...``), in hexadecimal digits."""
-    sent = ",".join(headers.get_all("x-goog-hash") or [])
-    match = re.search(r"md5=([A-Za-z0-9+/]+=*)", sent)
+    """Hexadecimal MD5 from Google Cloud Storage's header ``x-goog-hash: crc32c=..., md5=...``; None without one."""
+    header = ",".join(headers.get_all("x-goog-hash") or [])
+    match = re.search(r"md5=([A-Za-z0-9+/]+=*)", header)
     if match is None:
         return None
     try:
@@ -71,8 +72,8 @@ def _first_word(beside: Path) -> str | None:
 
 
 def _md5(file: Path) -> str:
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
 def _remedy(place: Path) -> str:

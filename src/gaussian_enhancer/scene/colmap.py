@@ -1,6 +1,6 @@
 """COLMAP captures: a model (binary or text) and a folder of photos.
 
-The model's own files are read by `colmap_model`.
+`colmap_model` reads the model's files.
 """
 
 import os
@@ -38,8 +38,8 @@ def load_colmap(
 
     Args:
         path: the capture's folder.
-        images: folder of the photos in it; with ``images_4`` and the like the intrinsics follow the photos' size.
-        sparse: folder of the model in it; ``sparse/0`` or ``sparse`` where None.
+        images: subfolder of the photos. Intrinsics are scaled to the photos' size, such as that of ``images_4``.
+        sparse: subfolder of the model; the first of `MODEL_FOLDERS` that holds one where None.
         downscale: factor that divides width and height of the photos read.
         split: how to divide the photos; every 8th is held out where None.
         missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
@@ -47,34 +47,36 @@ def load_colmap(
         name: the scene's name; the folder's where empty.
 
     Raises:
-        InputError: no or a damaged model, photos and model do not belong together, a bad pose or lens.
+        InputError: the model is missing or damaged, photos and model do not match, or a pose or lens is invalid.
     """
     root = Path(path)
     folder = _model_folder(root, sparse)
     model = read_model(folder)
     photos = _by_stem(root / images)
     files: list[PosedFile] = []
-    absent: list[str] = []
+    images_without_photo: list[str] = []
     for image in model.images:
-        found = photos.pop(_key(image.name), None)
-        if found is None:
-            absent.append(image.name)
+        photo = photos.pop(_key(image.name), None)
+        if photo is None:
+            images_without_photo.append(image.name)
         else:
-            files.append(PosedFile(found[0], found[1], model.cameras[image.camera], camera_pose(image)))
-    refuse_or_drop(absent, "cameras without a photo", root / images, missing)
-    refuse_or_drop([listed for listed, _ in photos.values()], "photos without a camera", root / images, missing)
+            files.append(PosedFile(photo[0], photo[1], model.cameras[image.camera], camera_pose(image)))
+    refuse_or_drop(images_without_photo, "cameras without a photo", root / images, missing)
+    refuse_or_drop(
+        [relative_path for relative_path, _ in photos.values()], "photos without a camera", root / images, missing
+    )
     return build_scene(
         files, source=root, name=name, downscale=downscale, split=split, background=background, points=model.points
     )
 
 
 def find_model(root: Path) -> Path | None:
-    """The first usual folder under ``root`` that holds a COLMAP model, None if there is none."""
-    return next((root / sub for sub in MODEL_FOLDERS if model_ending(root / sub) is not None), None)
+    """The first of `MODEL_FOLDERS` under ``root`` that holds a COLMAP model, None if there is none."""
+    return next((root / subfolder for subfolder in MODEL_FOLDERS if model_ending(root / subfolder) is not None), None)
 
 
 def model_ending(folder: Path) -> str | None:
-    """``.bin`` or ``.txt`` if the folder holds a COLMAP model's images file of that kind, else None."""
+    """Ending of the folder's COLMAP images file, ``.bin`` or ``.txt``; None if there is no such file."""
     return next((ending for ending in (".bin", ".txt") if (folder / f"images{ending}").is_file()), None)
 
 
@@ -95,31 +97,34 @@ def _model_folder(root: Path, sparse: str | None) -> Path:
         raise InputError(root, "is no folder", "name the capture's folder")
     if sparse is not None:
         return root / sparse
-    found = find_model(root)
-    if found is None:
+    model_folder = find_model(root)
+    if model_folder is None:
         raise InputError(root, f"holds no COLMAP model in {', '.join(MODEL_FOLDERS)}", "name its folder with sparse=")
-    return found
+    return model_folder
 
 
 def _by_stem(folder: Path) -> dict[str, tuple[str, Path]]:
-    """Photos under the folder, subfolders included, by path without ending: image_4 folders may hold another kind."""
+    """Names and paths of the photos in a folder and its subfolders, by relative path without ending.
+
+    Endings are ignored because folders such as ``images_4`` may hold another image format than the model names.
+    """
     if not folder.is_dir():
         list_images(folder)
     files = sorted(p for p in _walk(folder) if p.suffix.lower() in ENDINGS and not p.name.startswith("."))
     if not files:
         list_images(folder)
-    found: dict[str, tuple[str, Path]] = {}
+    photos: dict[str, tuple[str, Path]] = {}
     for file in files:
-        listed = file.relative_to(folder).as_posix()
-        if _key(listed) in found:
-            twin = found[_key(listed)][0]
-            raise InputError(folder, f"holds both {twin} and {listed}", "keep one photo of each name")
-        found[_key(listed)] = (listed, file)
-    return found
+        relative_path = file.relative_to(folder).as_posix()
+        if _key(relative_path) in photos:
+            earlier_path = photos[_key(relative_path)][0]
+            raise InputError(folder, f"holds both {earlier_path} and {relative_path}", "keep one photo of each name")
+        photos[_key(relative_path)] = (relative_path, file)
+    return photos
 
 
 def _walk(folder: Path) -> Iterator[Path]:
-    """Every file under a folder; unlike `Path.rglob`, a folder that may not be read is an error."""
+    """Every file under a folder; unlike with `Path.rglob`, an unreadable folder raises an error."""
 
     def refuse(error: OSError) -> None:
         raise error
@@ -134,7 +139,7 @@ def _key(listed: str) -> str:
 
 
 def camera_pose(image: ColmapImage) -> Float[Tensor, "4 4"]:
-    """World-to-camera pose of an image of a model (float64)."""
+    """World-to-camera pose of a model's image (float64)."""
     from kornia.geometry.conversions import quaternion_to_rotation_matrix
 
     pose = torch.eye(4, dtype=torch.float64)

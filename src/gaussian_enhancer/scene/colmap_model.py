@@ -1,6 +1,6 @@
-"""COLMAP's model files, binary or text, read with every record checked.
+"""Reader of COLMAP's model files, binary or text, that validates every record.
 
-pycolmap's own reader ends the process for some damaged files and takes a quaternion of zeros for no rotation.
+pycolmap's own reader terminates the process on some damaged files and reads a zero quaternion as the identity rotation.
 Axes: p points.
 """
 
@@ -30,10 +30,10 @@ class ColmapImage:
     """One image of a model.
 
     Args:
-        name: as the model lists it.
-        camera: its camera's number.
-        rotation: world to camera, a unit quaternion (w, x, y, z).
-        translation: world to camera.
+        name: file name as the model lists it.
+        camera: number of its camera in the model.
+        rotation: of the world-to-camera pose, a unit quaternion (w, x, y, z).
+        translation: of the world-to-camera pose.
     """
 
     name: str
@@ -44,11 +44,11 @@ class ColmapImage:
 
 @dataclass(frozen=True)
 class ColmapModel:
-    """What a capture needs of a COLMAP model.
+    """The parts of a COLMAP model that a capture needs.
 
     Args:
-        cameras: lenses by number.
-        images: in the file's order.
+        cameras: lenses by camera number.
+        images: posed images, in the file's order.
         points: sparse points; None where there are none.
     """
 
@@ -59,26 +59,31 @@ class ColmapModel:
 
 @reader
 def read_colmap_model(folder: Path, ending: str) -> ColmapModel:
-    """Read ``cameras``, ``images`` and ``points3D`` of a folder.
+    """Read the ``cameras``, ``images`` and ``points3D`` files of a model.
 
     Args:
-        folder: the model's.
+        folder: folder of the model.
         ending: ".bin" or ".txt".
 
     Raises:
-        InputError: a file is missing, truncated or malformed, or a pose is no rotation.
+        InputError: a file is missing, truncated or malformed, a number is repeated, an image's camera is not listed, or
+            a pose's quaternion is not of unit length.
     """
-    cameras, images, points = (folder / f"{stem}{ending}" for stem in ("cameras", "images", "points3D"))
-    for file in (cameras, images, points):
+    cameras_file, images_file, points_file = (folder / f"{stem}{ending}" for stem in ("cameras", "images", "points3D"))
+    for file in (cameras_file, images_file, points_file):
         if not file.is_file():
             raise InputError(file, "does not exist", "copy the whole model: cameras, images and points3D")
-    binary = ending == ".bin"
-    lenses = _unique(_binary_cameras(cameras) if binary else _text_cameras(cameras), cameras)
-    listed = _unique(_binary_images(images) if binary else _text_images(images), images)
-    for image in listed.values():
+    is_binary = ending == ".bin"
+    lenses = _unique(_binary_cameras(cameras_file) if is_binary else _text_cameras(cameras_file), cameras_file)
+    images_by_number = _unique(_binary_images(images_file) if is_binary else _text_images(images_file), images_file)
+    for image in images_by_number.values():
         if image.camera not in lenses:
-            raise InputError(images, f"gives {image.name} camera {image.camera}, which is not listed", AGAIN)
-    return ColmapModel(lenses, tuple(listed.values()), _binary_points(points) if binary else _text_points(points))
+            raise InputError(images_file, f"gives {image.name} camera {image.camera}, which is not listed", AGAIN)
+    return ColmapModel(
+        lenses,
+        tuple(images_by_number.values()),
+        _binary_points(points_file) if is_binary else _text_points(points_file),
+    )
 
 
 def _unique(records: Iterator[tuple[int, Any]], file: Path) -> dict[int, Any]:
@@ -92,7 +97,7 @@ def _unique(records: Iterator[tuple[int, Any]], file: Path) -> dict[int, Any]:
 
 def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> ColmapImage:
     length = math.hypot(*pose[:4])
-    if not abs(length - 1) <= 0.01:  # NaN is no rotation either
+    if not abs(length - 1) <= 0.01:  # written so that NaN is refused too
         raise InputError(file, f"gives {name} a quaternion of length {length:g} as rotation", "calibrate again")
     w, x, y, z = (part / length for part in pose[:4])
     return ColmapImage(name, camera, (w, x, y, z), (pose[4], pose[5], pose[6]))
@@ -100,10 +105,10 @@ def _image(name: str, camera: int, pose: tuple[float, ...], file: Path) -> Colma
 
 @lru_cache
 def _models() -> dict[int, tuple[str, int]]:
-    """Name and number of parameters of every camera model."""
+    """Name and parameter count of every camera model, by COLMAP's number of the model."""
     pycolmap = load_pycolmap()
-    known = {int(kind): name for name, kind in pycolmap.CameraModelId.__members__.items() if name != "INVALID"}
-    return {number: (name, len(pycolmap.Camera(model=name).params_info.split(","))) for number, name in known.items()}
+    names = {int(kind): name for name, kind in pycolmap.CameraModelId.__members__.items() if name != "INVALID"}
+    return {number: (name, len(pycolmap.Camera(model=name).params_info.split(","))) for number, name in names.items()}
 
 
 def _damaged_file(file: Path, size: int) -> InputError:
@@ -111,7 +116,7 @@ def _damaged_file(file: Path, size: int) -> InputError:
 
 
 def _records(file: Path, data: bytes, record: Any) -> Iterator[tuple[int, Any]]:
-    """Walk a binary file: ``record(offset)`` gives the next offset, a number and a value."""
+    """Iterate over the records of a binary file: ``record(offset)`` returns the next offset, a number and a value."""
     try:
         (count,), offset = struct.unpack_from("<Q", data, 0), 8
         for _ in range(count):
@@ -145,9 +150,9 @@ def _binary_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
     def record(offset: int) -> tuple[int, int, ColmapImage]:
         number, *pose, camera = struct.unpack_from("<I7dI", data, offset)
         end = data.index(b"\0", offset + 64)
-        (observations,) = struct.unpack_from("<Q", data, end + 1)
+        (observation_count,) = struct.unpack_from("<Q", data, end + 1)
         name = _decoded(data[offset + 64 : end], file)
-        return end + 9 + 24 * observations, number, _image(name, camera, tuple(pose), file)
+        return end + 9 + 24 * observation_count, number, _image(name, camera, tuple(pose), file)
 
     return _records(file, data, record)
 
@@ -162,30 +167,30 @@ def _decoded(name: bytes, file: Path) -> str:
 
 def _binary_points(file: Path) -> Points | None:
     data = read_bytes(file, 4)
-    starts = array("q")
+    record_offsets = array("q")
 
     def record(offset: int) -> tuple[int, int, None]:
-        (track,) = struct.unpack_from("<Q", data, offset + 43)
-        starts.append(offset)
-        return offset + 51 + 8 * track, len(starts), None
+        (track_length,) = struct.unpack_from("<Q", data, offset + 43)
+        record_offsets.append(offset)
+        return offset + 51 + 8 * track_length, len(record_offsets), None
 
     for _ in _records(file, data, record):
         pass
-    if not starts:
+    if not record_offsets:
         return None
-    rows = np.frombuffer(data, np.uint8)[np.asarray(starts)[:, None] + np.arange(_POINT.itemsize)]
+    rows = np.frombuffer(data, np.uint8)[np.asarray(record_offsets)[:, None] + np.arange(_POINT.itemsize)]
     points = rows.view(_POINT)[:, 0]
     return _points(points["xyz"], points["rgb"])
 
 
 def _points(positions: np.ndarray, colours: np.ndarray) -> Points:
-    with np.errstate(over="ignore"):  # beyond single precision is infinite, which the scene refuses
-        near = positions.astype(np.float32)
-    return Points(torch.from_numpy(near), torch.from_numpy(colours.astype(np.float32) / np.float32(255)))
+    with np.errstate(over="ignore"):  # overflow gives infinity, which `build_scene` refuses
+        positions_float32 = positions.astype(np.float32)
+    return Points(torch.from_numpy(positions_float32), torch.from_numpy(colours.astype(np.float32) / np.float32(255)))
 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:
-    """Lines of a text file with their numbers, comments left out, empty lines kept."""
+    """Numbered lines of a text file without comment lines; empty lines are kept."""
     lines = read_text(file, 8).split("\n")
     return ((number, line.strip()) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#"))
 
@@ -195,40 +200,40 @@ def _malformed(file: Path, number: int, line: str) -> InputError:
 
 
 def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
-    for number, line in _lines(file):
+    for line_number, line in _lines(file):
         fields = line.split()
         if not fields:
             continue
         try:
-            found, width, height = int(fields[0]), int(fields[2]), int(fields[3])
+            camera_number, width, height = int(fields[0]), int(fields[2]), int(fields[3])
             params = tuple(float(word) for word in fields[4:])
         except (ValueError, IndexError) as error:
-            raise _malformed(file, number, line) from error
-        yield found, Lens(fields[1], width, height, params, f"camera {found} of {file.parent}")
+            raise _malformed(file, line_number, line) from error
+        yield camera_number, Lens(fields[1], width, height, params, f"camera {camera_number} of {file.parent}")
 
 
 def _text_images(file: Path) -> Iterator[tuple[int, ColmapImage]]:
-    """Two lines an image: its pose, its observations (x, y, point), which may be empty."""
+    """Parse two lines for each image: its pose, then its observations (x, y, point), which may be empty."""
     lines = _lines(file)
-    for number, line in lines:
+    for line_number, line in lines:
         if not line:
             continue
         fields = line.split(maxsplit=9)
         try:
-            found, camera = int(fields[0]), int(fields[8])
+            image_number, camera = int(fields[0]), int(fields[8])
             pose, name = tuple(float(word) for word in fields[1:8]), fields[9]
         except (ValueError, IndexError) as error:
-            raise _malformed(file, number, line) from error
-        below, observations = next(lines, (number + 1, ""))
+            raise _malformed(file, line_number, line) from error
+        next_number, observations = next(lines, (line_number + 1, ""))
         values = observations.split()
         if len(values) % 3 or (values and not values[2].lstrip("-").isdigit()):
-            raise _malformed(file, below, observations)
-        yield found, _image(name, camera, pose, file)
+            raise _malformed(file, next_number, observations)
+        yield image_number, _image(name, camera, pose, file)
 
 
 def _text_points(file: Path) -> Points | None:
     positions, colours = array("d"), array("B")
-    for number, line in _lines(file):
+    for line_number, line in _lines(file):
         fields = line.split(maxsplit=8)
         if not fields:
             continue
@@ -237,7 +242,7 @@ def _text_points(file: Path) -> Points | None:
             colours.extend([int(word) for word in fields[4:7]])
             float(fields[7])
         except (ValueError, IndexError, OverflowError) as error:
-            raise _malformed(file, number, line) from error
+            raise _malformed(file, line_number, line) from error
     if not positions:
         return None
     return _points(np.array(positions).reshape(-1, 3), np.array(colours).reshape(-1, 3))

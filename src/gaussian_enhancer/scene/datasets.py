@@ -1,6 +1,6 @@
 """Descriptions of published datasets: archives, scenes, sizes and expected fitting times.
 
-The facts themselves stand in ``conf/dataset/*.yaml``, with their sources in ``docs/datasets.md``.
+The values are stored in ``conf/dataset/*.yaml``; their sources are given in ``docs/datasets.md``.
 """
 
 import re
@@ -15,24 +15,24 @@ from gaussian_enhancer.configurations import configurations
 from gaussian_enhancer.errors import InputError, refuse_unknown
 
 LAYOUTS = ("colmap", "transforms")
-"""How a scene's folder is read."""
+"""Supported layouts of a scene's folder."""
 DIGESTS = {"sha256": 64, "md5": 32}
-"""Digits of the checksums that an archive may state."""
+"""Number of hexadecimal digits of each supported checksum."""
 
 
 @dataclass(frozen=True)
 class Archive:
-    """A zip file as it is published.
+    """A published zip file.
 
     Args:
         file: its name on disk.
-        url: where it can be fetched over HTTP.
+        url: its HTTP or HTTPS address.
         bytes: its size; None where unknown.
-        sha256: its checksum in lower-case hexadecimal digits; None where none is known.
-        md5: the same, where that is what the server states.
+        sha256: SHA-256 checksum in lower-case hexadecimal digits; None where unknown.
+        md5: MD5 checksum in the same form, for servers that publish MD5; None where unknown.
 
     Raises:
-        InputError: the name is no plain file name, the address is no HTTP address, or a checksum is malformed.
+        InputError: the name is not a plain file name, the address is not an HTTP address, or a checksum is malformed.
     """
 
     file: str
@@ -47,9 +47,9 @@ class Archive:
         if not re.match(r"https?://", self.url):
             raise InputError(self.file, f"is to be fetched from {self.url!r}", "give an http or https address")
         for kind, digits in DIGESTS.items():
-            stated = getattr(self, kind)
-            if stated is not None and not re.fullmatch(f"[0-9a-f]{{{digits}}}", str(stated)):
-                raise InputError(self.file, f"has {kind} {stated!r}", f"give {digits} lower-case hexadecimal digits")
+            checksum = getattr(self, kind)
+            if checksum is not None and not re.fullmatch(f"[0-9a-f]{{{digits}}}", str(checksum)):
+                raise InputError(self.file, f"has {kind} {checksum!r}", f"give {digits} lower-case hexadecimal digits")
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class DatasetScene:
     """One scene of a dataset, at its official resolution.
 
     Args:
-        archive: key of the archive that holds it.
-        inside: its folder in the archive.
+        archive: key of the archive that holds the scene.
+        inside: the scene's folder in the archive.
         images: folders of its photos.
         width: of a photo, in pixels.
         height: of a photo, in pixels.
-        fit_seconds: expected time of one fit on one GPU.
-        assumed: whether that time is carried over from other scenes; otherwise it was published for this one.
+        fit_seconds: expected time of one fit on one GPU, in seconds.
+        assumed: whether ``fit_seconds`` was taken over from other scenes; otherwise it was published for this scene.
     """
 
     archive: str
@@ -81,21 +81,21 @@ class Dataset:
 
     Args:
         name: its key, which is also its folder's name.
-        title: as papers call it.
-        page: where its authors publish it.
-        licence: in words.
-        archives: by key.
-        model: what is needed of every scene beside its photos: files and folders.
-        scenes: by name.
-        fit_basis: what the expected times of fits rest on.
-        leave_out: patterns of files in the photos' folders that are no photos.
+        title: its name in papers.
+        page: address of its authors' page.
+        licence: description of its licence.
+        archives: archives by key.
+        model: files and folders that every scene needs besides its photos.
+        scenes: scenes by name.
+        fit_basis: source of the expected fitting times.
+        leave_out: patterns of files in the photo folders that are not photos.
         test_photos: size of the dataset's own test split; None where every 8th photo is held out.
-        layout: of a scene's folder: ``colmap``, or ``transforms`` as NeRF-Synthetic has it.
-        pyramid: folders of photos that the authors downscaled, by the factor; empty where there is one size.
-        background: colour under transparent photos, where a scene states none.
+        layout: layout of a scene's folder: ``colmap``, or ``transforms`` as in NeRF-Synthetic.
+        pyramid: folders of photos downscaled by the authors, by downscaling factor; empty where there is one size.
+        background: default colour under transparent photos.
 
     Raises:
-        InputError: a scene names an archive that there is not, or the layout is unknown.
+        InputError: a scene names an unknown archive, or the layout is unknown.
     """
 
     name: str
@@ -117,38 +117,40 @@ class Dataset:
             raise InputError(f"{self.name}.layout", f"is {self.layout!r}", f"choose from {', '.join(LAYOUTS)}")
         for name, scene in self.scenes.items():
             if scene.archive not in self.archives:
-                known = ", ".join(self.archives)
-                raise InputError(f"{self.name}.{name}", f"lies in archive {scene.archive!r}", f"name one of {known}")
+                archive_names = ", ".join(self.archives)
+                raise InputError(
+                    f"{self.name}.{name}", f"lies in archive {scene.archive!r}", f"name one of {archive_names}"
+                )
 
     def photo_folder(self, downscale: int | float) -> str:
-        """The folder of a scene's photos of a size.
+        """Name of the folder that holds a scene's photos at a downscaling factor.
 
         Args:
-            downscale: factor that divides the photos' full size.
+            downscale: factor that divides the photos' full width and height.
 
         Raises:
-            InputError: the authors published no photos downscaled by that factor.
+            InputError: the dataset has a ``pyramid``, which lacks that factor.
         """
         if not self.pyramid:
             return "images"
         if downscale not in self.pyramid:
-            known = ", ".join(map(str, self.pyramid))
+            factors = ", ".join(map(str, self.pyramid))
             received = f"is {downscale} for {self.title}"
-            raise InputError("scene.downscale", received, f"choose from {known}: its own photos")
+            raise InputError("scene.downscale", received, f"choose from {factors}: its own photos")
         return self.pyramid[int(downscale)]
 
     def chosen(self, names: tuple[str, ...] | None) -> Mapping[str, DatasetScene]:
-        """The scenes that are asked for, all where None.
+        """The scenes with the given names, by name; all scenes where None.
 
         Raises:
-            InputError: there is no scene of that name.
+            InputError: a name is not that of a scene.
         """
         refuse_unknown("scenes", names, self.scenes)
         return {name: scene for name, scene in self.scenes.items() if names is None or name in names}
 
 
 def dataset_of(values: Mapping[str, Any]) -> Dataset:
-    """A dataset from plain values, as a configuration holds them.
+    """Build a dataset from the plain values of a configuration.
 
     Raises:
         InputError: a value is missing, unknown or out of range.
@@ -161,19 +163,19 @@ def dataset_of(values: Mapping[str, Any]) -> Dataset:
 
 
 def dataset_names() -> tuple[str, ...]:
-    """The datasets of ``conf/dataset``, sorted; a new one is a new file there."""
+    """Sorted names of the datasets in ``conf/dataset``; a file added there adds a dataset."""
     return tuple(sorted(path.stem for path in (configurations() / "dataset").glob("*.yaml")))
 
 
 @cache
 def published_dataset(name: str) -> Dataset:
-    """A dataset of ``conf/dataset``.
+    """Load a dataset's description from ``conf/dataset`` (cached).
 
     Args:
-        name: of its file, without ending.
+        name: name of its file, without ending.
 
     Raises:
-        InputError: there is none of that name, or its file is malformed.
+        InputError: no dataset has that name, or its file is malformed.
     """
     if name not in dataset_names():
         raise InputError("scene.dataset", f"is {name!r}", f"choose from {', '.join(dataset_names())}")
@@ -182,10 +184,10 @@ def published_dataset(name: str) -> Dataset:
 
 
 def _mapping(values: Mapping[str, Any], key: str, where: str) -> list[tuple[str, Any]]:
-    found = values.get(key)
-    if not isinstance(found, Mapping) or not all(isinstance(entry, Mapping) for entry in found.values()):
-        raise InputError(where, f"has {key} = {found!r}", "give a mapping of names to their values")
-    return list(found.items())
+    entries = values.get(key)
+    if not isinstance(entries, Mapping) or not all(isinstance(entry, Mapping) for entry in entries.values()):
+        raise InputError(where, f"has {key} = {entries!r}", "give a mapping of names to their values")
+    return list(entries.items())
 
 
 def _build(kind: type, values: Mapping[str, Any], where: str) -> Any:

@@ -25,29 +25,30 @@ AGAIN = "write the depth map again"
 
 @dataclass(frozen=True)
 class ReadDepth:
-    """Reads one depth map. Picklable for worker processes.
+    """Callable that reads one depth map. Picklable for worker processes.
 
     Args:
-        path: the file; arrays may be (h, w), (1, h, w) or (h, w, 1); ``.npz`` holds ``depth`` or one array.
-        scale: scene units of one stored unit (0.001 for millimetres in a scene in metres).
+        path: the file. Arrays have shape (h, w), (1, h, w) or (h, w, 1); an ``.npz`` file holds an array ``depth`` or a
+            single array of any name.
+        scale: scene units per stored unit (0.001 for millimetres in a scene in metres).
 
     Raises:
-        InputError: the scale is no positive number.
+        InputError: the scale is not a finite positive number.
     """
 
     path: Path
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        number = isinstance(self.scale, int | float) and not isinstance(self.scale, bool)
-        if not (number and 0 < self.scale < math.inf):
+        is_number = isinstance(self.scale, int | float) and not isinstance(self.scale, bool)
+        if not (is_number and 0 < self.scale < math.inf):
             raise InputError("depth_scale", f"is {self.scale}", "give the scene units of one stored unit, above 0")
 
     def __call__(self) -> Float[Tensor, "1 h w"]:
-        """Z depth in scene units; 0 where the file has NaN or infinity, as renderers write for the background.
+        """Z depth in scene units; 0 where the file has NaN or infinity, which renderers write for the background.
 
         Raises:
-            InputError: the file is damaged, larger than the limit, or has depth that is negative or without bound.
+            InputError: the file is damaged or exceeds the size limit, or depth is negative or above `FARTHEST_DEPTH`.
         """
         stored = _stored(self.path)
         depth = np.where(np.isfinite(stored), stored, 0) * np.float64(self.scale)
@@ -59,10 +60,10 @@ class ReadDepth:
 
 
 def depth_size(path: Path) -> tuple[int, int]:
-    """Height and width of a depth map, without reading its values where the format allows.
+    """Height and width of a depth map, from the file's header.
 
     Raises:
-        InputError: the file is missing or damaged.
+        InputError: the file is missing, damaged or too large, or is not a depth map.
     """
     _, shape, _ = _file_shape(path)
     height, width = _squeeze(shape)
@@ -70,12 +71,12 @@ def depth_size(path: Path) -> tuple[int, int]:
 
 
 def find_depth(folder: Path, stem: str) -> Path | None:
-    """The depth map of a view in a folder, by the view's name without ending."""
+    """Path of the depth map in a folder for the view named ``stem`` (without ending); None if there is none."""
     return next((f for ending in DEPTH_ENDINGS if (f := folder / f"{stem}{ending}").is_file()), None)
 
 
 def _file_shape(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
-    """Whether the file is an image, and the shape and type that its header announces, which fit into memory."""
+    """Whether the file is an image, and the shape and data type in its header, once checked against the size limit."""
     regular_file(path)
     if path.suffix.lower() == ".png":
         with opened(path) as image:
@@ -86,7 +87,7 @@ def _file_shape(path: Path) -> tuple[bool, tuple[int, ...], np.dtype]:
         shape, dtype = array_header(path, _named)
     if len(_squeeze(shape)) != 2 or dtype.kind not in "fiu":
         raise InputError(path, f"holds {dtype} of shape {shape}", "store one number a pixel, shape (height, width)")
-    # As stored, as float64, masked, as float32.
+    # Bytes per pixel: as stored, masked, scaled in float64, and as float32.
     refuse_larger(path, math.prod(shape) * (dtype.itemsize + 8 + 8 + 4), f"is a depth map of shape {shape}")
     return False, shape, dtype
 

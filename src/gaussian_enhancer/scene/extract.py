@@ -17,12 +17,12 @@ from gaussian_enhancer.scene.transfer import check_room
 
 @dataclass(frozen=True)
 class Parts:
-    """What to take of an archive.
+    """The parts of an archive to unpack.
 
     Args:
         inside: the scene's folder in the archive.
-        names: files and folders in it.
-        leave_out: patterns of file names in those folders that are not wanted.
+        names: files and folders in that folder.
+        leave_out: patterns of file names to skip.
     """
 
     inside: str
@@ -33,36 +33,37 @@ class Parts:
 def unpack(
     archive: Path, parts: Parts, folder: Path, advance: Callable[[int, int], None] | None = None
 ) -> tuple[str, ...]:
-    """Unpack parts of a scene that are not there yet.
+    """Unpack the parts of a scene that are not on disk yet.
 
-    A part is unpacked beside its place and moved there when it is complete, so that a part that is there is whole.
+    A part is unpacked to a temporary path beside its destination and renamed when complete. Existing parts are
+    therefore complete.
 
     Args:
         archive: a zip file.
-        parts: what to take.
-        folder: the scene's folder.
-        advance: told how many bytes are unpacked, of how many.
+        parts: the parts to unpack.
+        folder: the scene's folder on disk.
+        advance: progress callback: bytes unpacked, total bytes.
 
     Returns:
-        Names of the parts that were unpacked now.
+        Names of the parts unpacked by this call.
 
     Raises:
-        InputError: the archive is damaged, holds a path outside its folder or a link, or lacks a
-            part; the disk is full.
+        InputError: the archive is damaged, holds a link or a path outside its folder, or lacks a part; or the disk is
+            full.
     """
-    todo = tuple(name for name in parts.names if not (folder / name).exists())
-    if not todo:
+    missing_parts = tuple(name for name in parts.names if not (folder / name).exists())
+    if not missing_parts:
         return ()
     try:
-        with zipfile.ZipFile(archive) as opened:
-            _refuse_outside(opened, archive)
-            members = {name: _members(opened, archive, parts, name) for name in todo}
-            total = sum(member.file_size for found in members.values() for member in found)
+        with zipfile.ZipFile(archive) as zip_file:
+            _refuse_outside(zip_file, archive)
+            members = {name: _members(zip_file, archive, parts, name) for name in missing_parts}
+            total = sum(member.file_size for part_members in members.values() for member in part_members)
             folder.mkdir(parents=True, exist_ok=True)
             check_room(folder, total, f"{parts.inside} of {archive.name}")
             bytes_done = 0
-            for name, found in members.items():
-                for size in _unpack_part(opened, found, f"{parts.inside}/{name}", folder / name):
+            for name, part_members in members.items():
+                for size in _unpack_part(zip_file, part_members, f"{parts.inside}/{name}", folder / name):
                     bytes_done += size
                     if advance is not None:
                         advance(bytes_done, total)
@@ -70,33 +71,33 @@ def unpack(
         raise InputError(archive, f"is no intact zip file ({error})", "delete it and fetch it again") from error
     except OSError as error:
         raise unwritable(folder, error) from error
-    return todo
+    return missing_parts
 
 
 def _members(opened: zipfile.ZipFile, archive: Path, parts: Parts, name: str) -> list[zipfile.ZipInfo]:
-    """The files of one part."""
+    """The archive's entries for the files of one part."""
     prefix = f"{parts.inside}/{name}"
-    found = [
+    files = [
         member
         for member in opened.infolist()
         if not member.is_dir()
         and (member.filename == prefix or member.filename.startswith(f"{prefix}/"))
         and not any(fnmatch.fnmatch(PurePosixPath(member.filename).name, pattern) for pattern in parts.leave_out)
     ]
-    if not found:
+    if not files:
         paths = [member.filename for member in opened.infolist() if member.filename.startswith(f"{parts.inside}/")]
         folders = sorted({path[len(parts.inside) + 1 :].split("/")[0] for path in paths} - {""})
         received = f"holds no {prefix} (of {parts.inside}: {', '.join(folders) or 'nothing'})"
         raise InputError(archive, received, "ask for what is there with images=")
-    return found
+    return files
 
 
 def _refuse_outside(opened: zipfile.ZipFile, archive: Path) -> None:
-    """Refuse an archive that names a path outside the folder it is unpacked to, or a link."""
+    """Refuse an archive that holds a symbolic link or a path outside the folder it is unpacked to."""
     for member in opened.infolist():
         path = PurePosixPath(member.filename.replace("\\", "/"))
-        outside = path.is_absolute() or ".." in path.parts or (path.parts and path.parts[0].endswith(":"))
-        if outside or stat.S_ISLNK(member.external_attr >> 16):
+        is_outside = path.is_absolute() or ".." in path.parts or (path.parts and path.parts[0].endswith(":"))
+        if is_outside or stat.S_ISLNK(member.external_attr >> 16):
             received = f"holds {member.filename!r}, which leads outside its folder"
             raise InputError(archive, received, "do not use it: delete it and fetch it from its authors")
 
@@ -104,7 +105,7 @@ def _refuse_outside(opened: zipfile.ZipFile, archive: Path) -> None:
 def _unpack_part(
     opened: zipfile.ZipFile, members: Sequence[zipfile.ZipInfo], prefix: str, place: Path
 ) -> Iterator[int]:
-    """Unpack one part file by file; yields their sizes."""
+    """Unpack one part; yield the size of each file after it is written."""
     temporary = place.with_name(f".{place.name}.part")
     if temporary.is_dir():
         shutil.rmtree(temporary)

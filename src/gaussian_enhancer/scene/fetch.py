@@ -1,7 +1,7 @@
-"""Resumable, checked, atomic download of one archive.
+"""Resumable, atomic download of one archive with verified checksums.
 
-A download grows in ``FILE.part``; a later attempt asks for the rest (``Range``, with ``If-Range`` where the server
-named a version). A server that ignores ``Range`` sends everything, and the file starts anew.
+A download is written to ``FILE.part``. A later attempt requests the missing bytes (``Range``, with ``If-Range`` where
+the server stated an ETag). If the server ignores ``Range`` and sends the whole file, the download restarts.
 """
 
 import fcntl
@@ -21,7 +21,7 @@ from gaussian_enhancer.scene.datasets import Archive
 from gaussian_enhancer.scene.transfer import Advance, Transfer
 
 BROKEN = (OSError, http.client.HTTPException)
-"""What a connection that fails raises; urllib's, ssl's and the system's timeouts are all OSError."""
+"""Exceptions of a failed connection; the timeouts of urllib, ssl and the system are all OSError."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Patience:
     """Retry limits and time-outs of a download.
 
     Args:
-        retries: attempts in a row that bring nothing.
-        pause: seconds before the second attempt; doubled after each that brings nothing, up to a minute.
-        timeout: seconds without an answer or without data.
+        retries: maximum number of consecutive attempts without new data; one more is an error.
+        pause: seconds before the next attempt, doubled for each consecutive attempt without new data, up to a minute.
+        timeout: seconds without a response or without data.
     """
 
     retries: int = 5
@@ -42,39 +42,40 @@ class Patience:
 def fetch(
     archive: Archive, path: Path, *, page: str = "", patience: Patience | None = None, advance: Advance | None = None
 ) -> str:
-    """Fetch an archive, check it and put it in its place.
+    """Download an archive, verify it and move it to its final path.
 
     Args:
-        archive: what to fetch.
-        path: where to put it; nothing is there before it is complete and its checksum is right.
-        page: where its authors publish it, for errors.
-        patience: when to give up.
-        advance: told about progress.
+        archive: description of the archive.
+        path: final path; it is not created before the file is complete and its checksums are verified.
+        page: address of its authors' page, for errors.
+        patience: retry limits and time-outs.
+        advance: progress callback.
 
     Returns:
-        The archive's SHA-256; it also stands beside it in ``FILE.sha256``, which later copies are checked against.
+        The archive's SHA-256. It is also written to ``FILE.sha256`` beside the archive, and later copies are checked
+        against it.
 
     Raises:
-        InputError: the address is refused, sends another file, or breaks off too often; the disk is full; another
-            process fetches the same file.
+        InputError: the server refuses the request or sends another file, the connection breaks too often, the disk is
+            full, or another process is downloading the same file.
     """
     patience, report = patience or Patience(), advance or (lambda done, total: None)
     with _lock_part(path.with_name(f"{path.name}.part")) as part:
         transfer = Transfer(archive, path, part, page, patience.timeout, report)
-        most, idle, reason = transfer.size, 0, ""
+        most_bytes, idle_attempts, reason = transfer.size, 0, ""
         while not transfer.complete:
             try:
                 transfer.attempt()
                 reason = "the connection was closed"
             except BROKEN as error:
                 reason = str(error) or type(error).__name__
-            idle = 0 if transfer.size > most else idle + 1
-            most = max(most, transfer.size)
-            if idle > patience.retries and not transfer.complete:
-                received = f"broke off {idle} times in a row, {transfer.size} bytes are there ({reason})"
+            idle_attempts = 0 if transfer.size > most_bytes else idle_attempts + 1
+            most_bytes = max(most_bytes, transfer.size)
+            if idle_attempts > patience.retries and not transfer.complete:
+                received = f"broke off {idle_attempts} times in a row, {transfer.size} bytes are there ({reason})"
                 raise InputError(archive.url, received, "start again later: it goes on from there")
             if not transfer.complete:
-                time.sleep(min(60.0, patience.pause * 2**idle))
+                time.sleep(min(60.0, patience.pause * 2**idle_attempts))
         temporary = Path(str(part.name))
         try:
             digest = check_archive(archive, temporary, path, transfer.md5)
@@ -88,7 +89,7 @@ def fetch(
 
 @contextmanager
 def _lock_part(part: Path) -> Iterator[FileIO]:
-    """The file under way, for this process alone; unbuffered, so that what is counted is written."""
+    """Open the partial file under an exclusive lock; unbuffered, so that all counted bytes are written."""
     try:
         part.parent.mkdir(parents=True, exist_ok=True)
         file = FileIO(part, "a")

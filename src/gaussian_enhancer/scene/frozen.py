@@ -1,4 +1,4 @@
-"""Scenes that nothing may be trained on, and those of them that nothing may be chosen by (docs/data.md)."""
+"""Scenes excluded from training, and the test scenes among them, also excluded from any choice (docs/data.md)."""
 
 import re
 from collections.abc import Iterable
@@ -8,35 +8,35 @@ from gaussian_enhancer.errors import InputError
 
 FROZEN_CAPTURES = ("fox", "monstree")
 FROZEN_FAMILY = "harbour"
-"""The procedural family that no training scene is drawn from."""
+"""The procedural family whose scenes are test scenes at every seed."""
 FROZEN_FROM = 5000
 """First seed of the procedural test scenes."""
 UNTRAINED_FROM = 2000
-"""First seed of the procedural scenes of the second validation, which no weights learn from."""
+"""First seed of the procedural scenes of the second validation, which are excluded from training."""
 PROCEDURAL = re.compile(r"(unbounded|outdoor|indoor|object|harbour)_(\d+)-")
 
 
 def is_frozen(run: str | Path) -> bool:
-    """Whether the folder of a fitted run, or a pattern of such folders, names a test scene.
+    """Whether the name of a fitted run's folder, or a pattern of such names, is that of a test scene.
 
     Args:
         run: for instance "runs/fit/fox-3dgs-1a2b3c4d" or "runs/fit/object_5000-*".
     """
-    captured = Path(run).name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES))
-    return captured or _is_procedural(run, FROZEN_FROM)
+    is_frozen_capture = Path(run).name.startswith(tuple(f"{capture}-" for capture in FROZEN_CAPTURES))
+    return is_frozen_capture or _is_procedural(run, FROZEN_FROM)
 
 
 def is_untrained(run: str | Path) -> bool:
-    """Whether a run names a scene that no weights may learn from: a test scene, or one of the second validation.
+    """Whether a run's scene is excluded from training: a test scene, or a scene of the second validation.
 
     Args:
-        run: as `is_frozen` takes it.
+        run: see `is_frozen`.
     """
     return is_frozen(run) or _is_procedural(run, UNTRAINED_FROM)
 
 
 def _is_procedural(run: str | Path, first: int) -> bool:
-    """Whether a run names a procedural scene from a seed on, or of the family that is frozen at every seed."""
+    """Whether a run's scene is procedural, with a seed of at least ``first`` or of the family `FROZEN_FAMILY`."""
     match = PROCEDURAL.match(Path(run).name)
     return match is not None and (match[1] == FROZEN_FAMILY or int(match[2]) >= first)
 
@@ -46,10 +46,10 @@ def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> Non
 
     Args:
         runs: folders of fitted runs.
-        purpose: what is made of them, in words.
+        purpose: the refused use, as a participle for the error message.
 
     Raises:
-        InputError: one of them is a test scene's.
+        InputError: a run is of a test scene.
     """
     for run in runs:
         if is_frozen(run):
@@ -58,13 +58,13 @@ def refuse_frozen(runs: Iterable[str | Path], purpose: str = "chosen by") -> Non
 
 
 def refuse_untrained(runs: Iterable[str | Path]) -> None:
-    """Refuse runs that no weights may learn from.
+    """Refuse runs whose scenes are excluded from training.
 
     Args:
         runs: folders of fitted runs.
 
     Raises:
-        InputError: one of them is a test scene's, or one of the second validation.
+        InputError: a run is of a test scene or of a scene of the second validation.
     """
     for run in runs:
         refuse_frozen([run], "trained on")

@@ -19,34 +19,35 @@ from gaussian_enhancer.scene.scene import Photo, Scene
 
 UPSCALE = 4
 SLACK = 3
-"""Pixels by which a fine photo may miss 4 times the render's size: rounding when both were downscaled."""
+"""Tolerance in pixels between a fine photo's size and 4 times the render's, for rounding when both were downscaled."""
 
 
 @dataclass(frozen=True)
 class ReadResized:
-    """Reads a photo and brings it to a size."""
+    """Callable that reads a photo and resizes it."""
 
     read: Callable[[], Float[Tensor, "3 _ _"]]
     height: int
     width: int
 
     def __call__(self) -> Float[Tensor, "3 h w"]:
-        """The photo, shape (3, height, width), [0, 1]."""
+        """Read the photo, shape (3, height, width), [0, 1]."""
         return resize(self.read(), self.height, self.width)
 
 
 def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
-    """The set with the photos of a finer scene as ``read_fine_photo``, matched by name without ending.
+    """Attach the photos of a finer scene to a set as ``read_fine_photo``, matched by name without ending.
 
-    A photo whose size is off by rounding is resized to exactly 4 times the render's. It shows the same field of view,
-    as the render's camera was resized to the render's size in the same way. ``fine_size`` keeps its own size.
+    A photo whose size differs from 4 times the render's by rounding is resized to exactly 4 times the render's size. It
+    shows the same field of view, since the render's camera was resized to the render's size in the same way.
+    ``fine_size`` stores the photo's original size.
 
     Args:
         rendered: renders with their references.
-        finer: the scene that was rendered, on a grid 4 times as fine.
+        finer: the scene that was rendered, at 4 times the resolution.
 
     Raises:
-        InputError: a view has no photo in the scene, or one of another size.
+        InputError: a view has no photo in the scene, or the photo has another size.
     """
     photos = {Path(photo.name).stem: photo for photo in finer.photos}
 
@@ -61,32 +62,34 @@ def attach_fine_photos(rendered: RenderedSet, finer: Scene) -> RenderedSet:
 
 
 def is_finer(size: tuple[int, int], render: tuple[int, int]) -> bool:
-    """Whether a height and width are 4 times a render's, but for rounding."""
-    return all(abs(have - UPSCALE * side) <= SLACK for have, side in zip(size, render, strict=True))
+    """Whether a height and width are 4 times those of a render, within `SLACK` pixels."""
+    return all(abs(fine_side - UPSCALE * side) <= SLACK for fine_side, side in zip(size, render, strict=True))
 
 
 def resized_reader(read: Callable[[], Float[Tensor, "3 _ _"]], height: int, width: int) -> Callable[[], Tensor]:
-    """A reader of the same photo at another size, resampled once where the file is known."""
+    """A reader of the same photo at another size. A `ReadPhoto` is changed to resample its file only once."""
     if isinstance(read, ReadPhoto):
         return dataclasses.replace(read, height=height, width=width)
     return ReadResized(read, height, width)
 
 
 def own_size(size: tuple[int, int], render: tuple[int, int]) -> tuple[int, int] | None:
-    """The size of a finer photo, where it is not exactly 4 times a render's; None where it is."""
+    """The size of a finer photo; None if it is exactly 4 times the render's."""
     return None if size == (UPSCALE * render[0], UPSCALE * render[1]) else size
 
 
 def _with_fine_photo(view: RenderedView, photo: Photo) -> RenderedView:
     if view.read is None:
         return dataclasses.replace(view, read_fine_photo=photo.read)
-    render, size = _size(view.camera, view.read), _size(photo.camera, photo.read)
-    if not is_finer(size, render):
-        received = f"is {size[1]}x{size[0]} where 4 times its render {view.name} is {UPSCALE * render[1]}x"
-        received += f"{UPSCALE * render[0]}"
+    render_size, photo_size = _size(view.camera, view.read), _size(photo.camera, photo.read)
+    if not is_finer(photo_size, render_size):
+        received = (
+            f"is {photo_size[1]}x{photo_size[0]} where 4 times its render {view.name} is {UPSCALE * render_size[1]}x"
+        )
+        received += f"{UPSCALE * render_size[0]}"
         raise InputError(photo.name, received, "give photos 4 times as fine as the renders")
-    read = resized_reader(photo.read, UPSCALE * render[0], UPSCALE * render[1])
-    return dataclasses.replace(view, read_fine_photo=read, fine_size=own_size(size, render))
+    read = resized_reader(photo.read, UPSCALE * render_size[0], UPSCALE * render_size[1])
+    return dataclasses.replace(view, read_fine_photo=read, fine_size=own_size(photo_size, render_size))
 
 
 def _size(camera, read) -> tuple[int, int]:  # type: ignore[no-untyped-def]

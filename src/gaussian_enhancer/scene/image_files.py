@@ -1,4 +1,4 @@
-"""Eight-bit pixels of images, and writing of enhanced images.
+"""Quantisation to 8-bit pixels, and writing of image files.
 
 Axes: c channels, h height, w width.
 """
@@ -17,14 +17,14 @@ from gaussian_enhancer.scene.png import encode_png
 
 
 def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
-    """Write an 8-bit image in the format that its ending asks for, whole or not at all.
+    """Write an 8-bit image atomically, in the format of the path's ending.
 
     Args:
-        path: .png, or another ending that PIL writes; lossy formats are written at quality 95.
-        image: colours; what lies outside [0, 1] is clamped.
+        path: file ending in .png or another ending known to PIL; JPEG and WebP are written at quality 95.
+        image: colours; values outside [0, 1] are clamped.
 
     Raises:
-        InputError: the disk is full, the folder cannot be written, or the ending is unknown.
+        InputError: the disk is full, the folder is not writable, or the ending is unknown.
     """
     if path.suffix.lower() not in Image.registered_extensions():
         raise InputError(path, f"ends in {path.suffix!r}, which no image format has", "name it .png")
@@ -40,7 +40,7 @@ def write_image(path: Path, image: Float[Tensor, "3 h w"]) -> None:
 
 
 def to_bytes(image: Float[Tensor, "c h w"]) -> UInt8[np.ndarray, "h w c"]:
-    """Pixels as image files hold them: clamped to [0, 1], then the nearest of 256 levels, ties to even.
+    """8-bit pixels of an image: clamped to [0, 1], scaled to 255 and rounded, ties to even.
 
     Args:
         image: colours, on any device.

@@ -1,4 +1,4 @@
-"""Compiled steps of writing an image: 8-bit pixels, and the filter of PNG's rows.
+"""Compiled kernels for writing images: quantisation to 8 bits, and PNG's row filter.
 
 Axes: c channels, h height, w width, n bytes of a row.
 """
@@ -18,7 +18,7 @@ _PAETH = np.uint8(4)
 @kernel
 @no_type_check
 def quantise(image, result):
-    """Write planes (c, h, w) of colours in [0, 1] as 8-bit pixels (h, w, c); what lies outside is clamped."""
+    """Write planes (c, h, w) of colours as 8-bit pixels (h, w, c); values outside [0, 1] are clamped."""
     channels, height, _ = image.shape
     for y in prange(height):
         for c in range(channels):
@@ -35,12 +35,12 @@ def _quantise_row(row, pixels, channel):
 @kernel
 @no_type_check
 def filter_rows(image, channels, result):
-    """Write the filter's number, then each byte minus the one that Paeth's predictor expects.
+    """Write for each row the number of the Paeth filter, then each byte minus its prediction.
 
     Args:
-        image: (h, n).
-        channels: bytes of a pixel.
-        result: is written, (h, 1 + n).
+        image: rows of pixel bytes, (h, n).
+        channels: bytes per pixel.
+        result: output, (h, 1 + n).
     """
     height, length = image.shape
     for y in prange(height):
@@ -52,13 +52,13 @@ def filter_rows(image, channels, result):
 @inner
 @no_type_check
 def _filter_row(row, above, channels, result):
-    for x in range(channels):  # nothing lies to the left, so that the predictor takes what lies above
+    for x in range(channels):  # without a left neighbour, the prediction is the byte above
         result[x] = row[x] - above[x]
     for x in range(channels, len(row)):
-        left, up, corner = np.int16(row[x - channels]), np.int16(above[x]), np.int16(above[x - channels])
-        to_left, to_up, to_corner = abs(up - corner), abs(left - corner), abs(left + up - corner - corner)
-        if to_left <= to_up and to_left <= to_corner:
-            expected = left
+        left, up, up_left = np.int16(row[x - channels]), np.int16(above[x]), np.int16(above[x - channels])
+        to_left, to_up, to_up_left = abs(up - up_left), abs(left - up_left), abs(left + up - up_left - up_left)
+        if to_left <= to_up and to_left <= to_up_left:
+            prediction = left
         else:
-            expected = up if to_up <= to_corner else corner
-        result[x] = np.uint8(np.int16(row[x]) - expected)
+            prediction = up if to_up <= to_up_left else up_left
+        result[x] = np.uint8(np.int16(row[x]) - prediction)

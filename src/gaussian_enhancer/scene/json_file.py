@@ -1,4 +1,4 @@
-"""Reading of other tools' JSON files, with errors that name file, line and missing key."""
+"""Reading of other tools' JSON files, with errors that name the file, the line or the missing key."""
 
 import math
 from pathlib import Path
@@ -8,23 +8,23 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.input_files import JSON_GROWTH, abbreviate, parse_json, read_text
 
 LARGEST_SIDE = 1_000_000
-"""Pixels of an image's width or height; no camera comes near."""
+"""Maximum width or height of an image in pixels, far above any camera's."""
 
 
 def read_json(path: Path) -> Any:
-    """The parsed content of a JSON file; see `input_files` for what is refused before it is parsed.
+    """Parse a JSON file; `input_files` states which files are refused before parsing.
 
     Raises:
-        InputError: the file is missing, too large or malformed; the line is named.
+        InputError: the file is missing, too large or malformed; for malformed files the message gives the line.
     """
     return parse_json(read_text(path, JSON_GROWTH), path)
 
 
 def member(record: Any, key: str, where: object) -> Any:
-    """``record[key]`` of a JSON object.
+    """The member ``record[key]`` of a JSON object.
 
     Raises:
-        InputError: the record is no object or lacks the key.
+        InputError: the record is not an object or lacks the key.
     """
     if not isinstance(record, dict) or key not in record:
         raise InputError(where, f"has no {key!r}", "write the file again with a tool that states it")
@@ -32,10 +32,10 @@ def member(record: Any, key: str, where: object) -> Any:
 
 
 def number(record: Any, key: str, where: object, default: int | float | None = None) -> float:
-    """A finite member of a JSON object; ``default`` where it is absent.
+    """A member of a JSON object that is a finite number; ``default`` where it is absent.
 
     Raises:
-        InputError: the member is no finite number, or absent without a default.
+        InputError: the member is not a finite number, or is absent without a default.
     """
     if default is not None and isinstance(record, dict) and key not in record:
         return float(default)
@@ -46,10 +46,10 @@ def number(record: Any, key: str, where: object, default: int | float | None = N
 
 
 def pixels(record: Any, key: str, where: object, default: int | None = None) -> int:
-    """A member of a JSON object that is the width or height of an image; ``default`` where it is absent.
+    """A member of a JSON object that is an image's width or height in pixels; ``default`` where it is absent.
 
     Raises:
-        InputError: the member is no whole number from 1 to 1,000,000, or absent without a default.
+        InputError: the member is not an integer from 1 to 1,000,000, or is absent without a default.
     """
     value = number(record, key, where, default)
     if not 1 <= value <= LARGEST_SIDE or value != int(value):
@@ -58,10 +58,10 @@ def pixels(record: Any, key: str, where: object, default: int | None = None) -> 
 
 
 def mapping(record: Any, key: str, where: object) -> dict[str, Any]:
-    """A member of a JSON object that is an object itself.
+    """A member of a JSON object that is itself an object.
 
     Raises:
-        InputError: the member is no object, or absent.
+        InputError: the member is not an object, or is absent.
     """
     value = member(record, key, where)
     if not isinstance(value, dict):
@@ -70,10 +70,10 @@ def mapping(record: Any, key: str, where: object) -> dict[str, Any]:
 
 
 def text(record: Any, key: str, where: object) -> str:
-    """A member of a JSON object that is text.
+    """A member of a JSON object that is a string.
 
     Raises:
-        InputError: the member is no text, or absent.
+        InputError: the member is not a string, or is absent.
     """
     value = member(record, key, where)
     if not isinstance(value, str):

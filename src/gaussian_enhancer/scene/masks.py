@@ -1,6 +1,6 @@
 """Object masks on disk, for PSNR within the object.
 
-On a white background most pixels are background, and an image that only gets the white right gains decibels.
+In photos of an object on white most pixels are background. An image that reproduces only the white gains decibels.
 """
 
 from pathlib import Path
@@ -14,14 +14,14 @@ from gaussian_enhancer.scene.scene import Scene
 
 
 def write_masks(scene: Scene, folder: str | Path) -> tuple[Path, ...]:
-    """Write the coverage of a scene's held-out photos, 8-bit grey, by the photos' names.
+    """Write the coverage of each held-out photo as an 8-bit grey PNG with the photo's name.
 
     Args:
-        scene: a scene whose photos have an alpha channel, as NeRF-Synthetic's and procedural objects have.
-        folder: where to write; the job measure takes it as ``masks``.
+        scene: a scene whose photos have an alpha channel, such as NeRF-Synthetic's or a procedural object.
+        folder: output folder; pass it as ``masks`` to the job ``measure``.
 
     Returns:
-        The files, in the order of the held-out photos.
+        The paths written, in the order of the held-out photos.
 
     Raises:
         InputError: a held-out photo has no alpha channel, or a file cannot be written.

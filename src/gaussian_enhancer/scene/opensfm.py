@@ -1,7 +1,8 @@
 """OpenSfM captures: ``reconstruction.json`` beside a folder ``images``.
 
-OpenSfM's axes and poses are ours (x right, y down, z forward; world-to-camera as an axis-angle vector and a
-translation). Its lengths in the image are divided by max(width, height) and count from the image's middle.
+OpenSfM has the same axes and pose convention as this project (x right, y down, z forward; world-to-camera, stored as an
+axis-angle vector and a translation). Its image coordinates are divided by max(width, height) and measured from the
+image's centre.
 """
 
 from pathlib import Path
@@ -39,9 +40,9 @@ def load_opensfm(
 
     Args:
         path: the capture's folder.
-        file: the reconstruction's name in it; ``reconstruction.json`` or the only file like it where None.
-        component: which of the file's disconnected reconstructions, the largest first.
-        images: folder of the photos in it.
+        file: name of the reconstruction file in that folder; see `find_reconstruction` where None.
+        component: index of one of the file's disconnected reconstructions, the largest first.
+        images: subfolder of the photos.
         downscale: factor that divides width and height of the photos read.
         split: how to divide the photos; every 8th is held out where None.
         missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
@@ -49,7 +50,7 @@ def load_opensfm(
         name: the scene's name; the folder's where empty.
 
     Raises:
-        InputError: the file is missing or malformed, photos and cameras do not belong together, a bad pose or lens.
+        InputError: the file is missing or malformed, photos and cameras do not match, or a pose or lens is invalid.
     """
     root = Path(path)
     source = root / file if file else _reconstruction_file(root)
@@ -77,7 +78,7 @@ def load_opensfm(
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """``reconstruction.json``, or the only file like it, None if there is no or no single one."""
+    """Path of ``reconstruction.json`` or else of the only ``reconstruction*.json``; None without a single one."""
     if (root / "reconstruction.json").is_file():
         return root / "reconstruction.json"
     similar = sorted(root.glob("reconstruction*.json"))
@@ -92,10 +93,10 @@ def rotation_from_axis_angle(vector: Float[Tensor, " 3"]) -> Float[Tensor, "3 3"
 
 
 def _reconstruction_file(root: Path) -> Path:
-    found = find_reconstruction(root)
-    if found is None:
+    reconstruction = find_reconstruction(root)
+    if reconstruction is None:
         raise InputError(root, "holds no reconstruction.json, nor a single file like it", "name it with file=")
-    return found
+    return reconstruction
 
 
 def _lens(camera: Any, where: str) -> Lens:
@@ -104,8 +105,8 @@ def _lens(camera: Any, where: str) -> Lens:
     k1, k2, k3 = (number(camera, key, where, 0.0) for key in ("k1", "k2", "k3"))
     model = camera.get("projection_type", "perspective")
     if model in ("perspective", "simple_radial"):
-        shared = number(camera, "focal", where, number(camera, "focal_x", where, 0.0)) * size
-        return Lens("RADIAL", width, height, (shared, width / 2, height / 2, k1, k2), where)
+        shared_focal = number(camera, "focal", where, number(camera, "focal_x", where, 0.0)) * size
+        return Lens("RADIAL", width, height, (shared_focal, width / 2, height / 2, k1, k2), where)
     if model == "fisheye":
         focal = number(camera, "focal", where) * size
         return Lens("OPENCV_FISHEYE", width, height, (focal, focal, width / 2, height / 2, k1, k2, 0.0, 0.0), where)

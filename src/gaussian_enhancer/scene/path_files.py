@@ -1,7 +1,7 @@
-"""Camera paths in files: those that other programs wrote, and our own in nerfstudio's format.
+"""Reading of camera paths from other programs' files, and writing of paths in nerfstudio's format.
 
-nerfstudio's viewer writes ``camera_path.json`` (``camera_path``, ``render_height``, ``render_width``, ``fps``), whose
-poses are camera-to-world with OpenGL axes and whose field of view is vertical, in degrees.
+nerfstudio's viewer writes ``camera_path.json`` (``camera_path``, ``render_height``, ``render_width``, ``fps``). Its
+poses are camera-to-world with OpenGL axes; its fields of view are vertical, in degrees.
 """
 
 import json
@@ -35,8 +35,8 @@ class FilePath:
     """A camera path from a file.
 
     Args:
-        cameras: in the file's order; of a COLMAP model sorted by the images' names.
-        fps: frames a second; None where the file does not say.
+        cameras: cameras in the file's order; those of a COLMAP model are sorted by image name.
+        fps: frames per second; None where the file states none.
     """
 
     cameras: tuple[Camera, ...]
@@ -45,16 +45,16 @@ class FilePath:
 
 @reader
 def read_path(path: str | Path, height: int, width: int) -> FilePath:
-    """The cameras of a path file. A distorted lens becomes the pinhole that its photos are undistorted to.
+    """Read a camera path. A distorted lens is replaced by the pinhole that its photos would be undistorted to.
 
     Args:
-        path: nerfstudio's ``camera_path.json``, a ``transforms.json``, a ``cameras.json`` as 3DGS writes it, a folder
+        path: nerfstudio's ``camera_path.json``, a ``transforms.json``, a ``cameras.json`` in 3DGS's format, a folder
             with a COLMAP model, or that model's images file. Photos are not needed.
-        height: of the frames in pixels where a ``transforms.json`` states none.
-        width: likewise.
+        height: height of the frames in pixels, used where a ``transforms.json`` states none.
+        width: width, used in the same way.
 
     Raises:
-        InputError: the file is missing or none of these, or a camera in it is unusable.
+        InputError: the file is missing or has another format, or one of its cameras is invalid.
     """
     file = Path(path)
     if file.is_dir():
@@ -62,8 +62,8 @@ def read_path(path: str | Path, height: int, width: int) -> FilePath:
     if file.name in ("images.bin", "images.txt"):
         return _from_colmap(file.parent)
     if file.suffix.lower() != ".json":
-        known = "does not exist" if not file.exists() else "is no camera path"
-        raise InputError(path, known, f"choose interpolate, orbit, spiral, or give {KNOWN}")
+        received = "does not exist" if not file.exists() else "is no camera path"
+        raise InputError(path, received, f"choose interpolate, orbit, spiral, or give {KNOWN}")
     content = read_json(file)
     if isinstance(content, list):
         return FilePath(tuple(entry.camera for entry in read_cameras(file)))
@@ -75,30 +75,35 @@ def read_path(path: str | Path, height: int, width: int) -> FilePath:
 
 
 def write_path(path: str | Path, cameras: Sequence[Camera], fps: float) -> None:
-    """Write a ``camera_path.json`` as nerfstudio's viewer does, whole or not at all; `read_path` reads it.
+    """Write a ``camera_path.json`` in the format of nerfstudio's viewer, atomically; `read_path` reads it.
 
     Args:
         path: file to write, ending in .json.
-        cameras: at least one, of one size, upright pinholes that look through the middle of the image: the format
-            states nothing but a vertical field of view.
-        fps: frames a second.
+        cameras: at least one pinhole camera. All have one size, square pixels and their principal point at the image's
+            centre, since the vertical field of view is the only intrinsic value that the format stores.
+        fps: frames per second.
 
     Raises:
-        InputError: there is no camera, cameras differ in size or look past the middle, or the file cannot be written.
+        InputError: there is no camera, the cameras differ in size, pixels are not square, a principal point is not at
+            the centre, or the file cannot be written.
     """
     if not cameras:
         raise InputError(path, "would list no camera", "give at least one")
     height, width = cameras[0].height, cameras[0].width
-    flipped = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64))
+    axis_flip = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch.float64))
     entries = []
     for index, camera in enumerate(cameras):
-        focal, middle = (float(camera.K[0, 0]), float(camera.K[1, 1])), torch.tensor([width / 2, height / 2])
-        centred = torch.allclose(camera.K[:2, 2].cpu().double(), middle.double(), atol=1e-3 * max(height, width))
-        alike = (camera.height, camera.width) == (height, width) and math.isclose(*focal, rel_tol=1e-4)
-        if not (centred and alike):
+        focal, image_centre = (float(camera.K[0, 0]), float(camera.K[1, 1])), torch.tensor([width / 2, height / 2])
+        is_centred = torch.allclose(
+            camera.K[:2, 2].cpu().double(), image_centre.double(), atol=1e-3 * max(height, width)
+        )
+        same_size_square_pixels = (camera.height, camera.width) == (height, width) and math.isclose(
+            *focal, rel_tol=1e-4
+        )
+        if not (is_centred and same_size_square_pixels):
             received = "is of another size than the first, or looks past the middle of its image"
             raise InputError(f"camera {index}", received, "give upright pinholes of one size")
-        pose = torch.linalg.inv(camera.world_to_camera.cpu().double()) @ flipped
+        pose = torch.linalg.inv(camera.world_to_camera.cpu().double()) @ axis_flip
         angle = math.degrees(2 * math.atan(height / (2 * focal[1])))
         entries.append({"camera_to_world": pose.flatten().tolist(), "fov": angle, "aspect": width / height})
     size = {"render_height": height, "render_width": width}

@@ -1,7 +1,7 @@
 """Reading image files into float tensors, and resizing them with antialiasing.
 
-Pixels are taken as they are stored: an EXIF orientation is not applied, since structure from motion calibrates the
-stored pixels. Axes: c channels (3, or 4 with alpha), h height, w width, H and W the same after resizing.
+EXIF orientation is not applied, since structure from motion calibrates the pixels as stored. Axes: c channels (3, or 4
+with alpha), h height, w width, H and W the same after resizing.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ from gaussian_enhancer.typed import check_value
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-"""What Pillow may take a file for, whatever its ending: others call programs (EPS) or are rarely tested."""
+"""Formats that Pillow may detect, whatever the ending; other formats call programs (EPS) or are rarely tested."""
 PIXEL_BYTES = 48
-"""Bytes of a pixel while it is decoded: four channels as stored, as float, in their order, over the background."""
+"""Memory per pixel during decoding: four channels as stored, as float32 and transposed; the composited pixel."""
 REPLACE = "replace the file by an intact copy"
 
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image file says of itself before its pixels are decoded."""
+    """Size and alpha flag of an image file, read without decoding its pixels."""
 
     height: int
     width: int
@@ -38,7 +38,7 @@ class ImageHeader:
 
 @reader
 def list_images(folder: Path) -> list[Path]:
-    """The image files directly in a folder, sorted by name.
+    """The image files in a folder, without subfolders, sorted by name.
 
     Raises:
         InputError: the folder does not exist or holds no image.
@@ -54,20 +54,20 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def refuse_unprintable(name: str, source: object) -> None:
-    """Refuse a file name that is no UTF-8 text, which no record or page could show.
+    """Refuse a file name that is not valid UTF-8, which records and pages could not show.
 
     Raises:
-        InputError: it is none.
+        InputError: the name is not valid UTF-8.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in name):
         raise InputError(source, f"names {name!r}, which is no UTF-8", "rename the file")
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Size and kind of an image without decoding it.
+    """Read an image's size and whether it has alpha, without decoding it.
 
     Raises:
-        InputError: the file is missing, empty or no image.
+        InputError: the file is missing, empty, not an image, or larger than the limit.
     """
     with opened(path) as image:
         has_alpha = "A" in image.getbands() or "transparency" in image.info
@@ -75,12 +75,13 @@ def read_header(path: Path) -> ImageHeader:
 
 
 def decode(path: Path) -> Float[Tensor, "c h w"]:
-    """All pixels of an image file in [0, 1]: three channels (grey is repeated), four where the file has alpha.
+    """Decode an image file to [0, 1]: three channels (grey is repeated), or four if the file has alpha.
 
     8-bit values are divided by 255, 16-bit values by 65535.
 
     Raises:
-        InputError: the file is missing, empty, truncated, no image, or of a kind without a defined white.
+        InputError: the file is missing, empty, truncated, not an image or larger than the limit, or its pixel format
+            does not define the value of white.
     """
     with opened(path) as image, codec(path, REPLACE):
         pixels = _deep_png(path) if image.format == "PNG" and _is_deep(path) else _shallow(path, image)
@@ -88,7 +89,7 @@ def decode(path: Path) -> Float[Tensor, "c h w"]:
 
 
 def composite(image: Float[Tensor, "c h w"], background: tuple[float, float, float]) -> Float[Tensor, "3 h w"]:
-    """Lay an image with straight alpha over a flat colour, in sRGB values as NeRF-Synthetic's evaluation does."""
+    """Composite an image with straight alpha over a constant colour, in sRGB as in NeRF-Synthetic's evaluation."""
     if image.shape[0] == 3:
         return image
     colour, alpha = image[:3], image[3:]
@@ -96,10 +97,10 @@ def composite(image: Float[Tensor, "c h w"], background: tuple[float, float, flo
 
 
 def background_colour(values: Sequence[object]) -> tuple[float, float, float]:
-    """A colour behind transparent images, as a tuple.
+    """Validate a background colour for transparent images and return it as a tuple.
 
     Raises:
-        InputError: there are not three numbers from 0 to 1.
+        InputError: the values are not three numbers from 0 to 1.
     """
     numbers = [float(value) for value in values if isinstance(value, int | float) and 0 <= value <= 1]
     if len(values) != 3 or len(numbers) != 3:
@@ -108,7 +109,7 @@ def background_colour(values: Sequence[object]) -> tuple[float, float, float]:
 
 
 def read_photo(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Float[Tensor, "3 h w"]:
-    """An image file as RGB in [0, 1], transparent parts over ``background``.
+    """Read an image file as RGB in [0, 1], composited over ``background``.
 
     Raises:
         InputError: see `decode`.
@@ -117,7 +118,7 @@ def read_photo(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
 
 
 def read_coverage(path: Path) -> Float[Tensor, "1 h w"]:
-    """The alpha channel of an image file, or the single channel of a grey one (a mask) where it has none.
+    """Read the alpha channel of an image file or, if it has none, its first channel (a grey mask).
 
     Raises:
         InputError: see `decode`.
@@ -127,7 +128,7 @@ def read_coverage(path: Path) -> Float[Tensor, "1 h w"]:
 
 
 def resize(image: Float[Tensor, "c h w"], height: int, width: int) -> Float[Tensor, "c H W"]:
-    """Bicubic resampling with antialiasing (PIL's filter, without its rounding to 8 bit), clamped to [0, 1]."""
+    """Resize by bicubic resampling with antialiasing (PIL's filter without rounding to 8 bits), clamped to [0, 1]."""
     if image.shape[1:] == (height, width):
         return image
     resized = functional.interpolate(image[None], size=(height, width), mode="bicubic", antialias=True)
@@ -150,27 +151,27 @@ def downscaled_size(height: int, width: int, downscale: int | float) -> tuple[in
 
 
 def opened(path: Path) -> Image.Image:
-    """An image file whose header was read, to be used in a ``with`` block.
+    """Open an image file and read its header; use the result in a ``with`` block.
 
     Raises:
-        InputError: the file is missing, empty, no image, or larger than the limit.
+        InputError: the file is missing, empty, not an image, or larger than the limit.
     """
-    size = regular_file(path)
-    if size == 0:
+    file_size = regular_file(path)
+    if file_size == 0:
         raise InputError(path, "is empty (0 bytes)", REPLACE)
     try:
         with codec(path, REPLACE):
             image = Image.open(path, formats=FORMATS)
     except InputError as error:
         if isinstance(error.__cause__, Image.UnidentifiedImageError):
-            raise InputError(path, f"is no image ({size} bytes)", f"{REPLACE}: {', '.join(FORMATS)}") from error
+            raise InputError(path, f"is no image ({file_size} bytes)", f"{REPLACE}: {', '.join(FORMATS)}") from error
         raise
     refuse_larger(path, image.width * image.height * PIXEL_BYTES, f"is an image of {image.width}x{image.height} pixels")
     return image
 
 
 def _is_deep(path: Path) -> bool:
-    """Whether a PNG has 16 bits a channel in colour or with alpha, which PIL would cut to 8 without a word."""
+    """Whether a PNG has 16 bits per channel and colour or alpha, which PIL silently reduces to 8 bits."""
     with path.open("rb") as file:
         header = file.read(26)
     return header[24] == 16 and header[25] != 0

@@ -1,7 +1,7 @@
-"""From files with poses, as any capture format lists them, to a `Scene`.
+"""Construction of a `Scene` from posed image files.
 
-Every loader hands over the same thing: files, lenses, world-to-camera poses. Here they are checked, brought to ideal
-pinholes, downscaled and split. Axes: h height, w width.
+The loader of each capture format supplies files, lenses and world-to-camera poses. This module validates them,
+undistorts the photos to ideal pinholes, downscales them and splits them. Axes: h height, w width.
 """
 
 from collections import Counter
@@ -29,19 +29,20 @@ from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
 from gaussian_enhancer.types import Camera, orthonormal_pose
 
 FARTHEST_POINT = 1e15
-"""Scene units; the square of a distance overflows single precision beyond 1e19."""
+"""Largest coordinate of a sparse point, in scene units. Squared distances overflow single precision beyond 1e19."""
 
 
 @dataclass(frozen=True)
 class PosedFile:
-    """A photo on disk and where it was taken from.
+    """A photo on disk with its lens and pose.
 
     Args:
-        listed: how the capture calls it, usually a relative path; the photo's name is made from it.
+        listed: the photo's entry in the capture, usually a relative path; the photo's name is derived from it.
         path: the file.
-        lens: intrinsics, at any size with the photo's aspect.
+        lens: intrinsics, at any size of the photo's aspect ratio.
         world_to_camera: pose in OpenCV axes, float64.
-        side: the split that the capture states for it; "neither" takes no part, None where it states none.
+        side: the split that the capture assigns, where "neither" excludes the photo from both; None where the capture
+            assigns none.
     """
 
     listed: str
@@ -53,7 +54,7 @@ class PosedFile:
 
 @dataclass(frozen=True)
 class ReadPhoto:
-    """Reads one photo: decoded, over the background, undistorted, downscaled. Picklable for worker processes."""
+    """Callable that decodes, composites, undistorts and downscales one photo. Picklable for worker processes."""
 
     path: Path
     height: int
@@ -62,14 +63,14 @@ class ReadPhoto:
     lens: Lens | None = None
 
     def __call__(self) -> Float[Tensor, "3 h w"]:
-        """The photo, shape (3, height, width), [0, 1]."""
+        """Read the photo, shape (3, height, width), [0, 1]."""
         image = composite(decode(self.path), self.background)
         return resize(undistort(image, self.lens) if self.lens else image, self.height, self.width)
 
 
 @dataclass(frozen=True)
 class ReadCoverage:
-    """Reads a photo's alpha channel on the same grid as `ReadPhoto`."""
+    """Callable that reads a photo's alpha channel on the pixel grid of `ReadPhoto`."""
 
     path: Path
     height: int
@@ -77,7 +78,7 @@ class ReadCoverage:
     lens: Lens | None = None
 
     def __call__(self) -> Float[Tensor, "1 h w"]:
-        """The coverage, shape (1, height, width), [0, 1]."""
+        """Read the coverage, shape (1, height, width), [0, 1]."""
         alpha = read_coverage(self.path)
         return resize(undistort(alpha, self.lens) if self.lens else alpha, self.height, self.width)
 
@@ -92,39 +93,41 @@ def build_scene(
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     points: Points | None = None,
 ) -> Scene:
-    """Check posed files and make a scene of them, sorted by name.
+    """Validate posed files and build a scene of them, sorted by name.
 
     Args:
         files: the capture's photos, in any order.
-        source: the capture, named in errors.
+        source: path of the capture, named in errors.
         name: the scene's name; the capture folder's where empty.
         downscale: factor that divides width and height, after undistortion.
-        split: how to divide the photos; every 8th is held out where None.
+        split: how to divide the photos. Where None, the capture's own split is used or, without one, every 8th photo is
+            held out.
         background: colour under transparent photos.
-        points: sparse points in the same world.
+        points: sparse points in the same world coordinates.
 
     Raises:
-        InputError: fewer than two photos, a name used twice, sizes that do not match the intrinsics, a bad pose.
+        InputError: there are fewer than two photos, a name is used twice, a size does not match its intrinsics, or a
+            pose or point is invalid.
     """
     if len(files) < 2:
         raise InputError(source, f"holds {len(files)} usable photo(s)", "give a capture of at least two posed photos")
     names = unique_names([file.listed for file in files], source)
     _check_points(points, source)
-    order = sorted(range(len(files)), key=lambda i: names[i])
+    order_by_name = sorted(range(len(files)), key=lambda i: names[i])
     red, green, blue = background
     colour = float(red), float(green), float(blue)
-    photos = tuple(_photo(files[i], names[i], downscale, colour) for i in order)
-    sides = [files[i].side for i in order]
+    photos = tuple(_photo(files[i], names[i], downscale, colour) for i in order_by_name)
+    sides = [files[i].side for i in order_by_name]
     train, test = (split or Split())(len(photos), _own_split(sides))
     return Scene(name or source.resolve().name, photos, train, test, colour, points)
 
 
 def unique_names(listed: Sequence[str], source: Path) -> list[str]:
-    """File names for photos: the last part of each path, or the whole path joined by ``_`` if last parts repeat.
+    """File names for photos: the last component of each path or, if those repeat, all components joined by ``_``.
 
     Raises:
-        InputError: two photos would get the same name, or names that differ by their ending only, so that their
-            outputs would overwrite each other; or a name is no text.
+        InputError: a name is not UTF-8 text, or two photos would get the same name or names that differ only in their
+            ending, so that their outputs would overwrite each other.
     """
     paths = [PurePosixPath(text.replace("\\", "/")) for text in listed]
     for text in listed:
@@ -132,27 +135,34 @@ def unique_names(listed: Sequence[str], source: Path) -> list[str]:
     names = [path.name for path in paths]
     if len({PurePosixPath(n).stem for n in names}) < len(names):
         names = ["_".join(part for part in path.parts if part not in (".", "..", "/")) for path in paths]
-    twice = [stem for stem, count in Counter(PurePosixPath(n).stem for n in names).items() if count > 1]
-    if twice:
-        raise InputError(source, f"lists {twice[0]!r} more than once", "give every photo a name of its own")
+    repeated = [stem for stem, count in Counter(PurePosixPath(n).stem for n in names).items() if count > 1]
+    if repeated:
+        raise InputError(source, f"lists {repeated[0]!r} more than once", "give every photo a name of its own")
     return names
 
 
 def _check_points(points: Points | None, source: Path) -> None:
     if points is None:
         return
-    good = points.positions.abs().le(FARTHEST_POINT).all(1) & points.colours.isfinite().all(1)
-    if not bool(good.all()):
-        count, first = int((~good).sum()), int((~good).nonzero()[0])
-        received = f"has {count} of {len(good)} points that are not finite or too far away (first: {first})"
+    is_valid = points.positions.abs().le(FARTHEST_POINT).all(1) & points.colours.isfinite().all(1)
+    if not bool(is_valid.all()):
+        count, first = int((~is_valid).sum()), int((~is_valid).nonzero()[0])
+        received = f"has {count} of {len(is_valid)} points that are not finite or too far away (first: {first})"
         raise InputError(source, received, "remove those points or reconstruct again")
 
 
 def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str) -> None:
-    """Let incomplete entries pass if ``missing`` is "drop".
+    """Raise an error for incomplete entries unless ``missing`` is "drop".
+
+    Args:
+        names: names of the incomplete entries.
+        what: description of the entries, for the error.
+        source: the capture, named in the error.
+        missing: "error" or "drop".
 
     Raises:
-        InputError: there are such entries and ``missing`` is "error"; the first few are named, with the count.
+        InputError: there are such entries and ``missing`` is "error" (the message gives their number and the first
+            few), or ``missing`` has another value.
     """
     if missing not in ("error", "drop"):
         raise InputError("missing", f"is {missing!r}", 'give "error" or "drop"')
@@ -163,15 +173,15 @@ def refuse_or_drop(names: Sequence[str], what: str, source: object, missing: str
 
 
 def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
-    """The lens at the photo's own size, which may be a downscaled copy of the calibrated one.
+    """The lens at the size of the photo, which may be a downscaled copy of the calibrated photo.
 
     Raises:
-        InputError: the aspects differ by more than rounding explains.
+        InputError: the aspect ratios differ by more than rounding can explain.
     """
     if (lens.height, lens.width) == (height, width):
         return lens
-    shrink = min(width / lens.width, height / lens.height)
-    if abs(width - lens.width * shrink) > 1 or abs(height - lens.height * shrink) > 1:
+    scale = min(width / lens.width, height / lens.height)
+    if abs(width - lens.width * scale) > 1 or abs(height - lens.height * scale) > 1:
         received = f"is {width}x{height} but its camera is {lens.width}x{lens.height} ({lens.source})"
         raise InputError(path, received, "use the photos that were calibrated, whole or evenly resized")
     return lens.resized(height, width)
@@ -180,7 +190,7 @@ def lens_at_size(lens: Lens, height: int, width: int, path: Path) -> Lens:
 def _own_split(sides: Sequence[str | None]) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
     if all(side is None for side in sides):
         return None
-    train, test = (tuple(i for i, side in enumerate(sides) if side == wanted) for wanted in ("train", "test"))
+    train, test = (tuple(i for i, side in enumerate(sides) if side == part) for part in ("train", "test"))
     return train, test
 
 
@@ -191,6 +201,6 @@ def _photo(file: PosedFile, name: str, downscale: int | float, background: tuple
     pose = orthonormal_pose(file.world_to_camera, file.listed)
     size = downscaled_size(height, width, downscale)
     camera = Camera(K.float(), pose.float(), height, width).resized(*size)
-    bent = lens if lens.distorted else None
-    coverage = ReadCoverage(file.path, *size, bent) if header.has_alpha else None
-    return Photo(name, camera, ReadPhoto(file.path, *size, background, bent), read_alpha=coverage)
+    distorted_lens = lens if lens.distorted else None
+    coverage = ReadCoverage(file.path, *size, distorted_lens) if header.has_alpha else None
+    return Photo(name, camera, ReadPhoto(file.path, *size, background, distorted_lens), read_alpha=coverage)

@@ -1,8 +1,8 @@
-"""Scenes of published datasets, by the conventions under which the field measures on them.
+"""Loader of published datasets' scenes, following the field's evaluation conventions.
 
-Mip-NeRF 360 comes with its photos downscaled by its authors (``images_2``, ``images_4``, ``images_8``); those files are
-used, since photos that were downscaled otherwise change PSNR by up to 0.3 dB (gsplat, pull request 507). Every 8th
-photo by name is held out. NeRF-Synthetic has a split of its own and lies over white.
+Mip-NeRF 360 includes photos downscaled by its authors (``images_2``, ``images_4``, ``images_8``). Those files are used,
+since another downscaling changes PSNR by up to 0.3 dB (gsplat, pull request 507). Every 8th photo by name is held out.
+NeRF-Synthetic has its own split and a white background.
 """
 
 from pathlib import Path
@@ -29,34 +29,34 @@ def load_published(
     """A scene of a published dataset.
 
     Args:
-        path: the scene's folder, as the job ``download`` leaves it.
-        dataset: name of a file of ``conf/dataset``.
+        path: the scene's folder, as created by the job ``download``.
+        dataset: name of a file in ``conf/dataset``.
         name: the scene's name.
-        photos: how many photos the published scene has; None to take what is there.
-        downscale: factor that divides width and height; where the authors published several sizes, one of theirs.
-        split: how to divide the photos; every 8th held out, or NeRF-Synthetic's own split, where None.
+        photos: number of photos of the published scene; None accepts any number.
+        downscale: factor that divides width and height; one of the authors' factors where they published several sizes.
+        split: how to divide the photos; where None, every 8th is held out, or NeRF-Synthetic's own split is used.
         missing: what to do with photos without a camera and cameras without a photo: "error" or "drop".
         background: colour under transparent photos; the dataset's where None.
 
     Raises:
-        InputError: the dataset is unknown, files are not there (the command that fetches them is named), the number
-            of photos is another one, or the layout's loader refuses them.
+        InputError: the dataset is unknown, files are missing (the message gives the command that downloads them), the
+            number of photos differs while ``missing`` is "error", or the layout's loader refuses the files.
     """
     root = Path(path)
-    absent = missing_parts(root, dataset, downscale)
-    if absent:
-        raise InputError(absent[0], "does not exist", download_command(root, dataset, name, downscale))
-    facts = published_dataset(dataset)
-    ground = facts.background if background is None else background
-    if facts.layout == "transforms":
+    absent_paths = missing_parts(root, dataset, downscale)
+    if absent_paths:
+        raise InputError(absent_paths[0], "does not exist", download_command(root, dataset, name, downscale))
+    description = published_dataset(dataset)
+    background_colour = description.background if background is None else background
+    if description.layout == "transforms":
         scene = load_nerf_synthetic(
-            root, downscale=downscale, split=split, missing=missing, background=ground, name=name
+            root, downscale=downscale, split=split, missing=missing, background=background_colour, name=name
         )
     else:
-        factor = 1 if facts.pyramid else downscale
-        images = facts.photo_folder(downscale)
+        factor = 1 if description.pyramid else downscale
+        images = description.photo_folder(downscale)
         scene = load_colmap(
-            root, images=images, downscale=factor, split=split, missing=missing, background=ground, name=name
+            root, images=images, downscale=factor, split=split, missing=missing, background=background_colour, name=name
         )
     if photos not in (None, len(scene.photos)) and missing == "error":
         received = f"holds {len(scene.photos)} photos where the published scene has {photos}"
@@ -65,40 +65,40 @@ def load_published(
 
 
 def missing_parts(path: Path, dataset: str, downscale: int | float = 1) -> tuple[Path, ...]:
-    """Files and folders of a scene that are required and missing.
+    """Required files and folders of a scene that are not on disk.
 
     Args:
         path: the scene's folder.
-        dataset: name of a file of ``conf/dataset``.
-        downscale: factor of the photos that are to be read.
+        dataset: name of a file in ``conf/dataset``.
+        downscale: downscaling factor of the photos to read.
 
     Raises:
         InputError: the dataset is unknown, or has no photos downscaled by that factor.
     """
-    facts = published_dataset(dataset)
-    if facts.layout == "transforms":
-        needed = [
+    description = published_dataset(dataset)
+    if description.layout == "transforms":
+        required_names = [
             f"{part}{side}{end}" for side in ("train", "test") for part, end in (("transforms_", ".json"), ("", ""))
         ]
-        return tuple(path / part for part in needed if not (path / part).exists())
-    images = path / facts.photo_folder(downscale)
-    model = () if find_model(path) is not None else (path / MODEL_FOLDERS[0],)
-    return (*(() if images.is_dir() else (images,)), *model)
+        return tuple(path / part for part in required_names if not (path / part).exists())
+    images = path / description.photo_folder(downscale)
+    missing_model = () if find_model(path) is not None else (path / MODEL_FOLDERS[0],)
+    return (*(() if images.is_dir() else (images,)), *missing_model)
 
 
 def download_command(path: Path, dataset: str, name: str, downscale: int | float = 1) -> str:
-    """The command line that fetches a scene, as the end of an error message.
+    """Remedy for an error message: the command line that downloads a scene.
 
     Args:
         path: the scene's folder.
-        dataset: name of a file of ``conf/dataset``.
+        dataset: name of a file in ``conf/dataset``.
         name: the scene's name.
-        downscale: factor of the photos that are to be read.
+        downscale: downscaling factor of the photos to read.
     """
-    words = [f"gaussian-enhancer download dataset={dataset} scenes=[{name}]"]
-    facts = published_dataset(dataset)
-    if facts.pyramid:
-        words.append(f"images=[{facts.photo_folder(downscale)}]")
+    arguments = [f"gaussian-enhancer download dataset={dataset} scenes=[{name}]"]
+    description = published_dataset(dataset)
+    if description.pyramid:
+        arguments.append(f"images=[{description.photo_folder(downscale)}]")
     if path.parts[-2:] != (dataset, name):
-        return f"fetch it ({' '.join(words)}) and give its folder as scene.path"
-    return f"fetch it: {' '.join(words)} folder={path.parent.parent}"
+        return f"fetch it ({' '.join(arguments)}) and give its folder as scene.path"
+    return f"fetch it: {' '.join(arguments)} folder={path.parent.parent}"

@@ -14,19 +14,19 @@ from gaussian_enhancer.types import Camera
 
 @dataclass(frozen=True)
 class RenderedView:
-    """One rendered view and, where they are known, its geometry and its photo. Pixels are read when asked for.
+    """One rendered view and, where known, its geometry and its photo. Pixels are read on demand.
 
     Args:
-        name: the render's file name with ending; outputs keep it.
-        read: returns the render, shape (3, height, width), [0, 1].
-        camera: where it was rendered from; None in a folder without cameras.
+        name: the render's file name with ending, also used for outputs.
+        read: returns the render, shape (3, height, width), [0, 1]; None for a reference without a render.
+        camera: camera of the render; None in a folder without cameras.
         read_depth: returns rendered z depth, shape (1, height, width), 0 where nothing was hit.
         read_alpha: returns rendered opacity, shape (1, height, width).
-        read_photo: returns the photo of the same view: the truth of a target, the pixels of a reference.
-        read_fine_photo: returns that photo 4 times as fine as the render; a reference's without a render of its own
-            may have any size.
-        fine_size: height and width of the finer photo itself, where rounding makes it miss 4 times the render's; what
-            is written is brought to it.
+        read_photo: returns the photo of the same view: the ground truth of a target, the pixels of a reference.
+        read_fine_photo: returns the photo at 4 times the render's resolution. Any size is allowed for a reference
+            without a render.
+        fine_size: original height and width of the fine photo, where rounding makes them differ from 4 times the
+            render's. Outputs are resized to this size.
     """
 
     name: str
@@ -46,10 +46,11 @@ class RenderedSet:
     Args:
         name: short name, used in records and folders.
         targets: renders to enhance; ``read`` is never None.
-        references: views with ``read_photo``; ``read_depth`` (rendered) allows the occlusion check, ``read`` may
-            be None.
+        references: views with ``read_photo``. Their rendered depth (``read_depth``) allows the occlusion check;
+            ``read`` may be None.
         background: colour composited under the renders.
-        own_depth: depth is known to fit the renders: this project's own rasteriser made both, or it was checked before.
+        own_depth: whether the depth is known to fit the renders, since this project's rasteriser made both or the
+            depth was validated before.
     """
 
     name: str

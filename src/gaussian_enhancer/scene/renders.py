@@ -1,8 +1,8 @@
 """Finished renders on disk: a fitted run's folder, the original 3DGS output, or bare folders of images.
 
-A run holds ``test/ours_<step>/{renders,gt}`` and the same under ``train``; ours adds ``depth`` and ``alpha``. Where
-``cameras.json`` states splits, views are matched to cameras by name; 3DGS numbers its renders instead, in the order
-of its cameras, test cameras first. Sizes are compared from file headers when the set is made.
+A run holds ``test/ours_<step>/{renders,gt}`` and the same under ``train``; this project's runs add ``depth`` and
+``alpha``. Where ``cameras.json`` states splits, views are matched to cameras by name. 3DGS states none and numbers its
+renders in the order of its cameras, test cameras first. Sizes are compared, from file headers, when the set is made.
 """
 
 import os
@@ -34,12 +34,12 @@ Colour = tuple[float, float, float]
 BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
 OWN = ("config.yaml", "done")
-"""What a finished run of this project's jobs holds, and no other program's output."""
+"""Files that every finished run of this project's jobs holds and other programs' output lacks."""
 
 
 @dataclass(frozen=True)
 class _Folders:
-    """Folders of the parts of one side's views; None for missing parts."""
+    """Folders of the images and depth maps of one split's views; None for missing folders."""
 
     renders: Path
     photos: Path | None = None
@@ -48,7 +48,7 @@ class _Folders:
 
 
 def run_steps(folder: Path, side: Literal["train", "test"] = "test") -> tuple[int, ...]:
-    """Steps that a run has renders of, ascending."""
+    """Training steps whose renders a run contains, ascending."""
     matches = (re.fullmatch(r"ours_(\d+)", p.parent.name) for p in (folder / side).glob("ours_*/renders") if p.is_dir())
     return tuple(sorted(int(match[1]) for match in matches if match))
 
@@ -65,31 +65,35 @@ def read_run(
     """The held-out renders of a fitted run and its training views as references.
 
     Args:
-        folder: the run's folder, ours or original 3DGS output.
+        folder: the run's folder, made by this project or by the original 3DGS.
         step: training step of the renders; the latest where None.
-        capture: the scene that was fitted; its training photos are the references where the run kept no
+        capture: the scene that was fitted; its training photos are the references where the run contains no
             training views.
-        background: colour under the renders; from 3DGS's ``cfg_args``, else black, where None.
+        background: colour under the renders. Where None, it is read from 3DGS's ``cfg_args``; without that file it is
+            black.
         name: the set's name; the folder's where empty.
 
     Raises:
-        InputError: there are no such renders, sizes of render, photo or depth differ, or cameras do not match.
+        InputError: there are no such renders, a training render has no photo, the sizes of render, photo or depth
+            differ, or cameras do not match.
     """
     root = Path(folder)
-    chosen = _step(root, step)
-    tests, trains = root / f"test/ours_{chosen}", root / f"train/ours_{chosen}"
-    colour = background if background is not None else _background(root)
+    chosen_step = _step(root, step)
+    test_folder, train_folder = root / f"test/ours_{chosen_step}", root / f"train/ours_{chosen_step}"
+    background_colour = background if background is not None else _background(root)
     cameras = read_cameras(root / "cameras.json") if (root / "cameras.json").is_file() else ()
-    test_stems, train_stems = _stems(tests), _stems(trains) if (trains / "renders").is_dir() else []
+    test_stems, train_stems = _stems(test_folder), _stems(train_folder) if (train_folder / "renders").is_dir() else []
     test_cameras, train_cameras = _match(cameras, test_stems, train_stems, root / "cameras.json")
-    targets = _side(_parts(tests), test_cameras, colour)
-    references = _side(_parts(trains), train_cameras, colour) if train_stems else _references(capture)
+    targets = _side(_parts(test_folder), test_cameras, background_colour)
+    references = _side(_parts(train_folder), train_cameras, background_colour) if train_stems else _references(capture)
     if train_stems and not any(entry.split for entry in cameras):
         references = _told_apart(references)
     if any(view.read_photo is None for view in references):
-        raise InputError(trains, "holds renders without gt photos", "render it again with its photos, or pass capture=")
-    own = all((root / name).is_file() for name in OWN)
-    return RenderedSet(name or root.resolve().name, targets, references, colour, own)
+        raise InputError(
+            train_folder, "holds renders without gt photos", "render it again with its photos, or pass capture="
+        )
+    own_depth = all((root / name).is_file() for name in OWN)
+    return RenderedSet(name or root.resolve().name, targets, references, background_colour, own_depth)
 
 
 @reader
@@ -109,54 +113,59 @@ def read_folder(
 
     Args:
         renders: folder of renders to enhance.
-        photos: folder of the capture's photos. One with a render's name is that render's truth; the others are
-            references, unless ``references`` is given. Where there are no others and the renders lie in a run's
-            ``test/ours_<step>/renders``, the run's training views are the references (`read_run`).
-        references: folder of photos to refer to, or a capture, whose training photos with their cameras are taken.
-        depth: folder of z depth for renders (all of them) and references (those that have one):
-            ``.npy``, ``.npz``, 16-bit ``.png``.
+        photos: folder of the capture's photos. A photo with a render's name is that render's ground truth. The other
+            photos are references, unless ``references`` is given. If there are no others and the renders lie in a
+            run's ``test/ours_<step>/renders``, the run's training views are the references (`read_run`).
+        references: folder of reference photos, or a capture, whose training photos and cameras are used.
+        depth: folder of z depth maps (``.npy``, ``.npz``, 16-bit ``.png``), required for all renders and optional for
+            references.
         cameras: a ``cameras.json`` in 3DGS's list format that names renders and references.
-        depth_scale: scene units of one stored unit of depth.
+        depth_scale: scene units per stored unit of depth.
         background: colour under transparent images.
         name: the set's name; the folder's where empty.
-        finer: let photos be 4 times as fine as the renders, and read them as such too.
+        finer: accept photos at 4 times the renders' resolution, and provide them as ``read_fine_photo`` as well.
 
     Raises:
-        InputError: no renders or no references, sizes of render, photo or depth differ, or a view lacks its camera.
+        InputError: there are no renders or no references, the sizes of render, photo or depth differ, or a view has no
+            camera in ``cameras``.
     """
     root = Path(renders)
     files = {path.stem: path for path in _refuse_same_stems(list_images(root))}
-    truths = {path.stem: path for path in _refuse_same_stems(list_images(Path(photos)))} if photos is not None else {}
-    listed = cameras_by_stem(read_cameras(Path(cameras)), Path(cameras)) if cameras is not None else None
+    truth_photos = (
+        {path.stem: path for path in _refuse_same_stems(list_images(Path(photos)))} if photos is not None else {}
+    )
+    named_cameras = cameras_by_stem(read_cameras(Path(cameras)), Path(cameras)) if cameras is not None else None
     depths = Path(depth) if depth is not None else None
     targets = []
     for stem, path in files.items():
-        found = _depth_of(depths, stem, path, depth_scale, needed=True)
-        camera = _camera_of(listed, stem, path, Path(cameras or ""))
-        targets.append(_view(path, truths.get(stem), found, None, camera, background, finer))
+        depth_reader = _depth_of(depths, stem, path, depth_scale, needed=True)
+        camera = _camera_of(named_cameras, stem, path, Path(cameras or ""))
+        targets.append(_view(path, truth_photos.get(stem), depth_reader, None, camera, background, finer))
     if isinstance(references, Scene):
-        others = _references(references)
+        reference_views = _references(references)
     else:
-        named = list_images(Path(references)) if references is not None else list(truths.values())
-        kept = [path for path in named if references is not None or path.stem not in files]
-        others = tuple(_reference(p, listed, depths, depth_scale, Path(cameras or ""), background) for p in kept)
+        candidates = list_images(Path(references)) if references is not None else list(truth_photos.values())
+        reference_files = [path for path in candidates if references is not None or path.stem not in files]
+        reference_views = tuple(
+            _reference(p, named_cameras, depths, depth_scale, Path(cameras or ""), background) for p in reference_files
+        )
     if finer:
-        others = tuple(replace(view, read_fine_photo=view.read_photo) for view in others)
-    if not others:
+        reference_views = tuple(replace(view, read_fine_photo=view.read_photo) for view in reference_views)
+    if not reference_views:
         if photos is None:
             remedy = "name a folder of the capture's photos with photos= or references="
             raise InputError(root, "comes without photos", remedy)
         run, step = _run_of(root)
-        if run is not None and run_steps(run, "train"):  # the pair of folders that 3DGS writes: its run has references
+        if run is not None and run_steps(run, "train"):  # a run's renders and gt: refer to its training views
             return read_run(run, step, background=background, name=name)
         received = f"leaves no photo to refer to: {photos} holds the renders' own photos alone"
         remedy = "name a folder of the capture's other photos with references="
         raise InputError(root, received, remedy if run is None else f"{remedy}, or {_remedy(run)}")
-    return RenderedSet(name or root.resolve().name, tuple(targets), others, background)
+    return RenderedSet(name or root.resolve().name, tuple(targets), reference_views, background)
 
 
 def _remedy(run: Path) -> str:
-    """Advice for a run of 3DGS without training views, which names its capture in ``cfg_args``."""
+    """Remedy for a 3DGS run without training views: options that name the capture found in ``cfg_args``."""
     arguments = run / "cfg_args"
     match = re.search(r"source_path='([^']+)'", read_text(arguments)) if arguments.is_file() else None
     return f"run={run} scene=capture scene.path={match[1] if match else 'CAPTURE'}"
@@ -165,7 +174,7 @@ def _remedy(run: Path) -> str:
 def _step(root: Path, step: int | None) -> int:
     if not root.is_dir():
         raise InputError(root, "is no folder", "name a fitted run's folder")
-    os.scandir(root).close()  # globbing takes a folder that may not be read for an empty one
+    os.scandir(root).close()  # raises for an unreadable folder, which glob treats as empty
     steps = run_steps(root)
     if not steps:
         raise InputError(root, "holds no test/ours_<step>/renders", "name a fitted run's folder with held-out renders")
@@ -175,7 +184,7 @@ def _step(root: Path, step: int | None) -> int:
 
 
 def _run_of(renders: Path) -> tuple[Path | None, int]:
-    """The run and the step whose held-out renders a folder is, by its place; no run if it is none."""
+    """Run folder and step of a folder of held-out renders, derived from its path; (None, 0) if it lies in no run."""
     match = re.fullmatch(r"ours_(\d+)", renders.resolve().parent.name)
     if renders.name != "renders" or match is None or renders.resolve().parents[1].name != "test":
         return None, 0
@@ -187,7 +196,7 @@ def _stems(side: Path) -> list[str]:
 
 
 def _refuse_same_stems(paths: list[Path]) -> list[Path]:
-    """The files, given that no two differ by their ending only."""
+    """Return the files; refuse those that differ only in their ending."""
     stems: dict[str, Path] = {}
     for path in paths:
         if path.stem in stems:
@@ -197,29 +206,31 @@ def _refuse_same_stems(paths: list[Path]) -> list[Path]:
 
 
 def _parts(side: Path) -> _Folders:
-    optional = {part: side / part if (side / part).is_dir() else None for part in ("gt", "depth", "alpha")}
-    return _Folders(side / "renders", optional["gt"], optional["depth"], optional["alpha"])
+    optional_folders = {part: side / part if (side / part).is_dir() else None for part in ("gt", "depth", "alpha")}
+    return _Folders(side / "renders", optional_folders["gt"], optional_folders["depth"], optional_folders["alpha"])
 
 
 def _match(
     cameras: tuple[ListedCamera, ...], tests: list[str], trains: list[str], source: Path
 ) -> tuple[dict[str, Camera], dict[str, Camera]]:
-    """Cameras of the test and the train renders, by stem; empty where there are none."""
+    """Cameras of the test and of the training renders, by stem; both empty if there are no cameras."""
     if not cameras:
         return {}, {}
     if all(entry.split is not None for entry in cameras):
         by_stem = cameras_by_stem(cameras, source)
-        unknown = [stem for stem in (*tests, *trains) if stem not in by_stem]
-        if unknown:
-            raise InputError(source, f"lacks {len(unknown)} cameras, first {unknown[0]!r}", "write it again")
+        without_camera = [stem for stem in (*tests, *trains) if stem not in by_stem]
+        if without_camera:
+            raise InputError(
+                source, f"lacks {len(without_camera)} cameras, first {without_camera[0]!r}", "write it again"
+            )
         return {stem: by_stem[stem] for stem in tests}, {stem: by_stem[stem] for stem in trains}
     expected = len(tests) + len(trains)
     if len(cameras) != expected and (trains or len(cameras) < expected):
         received = f"lists {len(cameras)} cameras for {len(tests)} test and {len(trains)} train renders"
         raise InputError(source, received, "use the cameras.json that was written with these renders")
-    ordered = [entry.camera for entry in cameras]
-    by_test = dict(zip(tests, ordered, strict=False))
-    return by_test, dict(zip(trains, ordered[len(tests) :], strict=False))
+    ordered_cameras = [entry.camera for entry in cameras]
+    test_cameras = dict(zip(tests, ordered_cameras, strict=False))
+    return test_cameras, dict(zip(trains, ordered_cameras[len(tests) :], strict=False))
 
 
 def _side(folders: _Folders, cameras: dict[str, Camera], background: Colour) -> tuple[RenderedView, ...]:
@@ -262,26 +273,27 @@ def _view(
     background: Colour,
     finer: bool = False,
 ) -> RenderedView:
-    """One target with its parts, whose sizes must agree; a camera of another size with the same aspect follows.
+    """One target with its photo, depth and alpha, which must have the render's size.
 
-    With ``finer`` the photo may be 4 times as fine instead.
+    A camera of another size but the same aspect ratio is resized. With ``finer`` the photo may have 4 times the
+    render's resolution.
     """
     header = read_header(render)
     size = header.height, header.width
-    fine, fine_size = None, None
+    fine_reader, fine_size = None, None
     if photo is not None:
-        found = read_header(photo).height, read_header(photo).width
-        if finer and is_finer(found, size):
-            fine = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
-            fine_size = own_size(found, size)
+        photo_size = read_header(photo).height, read_header(photo).width
+        if finer and is_finer(photo_size, size):
+            fine_reader = ReadPhoto(photo, UPSCALE * size[0], UPSCALE * size[1], background)
+            fine_size = own_size(photo_size, size)
         else:
-            _same_size(render, size, photo, found)
+            _same_size(render, size, photo, photo_size)
     if depth is not None:
         _same_size(render, size, depth.path, depth_size(depth.path))
     if alpha is not None:
         _same_size(render, size, alpha, (read_header(alpha).height, read_header(alpha).width))
-    own_alpha = render if header.has_alpha else None
-    coverage = alpha if alpha is not None else own_alpha
+    render_with_alpha = render if header.has_alpha else None
+    coverage = alpha if alpha is not None else render_with_alpha
     return RenderedView(
         render.name,
         ReadPhoto(render, *size, background),
@@ -289,7 +301,7 @@ def _view(
         depth,
         ReadCoverage(coverage, *size) if coverage is not None else None,
         ReadPhoto(photo, *size, background) if photo is not None else None,
-        fine,
+        fine_reader,
         fine_size,
     )
 
@@ -317,9 +329,14 @@ def _reference(
 
 
 def _told_apart(references: tuple[RenderedView, ...]) -> tuple[RenderedView, ...]:
-    """Training views by names of their own: 3DGS numbers both sides from 0, and no view refers to one of its name."""
-    numbered = re.compile(r"\d{5}\.\w+")
-    return tuple(replace(v, name=f"train_{v.name}") if numbered.fullmatch(v.name) else v for v in references)
+    """Training views renamed to differ from the test views.
+
+    3DGS numbers both splits from 0, and a view with the target's name is never chosen as its reference.
+    """
+    numbered_name = re.compile(r"\d{5}\.\w+")
+    return tuple(
+        replace(view, name=f"train_{view.name}") if numbered_name.fullmatch(view.name) else view for view in references
+    )
 
 
 def _references(capture: Scene | None) -> tuple[RenderedView, ...]:
@@ -335,15 +352,15 @@ def _same_size(render: Path, size: tuple[int, int], other: Path, found: tuple[in
 
 def _sized(camera: Camera, size: tuple[int, int], image: Path) -> Camera:
     height, width = size
-    shrink = min(width / camera.width, height / camera.height)
-    if abs(width - camera.width * shrink) > 1 or abs(height - camera.height * shrink) > 1:
+    scale = min(width / camera.width, height / camera.height)
+    if abs(width - camera.width * scale) > 1 or abs(height - camera.height * scale) > 1:
         received = f"is {width}x{height} but its camera is {camera.width}x{camera.height}"
         raise InputError(image, received, "use the camera that it was rendered with")
     return camera.resized(height, width)
 
 
 def _background(root: Path) -> Colour:
-    """3DGS keeps ``white_background=True`` in the text of its arguments."""
+    """Background colour of a 3DGS run: white if its ``cfg_args`` holds ``white_background=True``, else black."""
     arguments = root / "cfg_args"
     if arguments.is_file() and re.search(r"white_background=True", read_text(arguments)):
         return WHITE

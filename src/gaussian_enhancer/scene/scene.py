@@ -1,4 +1,4 @@
-"""A scene: posed photos, read lazily, split into training and held-out ones.
+"""A scene: posed photos, read lazily and split into training and held-out photos.
 
 Axes: h height, w width, p points.
 """
@@ -15,7 +15,7 @@ from gaussian_enhancer.types import Camera
 
 @dataclass(frozen=True)
 class Points:
-    """A coloured point cloud, usually of structure from motion.
+    """A coloured point cloud, usually from structure from motion.
 
     Args:
         positions: world coordinates.
@@ -28,14 +28,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Photo:
-    """One photo of a scene. Pixels are read when asked for, each time anew.
+    """One photo of a scene. Pixels are read on demand and not cached.
 
     Args:
-        name: the file's name with ending, unique in its scene; outputs keep it.
-        camera: where it was taken from; None in a folder without cameras.
-        read: returns the image, shape (3, height, width), [0, 1], over the scene's background.
-        read_depth: returns true z depth, shape (1, height, width), where it is known (procedural scenes).
-        read_alpha: returns the object's coverage, shape (1, height, width), where it is known.
+        name: the file's name with ending, unique in its scene and also used for outputs.
+        camera: camera of the photo; None in a folder without cameras.
+        read: returns the image, shape (3, height, width), [0, 1], composited over the scene's background.
+        read_depth: returns true z depth, shape (1, height, width); known only in procedural scenes, else None.
+        read_alpha: returns the object's coverage, shape (1, height, width); None where it is unknown.
     """
 
     name: str
@@ -47,15 +47,15 @@ class Photo:
 
 @dataclass(frozen=True)
 class Scene:
-    """Photos sorted by name, split into those that may be learnt from or referred to and those that measure.
+    """Photos sorted by name, split into training photos, which may serve as references, and held-out photos.
 
     Args:
         name: short name, used in records and folders.
         photos: all photos, sorted by name.
-        train: indices of photos that a splat is fitted to and that serve as references.
-        test: indices of held-out photos; never a reference.
+        train: indices of the photos to which a splat is fitted and which serve as references.
+        test: indices of the held-out photos, which are never references.
         background: colour behind the scene, composited under renders.
-        points: sparse points, if the capture has them.
+        points: sparse points; None if the capture has none.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Scene:
 
     @property
     def train_photos(self) -> tuple[Photo, ...]:
-        """The photos to fit to and to refer to."""
+        """The photos for fitting and for references."""
         return tuple(self.photos[i] for i in self.train)
 
     @property

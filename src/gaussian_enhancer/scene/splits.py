@@ -1,7 +1,7 @@
 """Split of a capture into training and held-out photos.
 
-The convention of the field: sorted by name, every 8th photo is a test view (``idx % 8 == 0``; LLFF, 3DGS's
-``dataset_readers.py``). Sparse fits keep every n-th of the remaining ones.
+By the convention of the field, every 8th photo sorted by name is a test view (``idx % 8 == 0``; LLFF, 3DGS's
+``dataset_readers.py``). Sparse fits keep every n-th of the remaining photos.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class Split:
     """How a capture's photos are divided.
 
     Args:
-        test_every: every how many photos one is held out; 0 holds none out. Not used where the capture's files
-            state a split of their own and ``own`` is set.
+        test_every: hold out every n-th photo; 0 holds none out. It has no effect where the capture's files state their
+            own split and ``own`` is true.
         test_offset: index of the first held-out photo, in [0, test_every).
         train_every: keep every n-th training photo only (a sparse fit); 1 keeps all.
-        unused_as_test: hold the photos that thinning removed out as test views (this is how training pairs
-            are made); otherwise they belong to neither side.
-        own: follow the split that the capture's files state, if they do.
+        unused_as_test: add the photos removed by ``train_every`` to the test views, as is done to make training pairs;
+            otherwise they belong to neither split.
+        own: use the split that the capture's files state, if any.
 
     Raises:
         InputError: a number is out of range.
@@ -46,14 +46,14 @@ class Split:
             raise InputError("split.train_every", f"is {self.train_every}", "give at least 1")
 
     def __call__(self, count: int, own: tuple[Indices, Indices] | None = None) -> tuple[Indices, Indices]:
-        """Indices to fit to and indices to hold out.
+        """Training indices and test indices.
 
         Args:
-            count: number of photos, sorted by name.
-            own: the split that the capture's files state.
+            count: number of photos, which are sorted by name.
+            own: training and test indices stated by the capture's files; None if they state none.
 
         Raises:
-            InputError: nothing is left to fit to.
+            InputError: no training photo remains.
         """
         train, test = own if own is not None and self.own else every_nth(count, self.test_every, self.test_offset)
         train, test = thin_training(train, test, self.train_every, self.unused_as_test)
@@ -63,7 +63,7 @@ class Split:
 
 
 def every_nth(count: int, test_every: int = 8, test_offset: int = 0) -> tuple[Indices, Indices]:
-    """Train and test indices where photo ``i`` is a test view if ``i % test_every == test_offset``."""
+    """Training and test indices; photo ``i`` is a test view if ``i % test_every == test_offset``."""
     if test_every == 0:
         return tuple(range(count)), ()
     test = tuple(range(test_offset, count, test_every))
@@ -73,7 +73,7 @@ def every_nth(count: int, test_every: int = 8, test_offset: int = 0) -> tuple[In
 def thin_training(
     train: Indices, test: Indices, train_every: int, unused_as_test: bool = False
 ) -> tuple[Indices, Indices]:
-    """Keep every ``train_every``-th training index; the removed ones join the test side or none."""
+    """Keep every ``train_every``-th training index; move the others to the test indices or drop them."""
     kept = train[::train_every]
     if not unused_as_test:
         return kept, test

@@ -1,7 +1,7 @@
-"""Scenes from a run's stored configuration, opened by a closed list of loaders with typed values.
+"""Safe opening of scenes from a run's stored configuration: an allow-list of loaders, with validated argument types.
 
-A run's folder may come from a stranger. What its ``config.yaml`` names is therefore looked up in a table and never
-imported, and no value of it is built by a name that it gives.
+A run's folder may come from an untrusted source. The loader named in its ``config.yaml`` is therefore looked up in a
+table and never imported, and no class named there is instantiated.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from gaussian_enhancer.scene.splits import Split
 from gaussian_enhancer.scene.transforms import load_nerf_synthetic, load_transforms
 
 LARGEST = 2**20
-"""Bytes of a configuration file; a run's own is a few thousand."""
+"""Maximum size of a configuration file in bytes; a run's has a few thousand."""
 
 LOADERS: Mapping[str, Callable[..., Scene]] = {
     "gaussian_enhancer.scene.capture.open_capture": open_capture,
@@ -34,20 +34,20 @@ LOADERS: Mapping[str, Callable[..., Scene]] = {
     "gaussian_enhancer.scene.transforms.load_nerf_synthetic": load_nerf_synthetic,
     "gaussian_enhancer.scene.transforms.load_transforms": load_transforms,
 }
-"""Every loader that a configuration on disk may name."""
+"""The loaders that a configuration on disk may name."""
 
 _PARTS: Mapping[str, type] = {"split": Split, "imperfections": Imperfections}
-"""Arguments that are mappings, and the dataclass that each is."""
+"""Arguments stored as mappings, and the dataclass that each is converted to."""
 
 
 def read_scene_values(file: Path) -> dict[str, Any]:
-    """The values below ``scene`` in a run's ``config.yaml``, as plain data.
+    """Read the values below ``scene`` in a run's ``config.yaml`` as plain data.
 
     Args:
-        file: the run's configuration.
+        file: path of the run's configuration.
 
     Raises:
-        InputError: the file is missing, too large, no YAML, or names no scene.
+        InputError: the file is missing, too large or not valid YAML, or has no mapping ``scene``.
     """
     if not file.is_file():
         raise InputError(file, "does not exist", "give a run that `fit` made, or the scene with scene=")
@@ -61,24 +61,27 @@ def read_scene_values(file: Path) -> dict[str, Any]:
 
 
 def scene_from_values(values: Mapping[str, Any]) -> Scene:
-    """Open the scene that plain values describe.
+    """Open the scene described by plain values.
 
     Args:
-        values: ``_target_``, one of `LOADERS`, and its arguments as numbers, strings, lists of numbers, or one of
-            `_PARTS`.
+        values: ``_target_``, a key of `LOADERS`, and the loader's arguments: numbers, strings, lists of numbers, and
+            mappings for the arguments in `_PARTS`.
 
     Raises:
-        InputError: the loader is not in the list, an argument is unknown or of another type, or the loader refuses it.
+        InputError: the loader is not in `LOADERS`, an argument is unknown or of the wrong type, or the loader refuses
+            the scene.
     """
     name = values.get("_target_")
     loader = LOADERS.get(name) if isinstance(name, str) else None
     if loader is None:
-        known = ", ".join(sorted(one.rsplit(".", 1)[1] for one in LOADERS))
-        raise InputError("scene._target_", f"is {name!r} in a stored configuration", f"scenes are opened by {known}")
+        loader_names = ", ".join(sorted(target.rsplit(".", 1)[1] for target in LOADERS))
+        raise InputError(
+            "scene._target_", f"is {name!r} in a stored configuration", f"scenes are opened by {loader_names}"
+        )
     arguments = {str(key): _argument(str(key), value) for key, value in values.items() if key != "_target_"}
-    strict = validate_call(config=ConfigDict(strict=True, arbitrary_types_allowed=True))(loader)
+    validated_loader = validate_call(config=ConfigDict(strict=True, arbitrary_types_allowed=True))(loader)
     try:
-        return strict(**arguments)
+        return validated_loader(**arguments)
     except ValidationError as error:
         raise _refusal("scene", error) from None
 
@@ -103,7 +106,7 @@ def _part(name: str, value: Any) -> Any:
 
 
 def _refusal(subject: str, error: ValidationError) -> InputError:
-    """The first error of pydantic, as a message for users."""
+    """An `InputError` for users made of pydantic's first error."""
     first = error.errors(include_url=False)[0]
     location = ".".join([subject, *(str(part) for part in first["loc"])])
     received = repr(first.get("input"))[:80]

@@ -16,15 +16,15 @@ from gaussian_enhancer.scene.checksum import served_md5
 from gaussian_enhancer.scene.datasets import Archive
 
 BLOCK = 1 << 20
-"""Bytes that are read at a time."""
+"""Bytes per read."""
 PASSING = (408, 425, 429, 500, 502, 503, 504)
-"""Answers that may be others a moment later."""
+"""HTTP status codes of temporary errors, after which the request is repeated."""
 Advance = Callable[[int, int | None], None]
-"""Told how many bytes are there, and of how many."""
+"""Progress callback: bytes on disk, total bytes (None where unknown)."""
 
 
 class Transfer:
-    """State of one download: bytes on disk, and what the server stated."""
+    """State of one download: the partial file, and the version and MD5 that the server stated."""
 
     def __init__(
         self, archive: Archive, path: Path, part: FileIO, page: str, timeout: int | float, advance: Advance
@@ -37,7 +37,7 @@ class Transfer:
         self.complete = False
 
     def attempt(self) -> None:
-        """Request the missing bytes and append them; if the connection breaks, what arrived is kept."""
+        """Request the missing bytes and append them; bytes received before a broken connection are kept."""
         try:
             response = urllib.request.urlopen(self._request(), timeout=self.timeout)
         except urllib.error.HTTPError as error:
@@ -54,7 +54,7 @@ class Transfer:
         self.complete = expected is None or self.size >= expected
 
     def discard(self) -> None:
-        """Delete the partial file."""
+        """Delete the partial file and its stored version."""
         self._restart()
         Path(str(self.part.name)).unlink(missing_ok=True)
         self.version.unlink(missing_ok=True)
@@ -68,10 +68,15 @@ class Transfer:
         return urllib.request.Request(self.archive.url, headers=headers)
 
     def _refuse_answer(self, error: urllib.error.HTTPError) -> None:
-        """An answer that is no file: over the end of what is there, passing, or final."""
+        """Handle an HTTP error: a range past the end of the file, a temporary error, or a permanent error.
+
+        Raises:
+            urllib.error.HTTPError: the error is temporary.
+            InputError: the error is permanent.
+        """
         if error.code == 416 and self.size:
-            whole = re.fullmatch(r"bytes \*/(\d+)", error.headers.get("Content-Range", ""))
-            self.complete = self.size == (int(whole[1]) if whole else self.archive.bytes)
+            stated_size = re.fullmatch(r"bytes \*/(\d+)", error.headers.get("Content-Range", ""))
+            self.complete = self.size == (int(stated_size[1]) if stated_size else self.archive.bytes)
             if not self.complete:
                 self._restart()
             return
@@ -80,7 +85,10 @@ class Transfer:
         self._wrong_answer(f"answers {error.code} {error.reason}")
 
     def _accept_answer(self, response: http.client.HTTPResponse) -> int | None:
-        """The file's whole size as the answer states it, after checking that it continues what is there."""
+        """Total size stated by the response (None if unknown), after checking that it continues the partial file.
+
+        A response that holds the whole file truncates the partial file.
+        """
         if response.headers.get_content_type() == "text/html":
             self._wrong_answer("answers with a web page in place of the archive")
         match = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", ""))
@@ -96,21 +104,21 @@ class Transfer:
         if self.archive.bytes is not None and total not in (None, self.archive.bytes):
             self._wrong_answer(f"has {total} bytes where {self.archive.bytes} are recorded")
         self.md5 = served_md5(response.headers) or self.md5
-        tag = response.headers.get("ETag", "")
-        if tag and not tag.startswith("W/"):
-            self.version.write_text(tag, encoding="utf-8")
+        etag = response.headers.get("ETag", "")
+        if etag and not etag.startswith("W/"):
+            self.version.write_text(etag, encoding="utf-8")
         return total
 
     def _check_room(self, total: int | None) -> None:
         check_room(self.path.parent, (total or self.archive.bytes or 0) - self.size, self.path.name)
 
     def _write(self, block: bytes) -> None:
-        rest = memoryview(block)
+        remaining = memoryview(block)
         try:
-            while rest:
-                written = self.part.write(rest)
+            while remaining:
+                written = self.part.write(remaining)
                 self.size += written
-                rest = rest[written:]
+                remaining = remaining[written:]
         except OSError as error:
             raise unwritable(self.path, error) from error
 
@@ -121,20 +129,20 @@ class Transfer:
 
     def _wrong_answer(self, received: str) -> None:
         remedy = f"see {self.page or 'its authors'} for where it is now, and give that address, size and checksum as "
-        hand = f"dataset.archives.KEY.url (bytes, sha256), or put the file at {self.path} by hand"
-        raise InputError(self.archive.url, received, remedy + hand)
+        alternative = f"dataset.archives.KEY.url (bytes, sha256), or put the file at {self.path} by hand"
+        raise InputError(self.archive.url, received, remedy + alternative)
 
 
 def check_room(folder: Path, needed: int, what: str) -> None:
     """Refuse a download that does not fit on the disk.
 
     Args:
-        folder: on the disk that is written to.
-        needed: bytes.
-        what: that is written, for the error.
+        folder: a folder on the target disk.
+        needed: bytes required.
+        what: name of the data, for the error.
 
     Raises:
-        InputError: less is free.
+        InputError: fewer bytes are free.
     """
     free = shutil.disk_usage(folder).free
     if needed > free:

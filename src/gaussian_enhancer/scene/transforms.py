@@ -1,7 +1,8 @@
 """``transforms.json`` captures: NeRF-Synthetic, nerfstudio and instant-ngp.
 
-Their poses are camera-to-world with OpenGL axes (x right, y up, z backward); ours are world-to-camera with OpenCV
-axes: flip the y and z columns, then invert. Principal points count from the first pixel's corner, as ours do.
+Their poses are camera-to-world with OpenGL axes (x right, y up, z backward). This project's are world-to-camera with
+OpenCV axes; to convert, flip the y and z columns, then invert. Principal points are measured from the outer corner of
+the first pixel in both.
 """
 
 import math
@@ -43,27 +44,30 @@ def load_transforms(
 ) -> Scene:
     """A scene from one ``transforms.json`` of nerfstudio or instant-ngp.
 
-    Intrinsics are shared or stand in each frame; ``k1 k2 p1 p2 k3`` are undistorted as photos are read, fisheye lenses
-    (``camera_model: OPENCV_FISHEYE``, ``is_fisheye``) too. ``train_filenames`` and ``test_filenames`` are the capture's
-    own split. ``aabb_scale`` sizes instant-ngp's grid and means nothing here.
+    Intrinsics are given once for all frames or in each frame. Photos are undistorted as they are read, for the
+    coefficients ``k1 k2 p1 p2 k3`` and for fisheye lenses (``camera_model: OPENCV_FISHEYE``, ``is_fisheye``).
+    ``train_filenames`` and ``test_filenames`` give the capture's own split. ``aabb_scale``, the size of instant-ngp's
+    grid, is ignored.
 
     Args:
         path: the capture's folder.
-        file: the JSON file's name in it.
+        file: name of the JSON file in that folder.
         downscale: factor that divides width and height of the photos read.
-        split: how to divide the photos; the file's own lists, or every 8th held out, where None.
+        split: how to divide the photos. Where None, the file's own lists are used or, without them, every 8th photo is
+            held out.
         missing: what to do with frames that are listed but not on disk: "error" or "drop".
         background: colour under transparent photos.
         name: the scene's name; the folder's where empty.
 
     Raises:
-        InputError: the file is malformed, lacks a value, lists absent photos, or a pose or lens is unusable.
+        InputError: the file is missing or malformed, lacks a value or lists photos that are not on disk, or a pose or
+            lens is invalid.
     """
     root = Path(path)
     source = root / file
     content = read_json(source)
-    files, absent = _frames(content, source)
-    refuse_or_drop(absent, "frames whose photo is not on disk", source, missing)
+    files, missing_photos = _frames(content, source)
+    refuse_or_drop(missing_photos, "frames whose photo is not on disk", source, missing)
     files = _with_listed_sides(files, content, source)
     return build_scene(
         files,
@@ -88,13 +92,13 @@ def load_nerf_synthetic(
 ) -> Scene:
     """A scene from ``transforms_train.json``, ``_test`` and ``_val`` (Mildenhall et al. 2020), RGBA over white.
 
-    Names carry their file's side (``train_r_0.png``), as all three number from 0. Validation photos are part of the
-    scene but on neither side.
+    Photo names start with the split of their file (``train_r_0.png``), since all three files number photos from 0.
+    Validation photos are part of the scene but of neither its training nor its test split.
 
     Args:
         path: the object's folder.
         downscale: factor that divides width and height of the photos read.
-        split: thinning of the training side; the files' sides are kept unless ``split.own`` is false.
+        split: settings that may thin the training photos; the split of the files is kept unless ``split.own`` is false.
         missing: what to do with frames that are listed but not on disk: "error" or "drop".
         background: colour under the object.
         name: the scene's name; the folder's where empty.
@@ -108,14 +112,14 @@ def load_nerf_synthetic(
         source = root / f"transforms_{suffix}.json"
         if suffix == "val" and not source.is_file():
             continue
-        found, absent = _frames(read_json(source), source, side)
-        refuse_or_drop(absent, "frames whose photo is not on disk", source, missing)
-        files += found
+        side_files, missing_photos = _frames(read_json(source), source, side)
+        refuse_or_drop(missing_photos, "frames whose photo is not on disk", source, missing)
+        files += side_files
     return build_scene(files, source=root, name=name, downscale=downscale, split=split, background=background)
 
 
 def opencv_world_to_camera(camera_to_world: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
-    """World-to-camera with OpenCV axes from camera-to-world with OpenGL axes."""
+    """Convert a camera-to-world pose with OpenGL axes to a world-to-camera pose with OpenCV axes."""
     flip = torch.diag(camera_to_world.new_tensor([1.0, -1.0, -1.0, 1.0]))
     return torch.linalg.inv(camera_to_world @ flip)
 
@@ -125,25 +129,25 @@ def _frames(content: Any, source: Path, side: Side | None = None) -> tuple[list[
     if not isinstance(frames, list) or not frames:
         raise InputError(source, "lists no frames", "write the file again with at least two")
     files: list[PosedFile] = []
-    absent: list[str] = []
+    missing_photos: list[str] = []
     for index, frame in enumerate(frames):
         context = f"{source} frame {index}"
-        listed = text(frame, "file_path", context)
-        photo = _on_disk(source.parent, listed)
+        file_path = text(frame, "file_path", context)
+        photo = _on_disk(source.parent, file_path)
         if photo is None:
-            absent.append(listed)
+            missing_photos.append(file_path)
             continue
-        relative = listed.removesuffix(photo.suffix) + photo.suffix
-        unique = relative if side is None else f"{side if side != 'neither' else 'val'}/{photo.name}"
-        pose = read_pose(frame, "transform_matrix", f"{source} frame {listed}")
+        relative_path = file_path.removesuffix(photo.suffix) + photo.suffix
+        unique_path = relative_path if side is None else f"{side if side != 'neither' else 'val'}/{photo.name}"
+        pose = read_pose(frame, "transform_matrix", f"{source} frame {file_path}")
         header = read_header(photo)
         lens = read_lens({**content, **frame}, header.height, header.width, source)
-        files.append(PosedFile(unique, photo, lens, pose, side))
-    return files, absent
+        files.append(PosedFile(unique_path, photo, lens, pose, side))
+    return files, missing_photos
 
 
 def _on_disk(folder: Path, listed: str) -> Path | None:
-    """The frame's file; NeRF-Synthetic leaves the ending away."""
+    """Path of a frame's photo, None if there is none; any known ending is tried, as NeRF-Synthetic omits it."""
     path = folder / listed.replace("\\", "/")
     if path.is_file():
         return path
@@ -152,15 +156,15 @@ def _on_disk(folder: Path, listed: str) -> Path | None:
 
 
 def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
-    """World-to-camera with OpenCV axes (float64) of a camera-to-world matrix with OpenGL axes in a JSON object.
+    """Read a camera-to-world matrix with OpenGL axes; return it as world-to-camera with OpenCV axes (float64).
 
     Args:
-        record: the object.
-        key: its member, with 3 or 4 rows of 4 numbers, or the 16 numbers row by row.
-        where: what the object is, named in errors.
+        record: the JSON object that holds the matrix.
+        key: key of the matrix, given as 3 or 4 rows of 4 numbers or as 16 numbers row by row.
+        where: description of the object, named in errors.
 
     Raises:
-        InputError: the matrix is missing, malformed, singular, not finite, or too far away.
+        InputError: the matrix is missing, malformed, singular or not finite, or a value exceeds `FARTHEST`.
     """
     try:
         matrix = np.array(member(record, key, where), dtype=np.float64)
@@ -183,16 +187,18 @@ def read_pose(record: Any, key: str, where: str) -> Float[Tensor, "4 4"]:
 
 
 def read_lens(values: dict[str, Any], height: int, width: int, source: Path) -> Lens:
-    """Intrinsics of one frame: focal lengths, or else fields of view; the principal point by default at the middle.
+    """Intrinsics of one frame, from focal lengths or, where these are missing, fields of view.
+
+    The principal point defaults to the image's centre.
 
     Args:
-        values: the file's members and, over them, the frame's.
-        height: of the picture in pixels where the file states none.
-        width: likewise.
-        source: the file.
+        values: the file's members, overridden by the frame's.
+        height: height of the image in pixels, used where ``values`` states none.
+        width: width, used in the same way.
+        source: the file, named in errors.
 
     Raises:
-        InputError: a value is missing or no number, or the lens model is unknown.
+        InputError: a value is missing or not a number, or the lens model is not supported.
     """
     width, height = pixels(values, "w", source, width), pixels(values, "h", source, height)
     if "fl_x" in values:
@@ -204,15 +210,15 @@ def read_lens(values: dict[str, Any], height: int, width: int, source: Path) -> 
     centre = number(values, "cx", source, width / 2), number(values, "cy", source, height / 2)
     k1, k2, k3, k4, p1, p2 = (number(values, key, source, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
     model = values.get("camera_model", "OPENCV")
-    head = (fx, fy, *centre)
+    focal_and_centre = (fx, fy, *centre)
     if model == "OPENCV_FISHEYE" or values.get("is_fisheye"):
-        return Lens("OPENCV_FISHEYE", width, height, (*head, k1, k2, k3, k4), str(source))
+        return Lens("OPENCV_FISHEYE", width, height, (*focal_and_centre, k1, k2, k3, k4), str(source))
     if model not in PERSPECTIVE or k4 != 0:
         received = f"has camera_model {abbreviate(model)} with k4 = {k4:g}"
         raise InputError(source, received, f"use {', '.join(PERSPECTIVE)} without k4, or OPENCV_FISHEYE")
     if k3 != 0:
-        return Lens("FULL_OPENCV", width, height, (*head, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), str(source))
-    return Lens("OPENCV", width, height, (*head, k1, k2, p1, p2), str(source))
+        return Lens("FULL_OPENCV", width, height, (*focal_and_centre, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0), str(source))
+    return Lens("OPENCV", width, height, (*focal_and_centre, k1, k2, p1, p2), str(source))
 
 
 def _by_angle(values: dict[str, Any]) -> bool:
@@ -226,44 +232,44 @@ def _focal(angle: float, extent: int, source: Path) -> float:
 
 
 def _with_listed_sides(files: list[PosedFile], content: dict[str, Any], source: Path) -> list[PosedFile]:
-    """Apply nerfstudio's lists of file names, if the file has them.
+    """Assign the split of nerfstudio's ``train_filenames`` and ``test_filenames``, if the file has them.
 
     Raises:
-        InputError: one of the two lists is missing, is no list of names, or both have a name.
+        InputError: only one of the lists is given, a list does not consist of names, or a name is in both lists.
     """
-    given = [side for side in ("train", "test") if f"{side}_filenames" in content]
-    if not given:
+    listed_sides = [side for side in ("train", "test") if f"{side}_filenames" in content]
+    if not listed_sides:
         return files
-    if len(given) == 1:
+    if len(listed_sides) == 1:
         raise InputError(
-            source, f"has {given[0]}_filenames alone", "give train_filenames and test_filenames, or neither"
+            source, f"has {listed_sides[0]}_filenames alone", "give train_filenames and test_filenames, or neither"
         )
     sides: dict[str, Side] = {}
     for side in ("train", "test"):
         names = content[f"{side}_filenames"]
-        if not isinstance(names, list) or not all(isinstance(listed, str) for listed in names):
+        if not isinstance(names, list) or not all(isinstance(file_name, str) for file_name in names):
             raise InputError(source, f"has {side}_filenames = {abbreviate(names)}", "give a list of file names")
-        for listed in names:
-            if sides.get(listed, side) != side:
-                raise InputError(source, f"lists {listed} for training and for testing", "keep it in one list")
-            sides[listed] = "train" if side == "train" else "test"
-    by_path = {PurePosixPath(listed): side for listed, side in sides.items()}
+        for file_name in names:
+            if sides.get(file_name, side) != side:
+                raise InputError(source, f"lists {file_name} for training and for testing", "keep it in one list")
+            sides[file_name] = "train" if side == "train" else "test"
+    by_path = {PurePosixPath(file_name): side for file_name, side in sides.items()}
     return [replace(file, side=by_path.get(PurePosixPath(file.listed), "neither")) for file in files]
 
 
 def _ply_points(root: Path, content: dict[str, Any]) -> Points | None:
-    """Sparse points as nerfstudio exports them, which live in the frames' world."""
-    listed = content.get("ply_file_path")
-    if listed is None:
+    """Sparse points of the PLY file named by ``ply_file_path``, in the same world coordinates as the frames."""
+    ply_path = content.get("ply_file_path")
+    if ply_path is None:
         return None
-    path = root / str(listed)
+    path = root / str(ply_path)
     if not path.is_file():
         raise InputError(path, "does not exist", "restore it or remove ply_file_path from the JSON file")
     vertex = read_ply_elements(path, ("vertex",), "write the point cloud again").get("vertex")
-    wanted = ("x", "y", "z", "red", "green", "blue")
-    if vertex is None or not set(wanted) <= set(vertex.dtype.names or ()):
-        raise InputError(path, f"is no intact point cloud: it lacks one of {', '.join(wanted)}", "write it again")
-    with np.errstate(over="ignore"):  # beyond single precision is infinite, which the scene refuses
-        positions = np.stack([vertex[name] for name in wanted[:3]], 1).astype(np.float32)
-        colours = np.stack([vertex[name] for name in wanted[3:]], 1).astype(np.float32)
+    properties = ("x", "y", "z", "red", "green", "blue")
+    if vertex is None or not set(properties) <= set(vertex.dtype.names or ()):
+        raise InputError(path, f"is no intact point cloud: it lacks one of {', '.join(properties)}", "write it again")
+    with np.errstate(over="ignore"):  # overflow gives infinity, which `build_scene` refuses
+        positions = np.stack([vertex[name] for name in properties[:3]], 1).astype(np.float32)
+        colours = np.stack([vertex[name] for name in properties[3:]], 1).astype(np.float32)
     return Points(torch.from_numpy(positions), torch.from_numpy(colours / np.float32(255)))

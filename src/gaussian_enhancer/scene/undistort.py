@@ -1,8 +1,8 @@
 """Undistortion of photos to an ideal pinhole camera.
 
-A distorted photo is resampled on the pixel grid of an ideal pinhole: each ideal pixel's ray goes forward through the
-lens model to the place in the photo where its colour lies, so that no lens model is ever inverted for the image.
-The models are COLMAP's, evaluated by pycolmap. Axes: c channels, h w the photo's size, H W the ideal image's size.
+A distorted photo is resampled on the pixel grid of an ideal pinhole. The ray of each ideal pixel is projected through
+the lens model to a position in the photo, where the colour is sampled; the lens model is therefore never inverted. The
+models are COLMAP's, evaluated by pycolmap. Axes: c channels, h w the photo's size, H W the ideal image's size.
 """
 
 import importlib
@@ -27,20 +27,21 @@ if TYPE_CHECKING:
 
 IDEAL_MODELS = ("PINHOLE", "SIMPLE_PINHOLE")
 LEAST_FOCAL, LARGEST_FOCAL, FARTHEST_CENTRE = 1e-3, 1e5, 100.0
-"""Of what lenses there are, in units of the longer side."""
+"""Accepted range of focal lengths, and maximum absolute coordinate of the principal point, in longer sides."""
 
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, which is heavy, and restore the handler of SIGTERM.
+    """Import pycolmap, which is slow to import, and restore the handler of SIGTERM.
 
-    glog, inside pycolmap, sets a handler for SIGTERM that prints a stack trace and allocates memory. A process that is
-    asked to end while it allocates memory itself would wait for its own lock for ever.
+    pycolmap's glog sets a SIGTERM handler that prints a stack trace and allocates memory. If the signal arrives while
+    the process itself allocates memory, the handler deadlocks on the allocator's lock.
     """
-    before = signal.getsignal(signal.SIGTERM)
+    previous_handler = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
-    if threading.current_thread() is threading.main_thread() and before is not None:  # others may not set handlers
-        signal.signal(signal.SIGTERM, before)
+    # Only the main thread may set handlers.
+    if threading.current_thread() is threading.main_thread() and previous_handler is not None:
+        signal.signal(signal.SIGTERM, previous_handler)
     return module
 
 
@@ -53,10 +54,11 @@ class Lens:
         width: of the photo in pixels.
         height: of the photo in pixels.
         params: the model's parameters in COLMAP's order (focal lengths, principal point, coefficients).
-        source: the file the values come from, named in errors.
+        source: file that the values come from, named in errors.
 
     Raises:
-        InputError: a value is not finite, or a size, focal length or principal point is none that a lens has.
+        InputError: a value is not finite; a size, focal length or principal point is out of range; or the model is
+            unknown, has no focal length or has another number of parameters.
     """
 
     model: str
@@ -81,7 +83,7 @@ class Lens:
             raise InputError(self.source, received, "give it in pixels, in the picture or near it")
 
     def _focal_and_centre(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Focal lengths and principal point; pycolmap, which is heavy, is asked about distorted lenses only."""
+        """Focal lengths and principal point; the slow import of pycolmap is avoided for the model PINHOLE."""
         if self.model == "PINHOLE" and len(self.params) == 4:
             return (self.params[0], self.params[1]), (self.params[2], self.params[3])
         camera = self.colmap
@@ -96,29 +98,29 @@ class Lens:
 
     @property
     def colmap(self) -> "pycolmap.Camera":
-        """The lens as pycolmap's camera."""
+        """The lens as a pycolmap camera."""
         pycolmap = load_pycolmap()
         if self.model not in pycolmap.CameraModelId.__members__ or self.model == "INVALID":
-            known = ", ".join(name for name in pycolmap.CameraModelId.__members__ if name != "INVALID")
-            raise InputError(self.source, f"has camera model {self.model!r}", f"use one of {known}")
+            model_names = ", ".join(name for name in pycolmap.CameraModelId.__members__ if name != "INVALID")
+            raise InputError(self.source, f"has camera model {self.model!r}", f"use one of {model_names}")
         camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
-        if not list(camera.focal_length_idxs()):  # asked for its focal length, pycolmap would end the process
+        if not list(camera.focal_length_idxs()):  # else reading the focal length terminates the process
             remedy = "cut pictures of a pinhole camera out of the panorama first"
             raise InputError(self.source, f"has camera model {self.model}, which has no focal length", remedy)
         return camera
 
     @property
     def distorted(self) -> bool:
-        """Whether photos of this lens differ from a pinhole camera's."""
+        """Whether the lens has distortion, so that its photos differ from those of a pinhole camera."""
         if self.model in IDEAL_MODELS:
             return False
         camera = self.colmap
-        radial = camera.params[list(camera.extra_params_idxs())]
+        coefficients = camera.params[list(camera.extra_params_idxs())]
         fisheye = "FISHEYE" in self.model
-        return fisheye or bool(np.any(radial != 0))
+        return fisheye or bool(np.any(coefficients != 0))
 
     def resized(self, height: int, width: int) -> "Lens":
-        """The same lens on another pixel grid."""
+        """The same lens for another size of the photo."""
         camera = self.colmap
         camera.rescale(width, height)
         return Lens(self.model, width, height, tuple(camera.params.tolist()), self.source)
@@ -127,10 +129,10 @@ class Lens:
 def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
     """The pinhole camera that a photo is undistorted to: K in pixels (float64), height, width.
 
-    The focal length stays; the size is the largest that shows no blank pixel (COLMAP's ``image_undistorter``).
+    The focal length is kept; the size is the largest without blank pixels (COLMAP's ``image_undistorter``).
 
     Raises:
-        InputError: the lens model folds over inside the picture, so that no such camera exists.
+        InputError: the lens model is not injective within the image, so that no such camera exists.
     """
     if not lens.distorted:
         (fx, fy), (cx, cy) = lens._focal_and_centre()
@@ -153,7 +155,7 @@ def ideal_pinhole(lens: Lens) -> tuple[Float[Tensor, "3 3"], int, int]:
 
 
 def distort(points: Float[Tensor, "n 2"], K: Float[Tensor, "3 3"], lens: Lens) -> Float[Tensor, "n 2"]:
-    """Where the pixels of an ideal pinhole lie in the lens's photo; NaN where the lens cannot see them.
+    """Project pixels of an ideal pinhole to positions in the lens's photo; NaN where the lens cannot see them.
 
     Args:
         points: pixel positions (x, y) in the ideal image.
@@ -166,7 +168,7 @@ def distort(points: Float[Tensor, "n 2"], K: Float[Tensor, "3 3"], lens: Lens) -
 
 
 def undistort(image: Float[Tensor, "c h w"], lens: Lens) -> Float[Tensor, "c H W"]:
-    """Resample a photo of ``lens`` as its ideal pinhole sees it (bicubic, clamped to [0, 1])."""
+    """Resample a photo taken by ``lens`` to its ideal pinhole (bicubic, clamped to [0, 1])."""
     if not lens.distorted:
         return image
     grid = _sampling_grid(lens)
@@ -176,7 +178,7 @@ def undistort(image: Float[Tensor, "c h w"], lens: Lens) -> Float[Tensor, "c H W
 
 @lru_cache(maxsize=2)
 def _sampling_grid(lens: Lens) -> Float[Tensor, "1 H W 2"]:
-    """grid_sample's normalised coordinates; kept for the next photo, since a capture has one lens or a few."""
+    """Normalised coordinates for `grid_sample`; cached, since a capture has only a few lenses."""
     K, height, width = ideal_pinhole(lens)
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     distorted = distort(torch.stack([x, y], -1).flatten(0, 1).double(), K, lens)

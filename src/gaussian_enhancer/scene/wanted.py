@@ -1,4 +1,4 @@
-"""The scenes of a dataset that a download requests, and which of their parts are on disk."""
+"""The scenes of a dataset requested by a download, and which of their parts are on disk."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,9 +14,9 @@ class Wanted:
     """A requested scene.
 
     Args:
-        scene: where it lies in which archive.
-        parts: what to take of it.
-        folder: where it goes.
+        scene: the scene's description.
+        parts: the parts of the scene to unpack.
+        folder: the folder that they are unpacked to.
     """
 
     scene: DatasetScene
@@ -25,7 +25,7 @@ class Wanted:
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """Names of the parts that are not there."""
+        """Names of the parts that are not on disk."""
         return tuple(name for name in self.parts.names if not (self.folder / name).exists())
 
 
@@ -36,22 +36,22 @@ def wanted_scenes(
 
     Args:
         dataset: the dataset.
-        folder: of all datasets.
-        scenes: names; all where None.
-        images: folders of photos; those of the official resolution where None.
+        folder: parent folder of all datasets.
+        scenes: names of scenes; all where None.
+        images: folders of photos to unpack; those of the official resolution where None.
 
     Raises:
         InputError: there is no such scene.
     """
-    found = {}
+    requested = {}
     for name, scene in dataset.chosen(scenes).items():
         names = (*dataset.model, *(images or scene.images))
-        found[name] = Wanted(scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name)
-    return found
+        requested[name] = Wanted(scene, Parts(scene.inside, names, dataset.leave_out), folder / dataset.name / name)
+    return requested
 
 
 def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Iterator[str]:
-    """Lines that list what would be fetched and what is present."""
+    """Report, line by line, which archives and parts are on disk and which are to be fetched or unpacked."""
     yield f"{dataset.title}, {dataset.page}"
     yield f"  licence: {dataset.licence}"
     yield f"  folder: {folder}, {shutil.disk_usage(_existing(folder)).free / 1e9:.1f} GB free"
@@ -70,23 +70,23 @@ def listing(dataset: Dataset, folder: Path, wanted: Mapping[str, Wanted]) -> Ite
     for name, entry in wanted.items():
         absent = ", ".join(entry.absent)
         present = ", ".join(part for part in entry.parts.names if part not in entry.absent)
-        states = [f"{words} {parts}" for words, parts in (("there:", present), ("to unpack:", absent)) if parts]
+        states = [f"{label} {parts}" for label, parts in (("there:", present), ("to unpack:", absent)) if parts]
         yield f"  scene {name}: {'; '.join(states)}"
 
 
 def needed_archives(dataset: Dataset, wanted: Mapping[str, Wanted]) -> list[Archive]:
-    """The archives of the scenes that lack parts.
+    """The archives of those scenes that lack parts on disk, without repetition.
 
     Args:
         dataset: the dataset.
-        wanted: scenes that are asked for, by name.
+        wanted: requested scenes by name.
     """
-    found = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.absent}
-    return list(found)
+    archives = {dataset.archives[entry.scene.archive]: None for entry in wanted.values() if entry.absent}
+    return list(archives)
 
 
 def checksum_note(archive: Archive) -> str:
-    """How the content of an archive is checked.
+    """Description of how an archive's checksum is verified.
 
     Args:
         archive: an archive of a dataset.
@@ -100,5 +100,5 @@ def _size(count: int | None) -> str:
 
 
 def _existing(folder: Path) -> Path:
-    """The nearest folder that exists."""
+    """The folder itself if it exists, otherwise its nearest existing parent."""
     return next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir())

@@ -1,4 +1,4 @@
-"""Reading of a video that was rendered elsewhere, frame by frame.
+"""Reading of the frames of a video file.
 
 Axes: h height, w width.
 """
@@ -18,13 +18,13 @@ REMEDY = "give a video that FFmpeg can read"
 
 
 class Clip:
-    """The frames of a video file, decoded in order. To go back to an earlier frame, decoding starts again at the first.
+    """The frames of a video file, decoded in order. For an earlier frame, decoding starts again at the first.
 
     Args:
         path: the file.
 
     Raises:
-        InputError: PyAV is not installed, or the file cannot be read or holds no picture.
+        InputError: PyAV is not installed, or the file cannot be read or has no video stream.
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -34,7 +34,7 @@ class RenderedFrame:
         index: 0 for the first.
         view: the view, with its pixels in memory.
         target: pixels of the view; None where neither the frame nor the next one needs its render.
-        kept: the enhanced view in 8 bits and the references that were considered for it; None where it was not on disk.
+        kept: the enhanced view in 8 bits and the references considered for it, read from disk; None where not on disk.
     """
 
     index: int
@@ -49,9 +49,9 @@ class Frame:
 
     Args:
         index: 0 for the first.
-        enhanced: the enhanced view in 8 bits, as it is kept on disk.
+        enhanced: the enhanced view in 8 bits, as stored on disk.
         render: the render; None where neither the frame nor the next one needs it.
-        candidates: names of the references that were considered.
+        candidates: names of the references considered.
         stored: whether the enhanced view was on disk already.
     """
 
@@ -188,9 +188,9 @@ class Film:
     def _enhance(self, view: RenderedView, before: PreviousChange | None) -> Float[Tensor, "3 H W"]:
         single_view = replace(self.rendered, targets=(view,))
         (enhanced,) = self.enhancer(single_view, self.planner, self.pool, self._features)
-        share, image = self.enhancer.temporal_smoothing, enhanced.image
-        if share > 0:
-            image, _ = smooth_change(image, read_target(view), before, share)
+        smoothing_share, image = self.enhancer.temporal_smoothing, enhanced.image
+        if smoothing_share > 0:
+            image, _ = smooth_change(image, read_target(view), before, smoothing_share)
         return quantise_8_bit(image)
 
 

@@ -18,7 +18,7 @@ from gaussian_enhancer.scene.image_files import to_bytes
 from gaussian_enhancer.scene.photos import read_photo
 
 CANDIDATES = "candidates"
-"""Key of the text in a frame's PNG that lists the references that were considered for the frame."""
+"""Key of the PNG text chunk that lists the references considered for a frame."""
 
 
 def frame_name(index: int) -> str:
@@ -50,7 +50,7 @@ class FrameFolder:
         Args:
             index: index of the frame.
             image: colours of the frame, [0, 1].
-            candidates: names of the references that were considered for it.
+            candidates: names of the references considered for the frame.
 
         Raises:
             InputError: the disk is full, or the folder cannot be written.
@@ -70,7 +70,7 @@ class FrameFolder:
         return read_photo(self.folder / frame_name(index))
 
     def candidates(self, index: int) -> tuple[str, ...]:
-        """Names of the references that were considered for a frame.
+        """Names of the references considered for a frame.
 
         Raises:
             InputError: the frame cannot be read, or has no such list.

@@ -62,7 +62,7 @@ class Layout:
         Args:
             render: the render, of the enhanced view's size; None where the layout does not show it.
             enhanced: the enhanced view.
-            moment: position of the frame in the video, in [0, 1).
+            moment: time of the frame as a share of the duration, in [0, 1).
 
         Raises:
             InputError: there is no render where the layout shows it.
@@ -75,8 +75,8 @@ class Layout:
             return render
         if self.kind == "side_by_side":
             return torch.cat([render, enhanced], dim=-1)
-        share = 0.5 - 0.5 * math.cos(2 * math.pi * SWEEPS * moment) if self.wipe is None else self.wipe
-        return _wipe(render, enhanced, round(share * enhanced.shape[-1]))
+        wipe_share = 0.5 - 0.5 * math.cos(2 * math.pi * SWEEPS * moment) if self.wipe is None else self.wipe
+        return _wipe(render, enhanced, round(wipe_share * enhanced.shape[-1]))
 
 
 def _wipe(render: Float[Tensor, "3 h w"], enhanced: Float[Tensor, "3 h w"], column: int) -> Float[Tensor, "3 h w"]:

@@ -13,7 +13,7 @@ def refuse_taken(host: str, port: int) -> None:
 
     Args:
         host: address or name of this machine.
-        port: 0 for a free one.
+        port: port number; 0 for a free port.
 
     Raises:
         InputError: the port is in use or not allowed, or this machine has no such address.

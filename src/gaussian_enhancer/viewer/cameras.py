@@ -24,7 +24,7 @@ NARROWEST = 8.0
 
 @dataclass(frozen=True)
 class PageCamera:
-    """A camera as the page states it.
+    """Camera of a page.
 
     Args:
         position: position of the camera in the world, in scene units.
@@ -40,7 +40,7 @@ class PageCamera:
 
     @classmethod
     def of(cls, camera: Camera) -> "PageCamera":
-        """Convert a camera: pose, vertical field of view and aspect are kept.
+        """Convert a camera, keeping its pose, vertical field of view and aspect.
 
         Args:
             camera: camera of a photo.
@@ -58,8 +58,8 @@ class PageCamera:
                 as in videos.
 
         Raises:
-            InputError: the camera is invalid: a number is not finite, the quaternion is 0, or the field of view is no
-                angle between 0 and 180 degrees.
+            InputError: the camera is invalid: a number is not finite, the quaternion is 0, or the field of view is not
+                between 0 and 180 degrees.
         """
         if not (np.isfinite([*self.position, *self.wxyz]).all() and any(self.wxyz) and 0 < self.fov < math.pi):
             raise InputError("the page's camera", f"is {self}", "reset the view")
@@ -79,7 +79,7 @@ class PageCamera:
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
-    """Mean up direction of cameras as a unit vector; the first camera's where the directions cancel out.
+    """Mean up direction of cameras as a unit vector; the up direction of the first camera where the mean is near 0.
 
     Args:
         cameras: cameras of a capture, at least one.

@@ -66,7 +66,7 @@ class Controls:
         """The chosen mode.
 
         Raises:
-            InputError: a browser asks for a value that is not offered.
+            InputError: a browser sent a value that is not offered.
         """
         name = {_label(name): name for name in MODES}.get(self._mode.value, str(self._mode.value))
         return Mode(name, float(self._wipe.value))
@@ -76,7 +76,7 @@ class Controls:
         """The chosen splat, weights, plan, number of references and strength.
 
         Raises:
-            InputError: a browser asks for a value that is not offered, for instance another file.
+            InputError: a browser sent a value that is not offered, for instance another file.
         """
         for control in (self._splat, self._weights, self._references, self._plan):
             if control.value not in control.options:

@@ -27,9 +27,9 @@ MODES = {
 }
 """The modes by name, with the legend of each."""
 LARGEST = 0.2
-"""Difference of colours in [0, 1] from which the difference map shows its lightest colour."""
+"""Colour difference that the difference map shows in its lightest colour; larger ones are clamped."""
 OUTER = 0.02
-"""Share of the pixels that is nearer than the depth map's range, and share that is farther."""
+"""Share of the pixels below the depth map's range of inverse depth, and share of those above it."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ def apply_colour_map(values: Float[Tensor, "h w"]) -> Float[Tensor, "3 h w"]:
 
 def _nearness(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "h w"]:
     """Inverse depth scaled to its quantiles, 0.1 (far) to 1 (near); 0 where nothing was hit."""
-    hit = usable_depth(depth[0])
-    if not bool(hit.any()):
+    has_depth = usable_depth(depth[0])
+    if not bool(has_depth.any()):
         return torch.zeros_like(depth[0])
-    inverse = torch.where(hit, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)
-    samples = inverse[hit][:: max(1, int(hit.sum()) // 20_000)]
+    inverse = torch.where(has_depth, 1 / depth[0].clamp(min=torch.finfo(depth.dtype).tiny), 0.0)
+    samples = inverse[has_depth][:: max(1, int(has_depth.sum()) // 20_000)]
     low, high = (float(torch.quantile(samples, share)) for share in (OUTER, 1 - OUTER))
-    return torch.where(hit, 0.1 + 0.9 * (inverse - low) / max(high - low, 1e-12), 0.0)
+    return torch.where(has_depth, 0.1 + 0.9 * (inverse - low) / max(high - low, 1e-12), 0.0)

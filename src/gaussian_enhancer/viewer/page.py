@@ -31,7 +31,7 @@ SHOWN_SECONDS = 10.0
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Initial mode of the page, and sizes of its pictures.
+    """Initial mode of the page, and widths of its pictures.
 
     Args:
         mode: initial mode.
@@ -46,10 +46,10 @@ class PageSettings:
 
 @dataclass(frozen=True)
 class _Shown:
-    """The picture that a browser shows.
+    """Picture that a browser shows, and the view that it was made of.
 
     Args:
-        key: everything that the view depends on; while it is the same, the view is reused.
+        key: everything that the view depends on; the view is reused while the key is the same.
         view: the view that was drawn.
         picture: the picture that the mode made of the view.
         camera: the page's camera of the whole picture.
@@ -71,7 +71,7 @@ class Page:
         session: the session that is shown.
         saved: files of saved views and paths.
         settings: settings of the page.
-        told: called with each line for the user at the terminal.
+        told: called with each message for the user at the terminal.
     """
 
     def __init__(
@@ -135,8 +135,8 @@ class Page:
     def _draw(self, client: Any, full: bool, superseded: Callable[[], bool]) -> bool:
         """Draw the picture that a browser asks for, and send it. Return whether it was sent."""
         mode, choice, camera = self.controls.mode, self._choice(), _page_camera(client)
-        widest = self.settings.width if full else self.settings.moving_width
-        width = min(widest, client.camera.image_width)
+        largest_width = self.settings.width if full else self.settings.moving_width
+        width = min(largest_width, client.camera.image_width)
         view_camera = camera.narrowed().at(width // 2) if mode.halves else camera.at(width)
         key = (choice, camera, view_camera.width, mode.halves)
         previous = self._shown.get(client.client_id)

@@ -1,6 +1,6 @@
 """Scheduling of views: they are drawn small while the camera moves, and at full size once it is still.
 
-A viewer is a browser that shows the page, given by its identifier. Times are seconds of a monotonic clock.
+A viewer is a browser that shows the page; it is given by its identifier. Times are seconds of a monotonic clock.
 """
 
 import threading
@@ -12,7 +12,7 @@ from functools import partial
 SETTLED = 0.25
 """Seconds without a movement after which a camera is still."""
 ARRIVAL = 1.0
-"""Seconds in which a new browser moves its camera to the initial pose; until then the camera is elsewhere."""
+"""Seconds in which a new browser moves its camera to the initial pose."""
 
 
 @dataclass
@@ -72,8 +72,8 @@ class ViewSchedule:
     def content_changed(self, viewer: Hashable, now: float) -> None:
         """Register a change of what is shown, with the same camera.
 
-        A full view is due at once. Where a small view is pending, the camera moves; then the full view is due when the
-        camera is still.
+        A full view is due at once. A pending small view means that the camera is moving; then the full view is due when
+        the camera is still.
 
         Args:
             viewer: the viewer.
@@ -123,7 +123,7 @@ class Worker:
     """A thread that draws pending views. Only a full view is abandoned for a newer one; small ones are completed.
 
     Args:
-        draw: draws a view; it is called with the viewer, whether to draw at full size, and a function that tells
+        draw: draws a view; it is called with the viewer, whether to draw at full size, and a function that returns
             whether the view is superseded. An error ends the thread; `wait` raises it.
         schedule: the pending views.
     """

@@ -36,7 +36,7 @@ def serve_page(
         saved: files of saved views and paths.
         settings: settings of the page.
         address: host and port to listen at; port 0 takes a free one.
-        told: called with each line for the user at the terminal.
+        told: called with each message for the user at the terminal.
 
     Raises:
         InputError: viser is not installed, or no server can listen at the address.
@@ -63,7 +63,7 @@ def serve_page(
 
 
 def _without_sharing(server: Any) -> None:
-    """Disable viser's sharing, both button and message, which publishes the page through a third party's servers."""
+    """Disable viser's sharing (button and request), which publishes the page through third-party servers."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     server.gui.main_panel.dock_right()  # beside the picture, not over it
     server.request_share_url = lambda *_, **__: None
@@ -74,10 +74,13 @@ def _aim(server: Any, session: Session) -> None:
     camera = session.cameras[0]
     page_camera = PageCamera.of(camera)
     server.scene.set_up_direction(tuple(upward(session.cameras)))
-    start = server.initial_camera
-    start.position, start.fov = page_camera.position, page_camera.fov
-    start.look_at = tuple((camera.centre + distance(session, page_camera) * camera.forward).tolist())
-    start.near, start.far = 1e-4 * distance(session, page_camera), 1e4 * distance(session, page_camera)
+    initial_camera = server.initial_camera
+    initial_camera.position, initial_camera.fov = page_camera.position, page_camera.fov
+    initial_camera.look_at = tuple((camera.centre + distance(session, page_camera) * camera.forward).tolist())
+    initial_camera.near, initial_camera.far = (
+        1e-4 * distance(session, page_camera),
+        1e4 * distance(session, page_camera),
+    )
 
 
 def distance(session: Session, camera: PageCamera) -> float:
@@ -104,7 +107,7 @@ def distance(session: Session, camera: PageCamera) -> float:
 
 
 def _stop(server: Any) -> None:
-    """Stop the server without its output, and wait for that for 5 seconds at most."""
+    """Stop the server without its output; wait 5 seconds at most."""
     with redirect_stdout(io.StringIO()):
         stopper = threading.Thread(target=server.stop, daemon=True)
         stopper.start()

@@ -20,9 +20,9 @@ class SessionChoice:
     Args:
         splat: name of the splat.
         weights: shipped name or file.
-        plan: name of the plan's rules, which say what may be left out.
+        plan: name of the plan, whose rules say which parts of the input may be left out.
         max_references: most photos that the network uses; None takes as many as in training.
-        strength: share of the network's change that is applied, in [0, 1]; None takes what the weights' card states.
+        strength: share of the network's change that is applied, in [0, 1]; None takes the value in the weights' card.
 
     Raises:
         InputError: the strength is out of range.
@@ -55,7 +55,7 @@ class Choices:
 
 
 class Session:
-    """Draws views by the present choice. Only one thread draws; recently used stages stay in memory.
+    """Draws views by a choice. Only one thread may draw. Recently used stages stay in memory.
 
     Args:
         name: name of the capture.
@@ -91,7 +91,7 @@ class Session:
         return stage
 
     def strength(self, choice: SessionChoice) -> float:
-        """The strength of a choice: its own, or what the weights' card states.
+        """The strength of a choice; where it has none, the value in the weights' card.
 
         Raises:
             InputError: see `stage`.

@@ -1,4 +1,4 @@
-"""Opening of the viewer's session from the configuration of the job ``view``."""
+"""Creation of the viewer's session from the configuration of the job ``view``."""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -30,7 +30,7 @@ GIVEN = "given"
 
 
 def open_session(cfg: DictConfig, device: torch.device) -> Session:
-    """Open the session and build its first stage, so that invalid input is refused before a page is served.
+    """Create the session and build its first stage, so that invalid input is refused before a page is served.
 
     Args:
         cfg: configuration of the job ``view``.
@@ -53,12 +53,12 @@ def open_session(cfg: DictConfig, device: torch.device) -> Session:
 
 
 class _Stages:
-    """Opens the stages of choices. The stages share splats, and photos that were read.
+    """Builds the stages of choices. Stages share splats, and photos that have been read.
 
     Args:
         cfg: configuration of the job ``view``.
         device: where splats are rendered and networks run.
-        capture: cameras and photos.
+        capture: cameras and photos of the capture.
         files: files of splats by name.
         plans: rules of plans by name.
     """
@@ -109,7 +109,7 @@ class _Stages:
         )
 
     def _read(self, splat: str) -> tuple[SplatRenderer, RenderedSet]:
-        """Open a splat: its renderer, and the set of photos with the splat's renders of their views."""
+        """Open a splat: return its renderer, and the set of photos with the splat's renders of their views."""
         renderer = self.capture.renderer(self.cfg, self.device.type, self.files[splat])
         rendered = self.capture.references_rendered_by(renderer)
         if splat == RAW or self.capture.scene is not None:
@@ -118,7 +118,7 @@ class _Stages:
         return renderer, replace(rendered, references=tuple(map(renderer.reference, photos)))
 
     def _with_photos(self, splat: str, fine: bool) -> Task:
-        """Task of a splat: references, with fine photos where ``fine`` is set, and one target as an example."""
+        """Task of a splat: references, with high-resolution photos where ``fine`` is set, and one example target."""
         renderer, rendered = self._splat(splat)
         example = renderer.target("view.png", self.capture.cameras[0])
         example_set = replace(rendered, targets=(example,), own_depth=True)
@@ -128,19 +128,19 @@ class _Stages:
 
 
 def _file(distilled: str) -> Path:
-    """The file of a splat, which is given by its own path or by its run's."""
+    """File of a splat, by the path of the file or of its run's folder."""
     return splat_file(distilled) if Path(distilled).is_dir() else Path(distilled)
 
 
 def _plans(given: Rules) -> dict[str, Rules]:
-    """The plans to choose from, the configured one first."""
+    """Plans to choose from; the configured one is the first."""
     known = {"auto": AUTO, "full": Rules()}
-    named = {name: rules for name, rules in known.items() if rules == given} or {GIVEN: given}
-    return {**named, **{name: rules for name, rules in known.items() if name not in named}}
+    configured = {name: rules for name, rules in known.items() if rules == given} or {GIVEN: given}
+    return {**configured, **{name: rules for name, rules in known.items() if name not in configured}}
 
 
 def _weights(given: str) -> tuple[str, ...]:
-    """The weights to choose from: the configured ones first, then those that are shipped."""
+    """Weights to choose from: the configured ones first, then the shipped ones."""
     shipped = sorted(file.stem for prefix in ("lr", "sr") for file in SHIPPED.glob(f"{prefix}_*.safetensors"))
     return tuple(dict.fromkeys((given, *shipped)))
 

@@ -56,8 +56,8 @@ class StageView:
         render: the splat's colours, [0, 1].
         depth: rendered z, 0 where nothing was hit.
         alpha: rendered opacity.
-        enhanced: the enhanced render; None where it was not asked for.
-        coverage: share of the references asked for that show each pixel, in [0, 1]; None without enhancement.
+        enhanced: the enhanced render; None without enhancement.
+        coverage: share of the requested references that show each pixel, in [0, 1]; None without enhancement.
         references: names of the photos that were used, best first.
         times: run times.
     """
@@ -73,7 +73,7 @@ class StageView:
 
     @property
     def blank(self) -> bool:
-        """Whether the view shows nothing of the splat: the camera looks past it, or is inside of it."""
+        """Whether the view shows nothing of the splat: the camera looks past it, or is inside it."""
         return not bool(usable_depth(self.depth).any()) or float(self.alpha.mean()) < 1e-3
 
 
@@ -81,7 +81,7 @@ class Stage:
     """Draws the views of a splat and enhances them.
 
     Args:
-        target: returns the view of a name and a camera; its pixels are rendered when they are read.
+        target: returns the view for a name and a camera; its pixels are rendered when they are read.
         enhancer: enhancer whose reference configuration is a `PathReferences`, so that references change rarely.
         rendered: set with the references.
         planner: decides which regions of a view are enhanced, and with which references; None enhances every pixel.
@@ -111,7 +111,7 @@ class Stage:
         Args:
             camera: camera of the picture; the render is smaller by the network's scale.
             enhance: whether to enhance the render.
-            superseded: called between rendering and enhancing; tells whether a newer view is wanted instead.
+            superseded: called between rendering and enhancement; returns whether a newer view was requested.
 
         Raises:
             InputError: a reference cannot be read.

@@ -1,4 +1,4 @@
-"""Four families of procedural worlds with exact depth at any resolution."""
+"""Five families of procedural scenes with exact depth at any resolution."""
 
 from gaussian_enhancer.scene.procedural.source import FAMILIES, procedural_scene
 

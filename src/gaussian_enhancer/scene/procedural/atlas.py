@@ -1,4 +1,4 @@
-"""Textures with all their reduced sizes in one flat table, read with trilinear filtering.
+"""Texture atlas: all mip levels of all textures in one flat table, sampled with trilinear filtering.
 
 Channels: red, green, blue (sRGB), opacity, slope along u, slope along v, gloss, height.
 Axes: t texture side, m samples, n texels.
@@ -19,13 +19,13 @@ SLOPE_RANGE = 40.0
 
 @dataclass(frozen=True)
 class Texture:
-    """A square picture of a surface that repeats without a seam; the side is a power of two.
+    """A square, seamlessly repeating texture; its side is a power of two.
 
     Args:
         colour: sRGB in [0, 1].
-        height: relief in [0, 1], raised is bright.
-        gloss: factor on the material's reflectance, [0, 1].
-        opacity: 0 makes a hole; [0, 1].
+        height: height map in [0, 1]; larger is higher.
+        gloss: factor on the material's Fresnel reflectance, [0, 1].
+        opacity: opacity in [0, 1]; 0 is a hole.
     """
 
     colour: Float[np.ndarray, "t t 3"]
@@ -36,12 +36,12 @@ class Texture:
 
 @dataclass(frozen=True)
 class Atlas(Movable):
-    """All textures of a world.
+    """All textures of a world with their mip levels.
 
     Args:
-        texels: 8-bit channels of every texel of every size.
-        starts: where each texture's reduced sizes begin, (texture, level).
-        sides: full side of each texture.
+        texels: 8-bit channels of every texel of every mip level.
+        starts: index of the first texel of each (texture, mip level).
+        sides: side of each texture at full size, in texels.
     """
 
     texels: UInt8[Tensor, "n 8"]
@@ -51,7 +51,7 @@ class Atlas(Movable):
     def read(
         self, texture: Int[Tensor, " m"], uv: Float[Tensor, "m 2"], footprint: Float[Tensor, " m"]
     ) -> Float[Tensor, "m 8"]:
-        """Channels at texture coordinates (1 is one repeat), averaged over about `footprint` of a repeat."""
+        """Sample the channels at texture coordinates (1 is one repeat), averaged over about `footprint` of a repeat."""
         side = self.sides[texture]
         level = torch.log2((footprint * side).clamp_min(1e-6)).clamp_min(0.0)
         level = torch.minimum(level, torch.log2(side.float()))
@@ -59,8 +59,8 @@ class Atlas(Movable):
         blend = (level - lower)[:, None]
         lower = lower.long()
         upper = torch.minimum(lower + 1, torch.log2(side.float()).long())
-        fine = self._bilinear(texture, uv, lower, side)
-        return fine + blend * (self._bilinear(texture, uv, upper, side) - fine)
+        lower_value = self._bilinear(texture, uv, lower, side)
+        return lower_value + blend * (self._bilinear(texture, uv, upper, side) - lower_value)
 
     def _bilinear(self, texture: Tensor, uv: Tensor, level: Tensor, side: Tensor) -> Tensor:
         size = side >> level
@@ -84,19 +84,19 @@ class Atlas(Movable):
 
 
 def bake(textures: list[Texture], device: torch.device) -> Atlas:
-    """Quantise textures, reduce each down to one texel and lay all of them out in one table."""
+    """Build the atlas: quantise textures, compute mip levels down to one texel, and concatenate all in one table."""
     levels = max(int(np.log2(len(texture.height))) for texture in textures) + 1
     starts = torch.zeros(len(textures), levels, dtype=torch.int64)
     pieces: list[np.ndarray] = []
-    at = 0
+    start = 0
     for k, texture in enumerate(textures):
         image = _channels(texture)
         for level in range(levels):
-            starts[k, level] = at
+            starts[k, level] = start
             if level >= int(np.log2(len(texture.height))) + 1:
                 continue
             pieces.append(np.round(image * 255).astype(np.uint8).reshape(-1, CHANNELS))
-            at += len(pieces[-1])
+            start += len(pieces[-1])
             if len(image) > 1:
                 image = 0.25 * (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2])
     sides = torch.tensor([len(texture.height) for texture in textures])

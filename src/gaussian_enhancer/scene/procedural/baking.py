@@ -1,6 +1,6 @@
-"""From a draft to a finished world: textures in one atlas, light and reflections computed once.
+"""Baking of a draft to a world: texture atlas, mesh, shadow maps, ambient light and an environment map.
 
-Axes: d steps of blur, h height, w width.
+Axes: d levels of blur, h height, w width.
 """
 
 from dataclasses import replace
@@ -22,10 +22,10 @@ _PROBE_SIDE = 96
 
 
 def bake_world(draft: Draft, device: torch.device) -> World:
-    """Turn a draft into a world on a device."""
+    """Bake a draft to a world on a device."""
     noise = draft.texture(speckle(draft.rng))
-    holed = {i for i, m in enumerate(draft.materials) if draft.textures[m.texture].opacity.min() < 0.5}
-    mesh = draft.builder.build(holed, device)
+    cutout_materials = {i for i, m in enumerate(draft.materials) if draft.textures[m.texture].opacity.min() < 0.5}
+    mesh = draft.builder.build(cutout_materials, device)
     atlas = bake(draft.textures, device)
     sky = Sky(draft.sky)
     table = MaterialTable(
@@ -40,17 +40,17 @@ def bake_world(draft: Draft, device: torch.device) -> World:
             device=device,
         ),
     )
-    empty = torch.zeros(1, 12, 1, 1, 1, device=device)
+    empty_volume = torch.zeros(1, 12, 1, 1, 1, device=device)
     zero = torch.zeros(3, device=device)
-    bare = World(
-        mesh, atlas, noise, table, sky, (), Ambient(empty, zero, zero + 1),
+    unlit = World(
+        mesh, atlas, noise, table, sky, (), Ambient(empty_volume, zero, zero + 1),
         draft.ambient, draft.exposure, draft.haze, draft.background,
     )  # fmt: skip
-    lights = tuple(bake_light(spec, mesh, bare.solid) for spec in draft.lights)
-    ambient = bake_ambient(mesh, bare.solid, sky, atlas, draft.ambient_box)
-    lit = replace(bare, lights=lights, ambient=ambient)
-    cube = torch.stack([radiance_grid(lit, camera) for camera in _cube(torch.tensor(draft.probe))])
-    return replace(lit, probe=_panorama(cube))
+    lights = tuple(bake_light(spec, mesh, unlit.solid) for spec in draft.lights)
+    ambient = bake_ambient(mesh, unlit.solid, sky, atlas, draft.ambient_box)
+    lit = replace(unlit, lights=lights, ambient=ambient)
+    cube_map = torch.stack([radiance_grid(lit, camera) for camera in _cube(torch.tensor(draft.probe))])
+    return replace(lit, probe=_panorama(cube_map))
 
 
 _FACES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
@@ -64,25 +64,27 @@ def _cube(centre: Tensor) -> list[Camera]:
 
 
 def _panorama(cube: Float[Tensor, "6 3 side side"]) -> Float[Tensor, "1 3 d h w"]:
-    """Six square pictures as a latitude-longitude one, in six steps of blur; one column repeats at each side."""
+    """Resample a cube map to latitude-longitude at six levels of blur, with one column of wrap-around at each side."""
     height, width = 128, 256
     device = cube.device
     polar = (torch.arange(height, device=device) + 0.5) / height * torch.pi
-    turn = ((torch.arange(width, device=device) + 0.5) / width * 2 - 1) * torch.pi
-    p, t = torch.meshgrid(polar, turn, indexing="ij")
-    direction = torch.stack([p.sin() * t.cos(), p.sin() * t.sin(), p.cos()], dim=-1).view(-1, 3)
-    picture = torch.zeros(len(direction), 3, device=device)
-    best = torch.full((len(direction),), -1.0, device=device)
+    azimuth = ((torch.arange(width, device=device) + 0.5) / width * 2 - 1) * torch.pi
+    polar_grid, azimuth_grid = torch.meshgrid(polar, azimuth, indexing="ij")
+    direction = torch.stack(
+        [polar_grid.sin() * azimuth_grid.cos(), polar_grid.sin() * azimuth_grid.sin(), polar_grid.cos()], dim=-1
+    ).view(-1, 3)
+    panorama = torch.zeros(len(direction), 3, device=device)
+    largest_z = torch.full((len(direction),), -1.0, device=device)
     for image, camera in zip(cube, _cube(torch.zeros(3)), strict=True):
-        local = direction @ camera.rotation.to(device).T
-        closer = local[:, 2] > best
-        best = torch.where(closer, local[:, 2], best)
-        position = (local[:, :2] / local[:, 2:].clamp_min(1e-3)).clamp(-1, 1)
+        camera_directions = direction @ camera.rotation.to(device).T
+        closer = camera_directions[:, 2] > largest_z
+        largest_z = torch.where(closer, camera_directions[:, 2], largest_z)
+        position = (camera_directions[:, :2] / camera_directions[:, 2:].clamp_min(1e-3)).clamp(-1, 1)
         sampled = functional.grid_sample(
             image[None], position.view(1, 1, -1, 2), align_corners=False, padding_mode="border"
         )
-        picture = torch.where(closer[:, None], sampled[0, :, 0].T, picture)
-    level = picture.T.view(1, 3, height, width)
+        panorama = torch.where(closer[:, None], sampled[0, :, 0].T, panorama)
+    level = panorama.T.view(1, 3, height, width)
     levels = []
     for step in range(6):
         if step:

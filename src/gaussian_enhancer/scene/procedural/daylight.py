@@ -1,4 +1,4 @@
-"""Times of day: matching sun, sky, ambient light and exposure."""
+"""Outdoor lighting at random times of day: sky, sun, haze and exposure."""
 
 import numpy as np
 
@@ -15,15 +15,21 @@ _SKIES: tuple[tuple[Vector, Vector, Vector, float], ...] = (
 
 
 def daylight(draft: Draft, radius: float) -> None:
-    """Give a draft a sky with clouds and a sun whose shadow map covers `radius` about the origin."""
+    """Add a cloudy sky and a sun to a draft; the sun's shadow map covers `radius` metres about the origin."""
     rng = draft.rng
-    zenith, horizon, sun, elevation = _SKIES[int(rng.integers(len(_SKIES)))]
-    height, turn = np.deg2rad(elevation + rng.uniform(-7, 7)), rng.uniform(0, 2 * np.pi)
-    way = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
-    ground = tuple(0.28 * np.array(horizon) + 0.10 * np.array(sun) * np.array([1.0, 0.95, 0.85]))
-    texture = draft.texture(clouds(rng))
-    draft.sky = SkySpec(zenith, horizon, ground, texture, tuple(way))
-    position = tuple(way * 60 * radius)
-    draft.lights.append(LightSpec(position, (0.0, 0.0, 0.0), radius, sun))
+    zenith, horizon, sun_colour, elevation = _SKIES[int(rng.integers(len(_SKIES)))]
+    elevation_radians, azimuth = np.deg2rad(elevation + rng.uniform(-7, 7)), rng.uniform(0, 2 * np.pi)
+    sun_direction = np.array(
+        [
+            np.cos(elevation_radians) * np.cos(azimuth),
+            np.cos(elevation_radians) * np.sin(azimuth),
+            np.sin(elevation_radians),
+        ]
+    )
+    ground = tuple(0.28 * np.array(horizon) + 0.10 * np.array(sun_colour) * np.array([1.0, 0.95, 0.85]))
+    cloud_texture = draft.texture(clouds(rng))
+    draft.sky = SkySpec(zenith, horizon, ground, cloud_texture, tuple(sun_direction))
+    position = tuple(sun_direction * 60 * radius)
+    draft.lights.append(LightSpec(position, (0.0, 0.0, 0.0), radius, sun_colour))
     draft.haze = 0.0006 * rng.uniform(0.3, 1.6)
     draft.exposure = float(rng.uniform(0.85, 1.1))

@@ -1,4 +1,4 @@
-"""A scene family's output: geometry, textures, materials, lights and a camera path, before light is baked.
+"""Draft of a procedural world: geometry, textures, materials, lights and a camera path, before lighting is baked.
 
 Axes: c cameras.
 """
@@ -19,19 +19,19 @@ CameraPath = Callable[[int], tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "
 
 @dataclass(frozen=True)
 class Material:
-    """How a texture is laid on a surface and how the surface answers light.
+    """Texture mapping and reflection properties of a surface.
 
     Args:
         texture: index of the texture.
-        repeats: repeats a metre along u and v.
-        tint: factor on the texture's colour.
+        repeats: repeats of the texture per metre along u and v.
+        tint: factor per channel on the texture's colour.
         reflectance: Fresnel reflectance at normal incidence, [0, 1]; 0.04 is varnish, 0.6 metal.
-        roughness: 0 mirrors, 1 spreads.
-        relief: how strongly the texture's height turns the normal.
-        detail: strength of noise finer than the texture.
-        dirt: strength of noise wider than the texture.
-        emission: light of its own, in units of white.
-        translucency: share of light that comes through from the other side (leaves, cloth).
+        roughness: 0 is a mirror, 1 is diffuse.
+        relief: strength of bump mapping by the texture's height.
+        detail: strength of brightness noise finer than the texture.
+        dirt: strength of brightness noise coarser than the texture.
+        emission: emitted radiance, as a factor on the albedo.
+        translucency: share of light transmitted from the other side (leaves, cloth).
     """
 
     texture: int
@@ -51,12 +51,12 @@ class LightSpec:
     """A light with a shadow map.
 
     Args:
-        position: where it stands; a sun stands far away.
-        target: what its shadow map looks at.
-        radius: radius of the ball around the target that the map covers.
+        position: position of the light, metres; far away for a sun.
+        target: point at the centre of its shadow map.
+        radius: radius in metres of the ball around the target that the shadow map covers.
         colour: linear irradiance at the target.
-        local: a lamp whose light falls with the squared distance; otherwise a sun.
-        side: pixels along the shadow map; fewer make softer shadows.
+        local: True for a lamp, whose light decreases with the squared distance; False for a sun.
+        side: side of the shadow map in pixels; fewer pixels make softer shadows.
     """
 
     position: Vector
@@ -69,7 +69,7 @@ class LightSpec:
 
 @dataclass(frozen=True)
 class SkySpec:
-    """The sky's linear colours and what clouds cover of it; `studio` is soft boxes around an object instead."""
+    """Linear colours of sky and ground, the cloud texture and the sun's direction; `studio` has soft boxes instead."""
 
     zenith: Vector
     horizon: Vector
@@ -81,20 +81,23 @@ class SkySpec:
 
 @dataclass
 class Draft:
-    """A world while it is being written.
+    """A world under construction.
 
     Args:
-        rng: the world's source of randomness.
-        sky: what lies behind everything.
-        lights: what casts shadows.
-        path: camera positions and targets for a number of views.
-        field_of_view: horizontal, degrees.
-        ambient_box: lower and upper corner of the region where ambient occlusion is resolved.
-        ambient: factor on the sky's light.
-        exposure: factor before tone mapping.
-        haze: share of light lost a metre to the air.
-        background: colour behind a world that shows no sky; None shows the sky.
-        probe: where reflections are taken from.
+        rng: the world's random number generator.
+        sky: sky, visible where no geometry is hit.
+        lights: lights with shadow maps.
+        path: returns camera positions and targets for a number of views.
+        field_of_view: horizontal field of view, degrees.
+        ambient_box: lower and upper corner of the region in which ambient occlusion is computed, metres.
+        ambient: factor on ambient light.
+        exposure: factor on radiance before tone mapping.
+        haze: extinction coefficient of the air, per metre.
+        background: sRGB colour of the background; None shows the sky.
+        probe: position of the environment map for reflections.
+        builder: collects the geometry.
+        textures: textures in the order of their indices.
+        materials: materials in the order of their indices.
     """
 
     rng: np.random.Generator
@@ -113,21 +116,21 @@ class Draft:
     materials: list[Material] = field(default_factory=list)
 
     def texture(self, texture: Texture) -> int:
-        """Store a texture."""
+        """Add a texture and return its index."""
         self.textures.append(texture)
         return len(self.textures) - 1
 
     def material(self, texture: int | Texture, size: Number | tuple[Number, Number] = 1.0, **looks: object) -> int:
-        """Store a material whose texture repeats every `size` metres (along u and v)."""
+        """Add a material whose texture repeats every `size` metres (along u and v), and return its index."""
         index = texture if isinstance(texture, int) else self.texture(texture)
         u, v = size if isinstance(size, tuple) else (size, size)
         self.materials.append(Material(index, (1 / u, 1 / v), **looks))  # type: ignore[arg-type]
         return len(self.materials) - 1
 
     def add(self, part: SurfacePart, material: int, *, casts: bool = True) -> None:
-        """Put a part into the world."""
+        """Add a placed part with a material."""
         self.builder.add(part, material, casts=casts)
 
     def pick(self, *choices: object) -> object:
-        """One of several."""
+        """Choose one of several values at random."""
         return choices[int(self.rng.integers(len(choices)))]

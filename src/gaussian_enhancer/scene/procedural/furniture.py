@@ -1,6 +1,7 @@
 """Furniture of rooms and yards: tables, chairs, shelves with books, vases, plants, lattices.
 
-Each function puts one thing into a draft. Metres; `at` is where it stands, `yaw` its turn about z in radians.
+Each function adds one object to a draft. Lengths are in metres; `at` is the object's position, `yaw` its rotation about
+z in radians.
 """
 
 import numpy as np
@@ -20,28 +21,31 @@ def flat_print(
     down: Vector,
     window: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
 ) -> None:
-    """A printed sheet; `window` is the part of the texture shown (u, v, width, height)."""
+    """Printed sheet; `window` is the part of the texture that is shown (u, v, width, height)."""
     part = shapes.quad(origin, right, down)
     u, v, w, h = window
-    span = part.uvs.max(0)
-    p.draft.add(SurfacePart(part.positions, part.normals, part.uvs / span * [w, h] + [u, v], part.faces), p(name))
+    uv_extent = part.uvs.max(0)
+    p.draft.add(SurfacePart(part.positions, part.normals, part.uvs / uv_extent * [w, h] + [u, v], part.faces), p(name))
 
 
 def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height: float, material: str = "wood") -> None:
-    """Four legs, stretchers and a top, round or square by chance."""
+    """Table with four legs, stretchers and a round or rectangular top, chosen at random."""
     rng = p.draft.rng
     x, y = size[0] / 2 - 0.07, size[1] / 2 - 0.07
-    thick = rng.uniform(0.03, 0.055)
+    thickness = rng.uniform(0.03, 0.055)
     if rng.random() < 0.35:
         r = min(size) / 2
         top = shapes.lathe(
-            np.array([[0, -thick], [r * 0.95, -thick], [r, -thick / 2], [r, 0], [r - 0.01, 0.004], [0, 0.004]]), 40
+            np.array(
+                [[0, -thickness], [r * 0.95, -thickness], [r, -thickness / 2], [r, 0], [r - 0.01, 0.004], [0, 0.004]]
+            ),
+            40,
         )
         x = y = r * 0.6
     else:
-        top = shapes.box((size[0], size[1], thick)).placed((0, 0, -thick))
+        top = shapes.box((size[0], size[1], thickness)).placed((0, 0, -thickness))
     legs = [
-        shapes.rod((a * x, b * y, 0), (a * x * 0.92, b * y * 0.92, height - thick), 0.025, 10)
+        shapes.rod((a * x, b * y, 0), (a * x * 0.92, b * y * 0.92, height - thickness), 0.025, 10)
         for a in (-1, 1)
         for b in (-1, 1)
     ]
@@ -50,44 +54,59 @@ def table(p: Palette, at: Vector, yaw: float, size: tuple[float, float], height:
 
 
 def chair(p: Palette, at: Vector, yaw: float) -> None:
-    """A chair with slats or spindles in its back."""
+    """Chair with spindles in its back."""
     rng = p.draft.rng
-    w, seat, back = rng.uniform(0.4, 0.48), 0.45, rng.uniform(0.85, 1.1)
-    h = w / 2 - 0.025
-    frame = [shapes.rod((a * h, b * h, 0), (a * h, b * h, seat), 0.018) for a in (-1, 1) for b in (-1, 1)]
-    frame += [shapes.rod((a * h, h, seat), (a * h, h + 0.08, back), 0.017) for a in (-1, 1)]
-    frame += [shapes.rod((-h, h + 0.08, back), (h, h + 0.08, back), 0.022)]
+    width, seat_height, back_height = rng.uniform(0.4, 0.48), 0.45, rng.uniform(0.85, 1.1)
+    half_width = width / 2 - 0.025
+    frame = [
+        shapes.rod((a * half_width, b * half_width, 0), (a * half_width, b * half_width, seat_height), 0.018)
+        for a in (-1, 1)
+        for b in (-1, 1)
+    ]
+    frame += [
+        shapes.rod((a * half_width, half_width, seat_height), (a * half_width, half_width + 0.08, back_height), 0.017)
+        for a in (-1, 1)
+    ]
+    frame += [
+        shapes.rod((-half_width, half_width + 0.08, back_height), (half_width, half_width + 0.08, back_height), 0.022)
+    ]
     for t in np.linspace(-0.8, 0.8, int(rng.integers(4, 9))):
-        frame.append(shapes.rod((t * h, h, seat), (t * h, h + 0.08, back), 0.008, 6))
-    frame += [shapes.rod((-h, b * h, 0.2), (h, b * h, 0.2), 0.01, 6) for b in (-1, 1)]
+        frame.append(
+            shapes.rod(
+                (t * half_width, half_width, seat_height), (t * half_width, half_width + 0.08, back_height), 0.008, 6
+            )
+        )
+    frame += [
+        shapes.rod((-half_width, b * half_width, 0.2), (half_width, b * half_width, 0.2), 0.01, 6) for b in (-1, 1)
+    ]
     p.draft.add(joined(frame).placed(at, yaw=yaw), p(str(rng.choice(["wood 2", "iron", "chrome"]))))
     p.draft.add(
-        shapes.box((w, w, 0.05)).placed((0, 0, seat)).placed(at, yaw=yaw),
+        shapes.box((width, width, 0.05)).placed((0, 0, seat_height)).placed(at, yaw=yaw),
         p(str(rng.choice(["cloth", "wood 2", "cloth 2"]))),
     )
 
 
 def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
-    """A sofa of rounded cushions in one cloth, with two of another."""
+    """Sofa of rounded cushions, with two pillows of another cloth."""
     rng = p.draft.rng
 
     def cushion(x: float, y: float, z: float) -> SurfacePart:
         part = shapes.ellipsoid((1.0, 1.0, 1.0), 24)
-        squared = np.sign(part.positions) * np.abs(part.positions) ** 0.38
-        return SurfacePart(squared * np.array([x, y, z]) / 2, part.normals, part.uvs * 0.4, part.faces)
+        rounded_box = np.sign(part.positions) * np.abs(part.positions) ** 0.38
+        return SurfacePart(rounded_box * np.array([x, y, z]) / 2, part.normals, part.uvs * 0.4, part.faces)
 
     seats = int(rng.integers(2, 4))
-    each = length / seats
+    seat_width = length / seats
     parts = [
         shapes.box((length, 0.75, 0.25)).placed((0, 0, 0.1)),
         shapes.box((length, 0.2, 0.7)).placed((0, 0.32, 0.1)),
     ]
     parts += [cushion(0.22, 0.9, 0.55).placed((a * (length / 2 + 0.05), 0, 0.32)) for a in (-1, 1)]
     for k in range(seats):
-        x = (k + 0.5) * each - length / 2
+        x = (k + 0.5) * seat_width - length / 2
         parts += [
-            cushion(each, 0.7, 0.2).placed((x, -0.05, 0.4)),
-            cushion(each, 0.22, 0.5).placed((x, 0.25, 0.65), tilt=-0.2),
+            cushion(seat_width, 0.7, 0.2).placed((x, -0.05, 0.4)),
+            cushion(seat_width, 0.22, 0.5).placed((x, 0.25, 0.65), tilt=-0.2),
         ]
     p.draft.add(joined(parts).placed(at, yaw=yaw), p("cloth 3"))
     pillows = [
@@ -98,30 +117,40 @@ def sofa(p: Palette, at: Vector, yaw: float, length: float) -> None:
 
 
 def books(p: Palette, at: Vector, yaw: float, width: float, height: float = 0.26) -> None:
-    """A row of books, spines forward (towards -y), some leaning."""
+    """Row of books with their spines towards -y; some lean."""
     rng, x = p.draft.rng, 0.0
     while x < width - 0.05:
-        thick, tall, deep = rng.uniform(0.018, 0.05), height * rng.uniform(0.65, 1.0), rng.uniform(0.13, 0.19)
+        thickness, book_height, depth = (
+            rng.uniform(0.018, 0.05),
+            height * rng.uniform(0.65, 1.0),
+            rng.uniform(0.13, 0.19),
+        )
         lean = float(rng.uniform(0.0, 0.12)) if rng.random() < 0.15 else 0.0
-        body = shapes.box((thick, deep, tall)).placed((x + thick / 2, deep / 2, 0), tilt=0.0)
+        body = shapes.box((thickness, depth, book_height)).placed((x + thickness / 2, depth / 2, 0), tilt=0.0)
         body = SurfacePart(
             body.positions + np.outer(body.positions[:, 2], [lean, 0, 0]), body.normals, body.uvs, body.faces
         )
         p.draft.add(body.placed(at, yaw=yaw), p("page 2" if rng.random() < 0.3 else "cloth 5"))
         k = int(rng.integers(32))
-        spine = shapes.quad((x + lean * tall, -0.002, tall), (thick, 0, 0), (-lean * tall, 0, -tall))
+        spine = shapes.quad(
+            (x + lean * book_height, -0.002, book_height), (thickness, 0, 0), (-lean * book_height, 0, -book_height)
+        )
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [0.94 / 32, 1.0] + [(k + 0.03) / 32, 0]
         p.draft.add(SurfacePart(spine.positions, spine.normals, uv, spine.faces).placed(at, yaw=yaw), p("spines"))
-        x += thick + 0.002 + lean * tall
+        x += thickness + 0.002 + lean * book_height
 
 
 def shelf(p: Palette, at: Vector, yaw: float, width: float, levels: int) -> None:
-    """A shelf against a wall (its back at +y) with books, vases and boxes."""
+    """Shelf with books and vases; its back, for a wall, is at +y."""
     rng = p.draft.rng
-    step, deep = 0.34, 0.28
-    boards = [shapes.box((width, deep, 0.022)).placed((0, 0, 0.06 + k * step)) for k in range(levels + 1)]
-    boards += [shapes.box((0.022, deep, levels * step + 0.09)).placed((a * width / 2, 0, 0)) for a in (-1, 1)]
-    boards += [shapes.quad((-width / 2, deep / 2, levels * step + 0.08), (width, 0, 0), (0, 0, -levels * step))]
+    level_height, depth = 0.34, 0.28
+    boards = [shapes.box((width, depth, 0.022)).placed((0, 0, 0.06 + k * level_height)) for k in range(levels + 1)]
+    boards += [shapes.box((0.022, depth, levels * level_height + 0.09)).placed((a * width / 2, 0, 0)) for a in (-1, 1)]
+    boards += [
+        shapes.quad(
+            (-width / 2, depth / 2, levels * level_height + 0.08), (width, 0, 0), (0, 0, -levels * level_height)
+        )
+    ]
     p.draft.add(joined(boards).placed(at, yaw=yaw), p("wood 3"))
     c, s = np.cos(yaw), np.sin(yaw)
 
@@ -129,14 +158,14 @@ def shelf(p: Palette, at: Vector, yaw: float, width: float, levels: int) -> None
         return at[0] + c * x - s * y, at[1] + s * x + c * y, at[2] + z
 
     for k in range(levels):
-        z, split = 0.085 + k * step, rng.uniform(0.35, 0.95)
-        books(p, place(-width / 2 + 0.03, -deep / 2 + 0.03, z), yaw, (width - 0.06) * split)
+        z, split = 0.085 + k * level_height, rng.uniform(0.35, 0.95)
+        books(p, place(-width / 2 + 0.03, -depth / 2 + 0.03, z), yaw, (width - 0.06) * split)
         if split < 0.75:
             vase(p, place(width / 2 - 0.15, 0.0, z), rng.uniform(0.15, 0.24), flowers=False)
 
 
 def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str | None = None) -> None:
-    """A turned vase, with or without a bunch in it."""
+    """Turned vase, with or without flowers."""
     rng = p.draft.rng
     r = height * rng.uniform(0.18, 0.36, 5)
     points = [(r[0], 0.0), (r[1] * 1.3, 0.3), (r[2], 0.6), (r[3] * 0.6, 0.85), (r[4] * 0.8, 1.0)]
@@ -152,13 +181,13 @@ def vase(p: Palette, at: Vector, height: float, *, flowers: bool, material: str 
 
 
 def plant(p: Palette, at: Vector, height: float, count: int, leaf: str = "sprig") -> None:
-    """Thin bent stems that end in sprays of leaves."""
+    """Plant: thin bent stems with leaf cards near their ends."""
     rng = p.draft.rng
     stems, tips = [], []
     for _ in range(max(5, count // 6)):
-        out = rng.normal(size=2) * height * 0.33
+        spread = rng.normal(size=2) * height * 0.33
         t = np.linspace(0, 1, 7)[:, None]
-        path = np.concatenate([out * t**1.6, height * rng.uniform(0.6, 1.1) * (t - 0.25 * t**3)], axis=1)
+        path = np.concatenate([spread * t**1.6, height * rng.uniform(0.6, 1.1) * (t - 0.25 * t**3)], axis=1)
         stems.append(shapes.tube(path, 0.006 * height + 0.0015, 5))
         tips.append(path[rng.integers(2, 7, max(1, count // max(5, count // 6)))])
     p.draft.add(joined(stems).placed(at), p("bark 2"))
@@ -189,7 +218,7 @@ def potted(p: Palette, at: Vector, height: float) -> None:
 def lattice(
     p: Palette, at: Vector, yaw: float, size: tuple[float, float], pitch: float, radius: float, material: str = "iron"
 ) -> None:
-    """A net of crossing rods in a frame, in the xz plane."""
+    """Lattice of crossing diagonal rods in a frame, in the xz plane."""
     w, h = size
     parts = [shapes.rod((-w / 2, 0, z), (w / 2, 0, z), radius * 2.2, 6) for z in (0, h)]
     parts += [shapes.rod((x, 0, 0), (x, 0, h), radius * 2.2, 6) for x in (-w / 2, w / 2)]
@@ -204,7 +233,7 @@ def lattice(
 
 
 def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, SurfacePart]:
-    """A wheel in the xz plane about the origin: (tyre, rim with spokes)."""
+    """Wheel in the xz plane about the origin: (tyre, rim with spokes)."""
     angle = np.linspace(0, 2 * np.pi, 41)
     ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
     tyre_part = shapes.tube(ring * (radius - tyre), tyre, 10)
@@ -220,7 +249,7 @@ def wheel(radius: float, spokes: int, tyre: float) -> tuple[SurfacePart, Surface
 
 
 def bicycle(p: Palette, at: Vector, yaw: float) -> None:
-    """A bicycle: thin spokes, tubes and cables."""
+    """Bicycle with thin spokes, tubes and cables."""
     for x in (-0.52, 0.52):
         tyre, rim = wheel(0.34, 28, 0.018)
         p.draft.add(tyre.placed((x, 0, 0.34)).placed(at, yaw=yaw), p("rubber"))

@@ -1,7 +1,8 @@
-"""`harbour`: boats in a basin, seen from a curved mole. No training scene is drawn from this family.
+"""`harbour`: boats in a basin, photographed from a curved mole. No training scene is from this family.
 
-Its textures, things, hours and camera path are its own (`harbour_materials`, `vessels`, `quayside`): a test on it asks
-what is learnt beyond the generator's other families. It shares with them the renderer, simple shapes and noise.
+Its textures, objects, lighting and camera path are not used by other families (`harbour_materials`, `vessels`,
+`quayside`), so a test on it measures generalisation beyond the other families. It shares the renderer, basic shapes and
+noise with them.
 """
 
 import numpy as np
@@ -26,15 +27,21 @@ _HOURS: tuple[tuple[Vector, Vector, Vector, float, float], ...] = (
 
 
 def draft_harbour(seed: int) -> Draft:
-    """Write the world of a seed."""
+    """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 2077])
-    zenith, horizon, sun, elevation, exposure = _HOURS[int(rng.integers(len(_HOURS)))]
-    height, turn = np.deg2rad(elevation + rng.uniform(-4, 4)), rng.uniform(np.pi * 1.1, np.pi * 1.9)
-    way = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
-    nothing: Vector = (0.0, 0.0, 0.0)
+    zenith, horizon, sun_colour, elevation, exposure = _HOURS[int(rng.integers(len(_HOURS)))]
+    elevation_radians, azimuth = np.deg2rad(elevation + rng.uniform(-4, 4)), rng.uniform(np.pi * 1.1, np.pi * 1.9)
+    sun_direction = np.array(
+        [
+            np.cos(elevation_radians) * np.cos(azimuth),
+            np.cos(elevation_radians) * np.sin(azimuth),
+            np.sin(elevation_radians),
+        ]
+    )
+    black: Vector = (0.0, 0.0, 0.0)
     draft = Draft(
         rng=rng,
-        sky=SkySpec(nothing, nothing, nothing, 0),
+        sky=SkySpec(black, black, black, 0),
         path=mole(seed, (0.0, 0.0, 0.7), _RADIUS, (-2.55, -0.6), (1.65, 2.5)),
         field_of_view=60.0,
         ambient_box=((-11.0, -11.0, WATER - 0.1), (11.0, 11.0, 6.0)),
@@ -43,11 +50,20 @@ def draft_harbour(seed: int) -> Draft:
         probe=(0.0, -2.0, 1.6),
     )
     ground = tuple(0.45 * np.array(horizon) * np.array([0.75, 0.95, 1.05]))
-    draft.sky = SkySpec(zenith, horizon, ground, draft.texture(clouds(rng)), tuple(way))
-    draft.lights.append(LightSpec(tuple(way * 900), (0.0, 1.0, 0.0), 15.0, sun, side=3072))
-    lamp = 0.9 * rng.uniform(0.7, 1.2)
-    at = (rng.uniform(-2, 2), rng.uniform(0.5, 2.5), 3.4)
-    draft.lights.append(LightSpec(at, (at[0], at[1], 0.0), 9.0, (lamp, 0.72 * lamp, 0.4 * lamp), local=True, side=1024))
+    draft.sky = SkySpec(zenith, horizon, ground, draft.texture(clouds(rng)), tuple(sun_direction))
+    draft.lights.append(LightSpec(tuple(sun_direction * 900), (0.0, 1.0, 0.0), 15.0, sun_colour, side=3072))
+    lamp_strength = 0.9 * rng.uniform(0.7, 1.2)
+    lamp_position = (rng.uniform(-2, 2), rng.uniform(0.5, 2.5), 3.4)
+    draft.lights.append(
+        LightSpec(
+            lamp_position,
+            (lamp_position[0], lamp_position[1], 0.0),
+            9.0,
+            (lamp_strength, 0.72 * lamp_strength, 0.4 * lamp_strength),
+            local=True,
+            side=1024,
+        )
+    )
     p = Palette(draft, MATERIALS)
     _water(p)
     _mole(p)
@@ -62,7 +78,7 @@ def _water(p: Palette) -> None:
 
 
 def _mole(p: Palette) -> None:
-    """The mole that is walked on, with things at its edge that stay low before the basin."""
+    """The mole along which the cameras move, with objects at its edge that are too low to hide the basin."""
     rng = p.draft.rng
     quayside.curved_mole(p, (6.7, 13.5), (-3.0, -0.14), WATER - 0.9)
     for a in np.arange(-2.8, -0.3, 0.62) + rng.uniform(-0.1, 0.1):
@@ -83,20 +99,22 @@ def _mole(p: Palette) -> None:
 
 
 def _basin(p: Palette) -> None:
-    """A pontoon with boats on both sides, one boat on a buoy, ropes ashore."""
+    """Pontoon with boats on both sides, mooring ropes, and sometimes a yacht behind it."""
     rng = p.draft.rng
-    lean = rng.uniform(-0.25, 0.25)
-    start, end = (-6.2, 1.2 - 6 * lean * 0.3, WATER + 0.42), (6.6, 1.2 + 6 * lean * 0.3, WATER + 0.42)
+    slant = rng.uniform(-0.25, 0.25)
+    start, end = (-6.2, 1.2 - 6 * slant * 0.3, WATER + 0.42), (6.6, 1.2 + 6 * slant * 0.3, WATER + 0.42)
     quayside.pontoon(p, start, end)
-    hero = rng.random() < 0.5
-    boats = [("trawler", -2.6, 3.6), ("yacht", 3.4, 3.2)] if hero else [("yacht", -3.2, 3.2), ("trawler", 3.0, 3.7)]
+    trawler_left = rng.random() < 0.5
+    boats = (
+        [("trawler", -2.6, 3.6), ("yacht", 3.4, 3.2)] if trawler_left else [("yacht", -3.2, 3.2), ("trawler", 3.0, 3.7)]
+    )
     for kind, x, y in boats:
-        turn = rng.normal() * 0.08 + (np.pi if rng.random() < 0.5 else 0.0)
+        boat_yaw = rng.normal() * 0.08 + (np.pi if rng.random() < 0.5 else 0.0)
         at = (x + rng.uniform(-0.4, 0.4), y, WATER)
         if kind == "trawler":
-            vessels.trawler(p, at, turn, rng.uniform(7.5, 9.0))
+            vessels.trawler(p, at, boat_yaw, rng.uniform(7.5, 9.0))
         else:
-            vessels.yacht(p, at, turn, rng.uniform(6.0, 7.4), hoisted=bool(rng.random() < 0.45))
+            vessels.yacht(p, at, boat_yaw, rng.uniform(6.0, 7.4), hoisted=bool(rng.random() < 0.45))
         p.draft.add(shapes.wire((x - 1.5, y - 1.0, 0.5), (x - 0.5, 1.4, WATER + 0.5), 0.12, 0.016, 5), p("rope"))
     for k, x in enumerate((-3.6, 0.2, 3.9)):
         yaw = rng.uniform(-0.5, 0.5) + np.pi / 2 * (k == 1)
@@ -104,15 +122,15 @@ def _basin(p: Palette) -> None:
         p.draft.add(shapes.wire((x, -1.4, WATER + 0.4), (x + 0.3, 0.7, WATER + 0.5), 0.2, 0.013, 5), p("rope"))
     if rng.random() < 0.7:
         vessels.yacht(p, (rng.uniform(-1, 1), 7.6, WATER), rng.normal() * 0.2, rng.uniform(6.5, 8.0))
-    quayside.net_rack(p, (rng.uniform(-1.5, 1.5), 1.25, WATER + 0.45), lean * 0.3, 2.6)
+    quayside.net_rack(p, (rng.uniform(-1.5, 1.5), 1.25, WATER + 0.45), slant * 0.3, 2.6)
     quayside.pots(p, (-5.0, 1.1, WATER + 0.45), 0.1, 2)
     quayside.buoys(p, (5.2, 1.3, WATER + 0.45), 6)
-    posts: list[Vector] = [(x, 1.2 + x * lean * 0.3 + 0.4, WATER + 0.4) for x in (-6.0, -1.9, 2.2, 6.3)]
+    posts: list[Vector] = [(x, 1.2 + x * slant * 0.3 + 0.4, WATER + 0.4) for x in (-6.0, -1.9, 2.2, 6.3)]
     quayside.festoon(p, posts, 3.1, 6)
 
 
 def _far_quay(p: Palette) -> None:
-    """The background behind the basin, at 12 to 400 metres: sheds, a crane, masts, pines, a light, a headland."""
+    """Background beyond the basin, from 10 to about 270 metres: sheds, a crane, masts, pines, a lighthouse, hills."""
     rng = p.draft.rng
     xs = np.linspace(-70, 70, 15)
     p.draft.add(
@@ -138,8 +156,8 @@ def _far_quay(p: Palette) -> None:
     ridge = np.zeros_like(angle)
     for k in (3, 7, 12, 20, 33, 51):
         ridge += rng.normal() / k * np.sin(k * angle + rng.uniform(0, 6.3))
-    rise = np.linspace(0, 1, 7)[:, None]
-    r = 190 * (1 + 0.4 * rise)
-    z = np.maximum(26 * (0.7 + 0.6 * ridge), 3)[None] * np.sin(rise * np.pi / 2) - 1.0
-    land = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
-    p.draft.add(shapes.sheet(land, np.stack(np.broadcast_arrays(angle * 190, r + z), -1)), p("wood"), casts=False)
+    steps = np.linspace(0, 1, 7)[:, None]
+    r = 190 * (1 + 0.4 * steps)
+    z = np.maximum(26 * (0.7 + 0.6 * ridge), 3)[None] * np.sin(steps * np.pi / 2) - 1.0
+    hills = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
+    p.draft.add(shapes.sheet(hills, np.stack(np.broadcast_arrays(angle * 190, r + z), -1)), p("wood"), casts=False)

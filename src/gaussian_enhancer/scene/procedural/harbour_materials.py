@@ -1,4 +1,4 @@
-"""The materials of a harbour, each with its own colours: what `Palette` paints when it is first asked for."""
+"""Material recipes of `harbour` scenes, for `Palette`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,7 +20,7 @@ ORANGE, YELLOW, STONE = (0.02, 0.06), (0.11, 0.15), (0.07, 0.13)
 def _recipe(
     paint: Paint, saturation: Range, value: Range, hues: tuple[Range, ...], size: float, **looks: float
 ) -> Callable[[Draft], int]:
-    """A recipe: a colour of one of several hues, painted, repeating every `size` metres."""
+    """Make a recipe with a random colour of one of several hues; the texture repeats every `size` metres."""
 
     def recipe(d: Draft) -> int:
         hue = hues[int(d.rng.integers(len(hues)))]
@@ -30,7 +30,7 @@ def _recipe(
 
 
 def _plain(paint: Paint, colour: Colour, size: float, **looks: float) -> Callable[[Draft], int]:
-    """A recipe of one colour."""
+    """Make a recipe with a fixed colour."""
     return lambda d: d.material(paint(d.rng, colour), size, **looks)
 
 

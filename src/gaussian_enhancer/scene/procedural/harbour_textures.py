@@ -1,4 +1,4 @@
-"""Textures of a harbour: water, hulls, decks, sheet metal, nets, ropes, sails, dressed stone, pine needles.
+"""Textures of `harbour` scenes: water, hulls, decks, sheet metal, nets, ropes, sails, ashlar, pine needles.
 
 Axes: t texture side.
 """
@@ -12,41 +12,45 @@ from gaussian_enhancer.scene.procedural.textures import Random, coordinates, fin
 
 
 def ripples(rng: Random, colour: Colour) -> Texture:
-    """Sheltered water: crossing wavelets whose crests are broken."""
+    """Sheltered water: crossing small waves."""
     waves = 0.5 * fractal(rng, 1.5, (1.0, 2.2)) + 0.3 * fractal(rng, 1.2, (1.6, 1.0)) + 0.2 * fractal(rng, 0.9)
-    murk = fractal(rng, 1.4)
-    rgb = blend(np.array(colour) * 0.75, np.array(colour) * 1.25 + 0.01, murk)
+    turbidity = fractal(rng, 1.4)
+    rgb = blend(np.array(colour) * 0.75, np.array(colour) * 1.25 + 0.01, turbidity)
     return finish(rgb, waves, 1.0)
 
 
 def hull(rng: Random, colour: Colour, line: Colour, below: Colour) -> Texture:
-    """Painted hull over two metres of depth: a rubbing strip, a line, boot topping, rust and scum that run down."""
+    """Painted hull; v is the depth below the rail, 2 m in a repeat.
+
+    It has a line of another colour near the rail, another paint below the waterline, plank seams, vertical rust streaks
+    and scum.
+    """
     _, v = coordinates()
-    wobble = v + 0.004 * (fractal(rng, 1.0) - 0.5)
+    wavy_v = v + 0.004 * (fractal(rng, 1.0) - 0.5)
     rgb = grained(rng, np.broadcast_to(colour, (SIDE, SIDE, 3)), 0.07)
-    rgb = blend(rgb, np.array(line), step(0.055, 0.06, wobble) * step(0.085, 0.08, wobble))
-    rgb = blend(rgb, grained(rng, np.broadcast_to(below, rgb.shape), 0.15), step(0.42, 0.44, wobble))
-    runs = step(0.62, 0.86, fractal(rng, 0.9, (1.0, 9.0))) * step(0.02, 0.2, v)
-    rgb = blend(rgb, np.array([0.36, 0.2, 0.12]), 0.55 * runs)
+    rgb = blend(rgb, np.array(line), step(0.055, 0.06, wavy_v) * step(0.085, 0.08, wavy_v))
+    rgb = blend(rgb, grained(rng, np.broadcast_to(below, rgb.shape), 0.15), step(0.42, 0.44, wavy_v))
+    rust_streaks = step(0.62, 0.86, fractal(rng, 0.9, (1.0, 9.0))) * step(0.02, 0.2, v)
+    rgb = blend(rgb, np.array([0.36, 0.2, 0.12]), 0.55 * rust_streaks)
     scum = step(0.36, 0.43, v + 0.1 * (fractal(rng, 0.8) - 0.5)) * step(0.55, 0.44, v)
     rgb = blend(rgb, np.array([0.2, 0.24, 0.16]), 0.7 * scum)
     seams = step(0.012, 0.003, np.abs((v * 14) % 1 - 0.5))
-    return finish(rgb * (1 - 0.25 * seams)[..., None], 0.5 - 0.2 * seams, 0.8 - 0.6 * runs)
+    return finish(rgb * (1 - 0.25 * seams)[..., None], 0.5 - 0.2 * seams, 0.8 - 0.6 * rust_streaks)
 
 
 def laid_deck(rng: Random, colour: Colour) -> Texture:
-    """Narrow silvered boards with dark caulking between them."""
+    """Deck of narrow weathered boards with dark caulking between them."""
     u, _ = coordinates()
     count = 10
     value = rng.random(count)[np.floor(u * count).astype(int)]
-    fibre = fractal(rng, 0.7, (1.0, 18.0))
+    fibres = fractal(rng, 0.7, (1.0, 18.0))
     gap = step(0.07, 0.03, np.minimum(u * count % 1, 1 - u * count % 1))
-    rgb = np.array(colour) * (0.75 + 0.35 * value + 0.4 * (fibre - 0.5))[..., None]
-    return finish(grained(rng, rgb, 0.06) * (1 - 0.8 * gap)[..., None], 0.7 * (1 - gap) + 0.2 * fibre, 0.3)
+    rgb = np.array(colour) * (0.75 + 0.35 * value + 0.4 * (fibres - 0.5))[..., None]
+    return finish(grained(rng, rgb, 0.06) * (1 - 0.8 * gap)[..., None], 0.7 * (1 - gap) + 0.2 * fibres, 0.3)
 
 
 def corrugated(rng: Random, colour: Colour) -> Texture:
-    """Ribbed sheet metal, faded, rusty along laps and screws."""
+    """Corrugated sheet metal, faded, with rust mainly along the overlaps of the sheets."""
     u, v = coordinates()
     ribs = 0.5 + 0.5 * np.cos(2 * np.pi * 16 * u)
     laps = step(0.02, 0.0, np.minimum(v * 2 % 1, 1 - v * 2 % 1))
@@ -57,17 +61,20 @@ def corrugated(rng: Random, colour: Colour) -> Texture:
 
 
 def netting(rng: Random, colour: Colour, count: int = 9) -> Texture:
-    """Fishing net: diamonds of twine that hang unevenly, with knots; all else is hole."""
+    """Fishing net: diamonds of twine, slightly distorted; the rest of the texture is a hole."""
     u, v = coordinates()
     sway = 0.035 * (fractal(rng, 1.6) - 0.5)
-    a, b = (u + v + sway) * count % 1, (u - v + sway) * count % 1
-    twine = np.maximum(step(0.12, 0.08, np.minimum(a, 1 - a)), step(0.12, 0.08, np.minimum(b, 1 - b)))
+    diagonal_1, diagonal_2 = (u + v + sway) * count % 1, (u - v + sway) * count % 1
+    twine = np.maximum(
+        step(0.12, 0.08, np.minimum(diagonal_1, 1 - diagonal_1)),
+        step(0.12, 0.08, np.minimum(diagonal_2, 1 - diagonal_2)),
+    )
     rgb = grained(rng, np.broadcast_to(colour, (SIDE, SIDE, 3)), 0.2, 0.5)
     return finish(rgb, 0.3 + 0.5 * twine, 0.1, (twine > 0.5).astype(float))
 
 
 def rope(rng: Random, colour: Colour) -> Texture:
-    """Three strands twisted about each other, frayed."""
+    """Rope of twisted strands."""
     u, v = coordinates()
     strands = np.abs(np.sin(np.pi * (6 * v + 3 * u)))
     rgb = np.array(colour) * (0.45 + 0.7 * strands)[..., None]
@@ -75,7 +82,7 @@ def rope(rng: Random, colour: Colour) -> Texture:
 
 
 def sailcloth(rng: Random, colour: Colour) -> Texture:
-    """Panels of cloth sewn across, creased and stained at the seams."""
+    """Sailcloth: creased panels with dark seams."""
     _, v = coordinates()
     seam = step(0.03, 0.01, np.minimum(v * 3 % 1, 1 - v * 3 % 1))
     creases = fractal(rng, 1.3, (3.0, 1.0))
@@ -84,7 +91,7 @@ def sailcloth(rng: Random, colour: Colour) -> Texture:
 
 
 def ashlar(rng: Random, colour: Colour) -> Texture:
-    """Dressed blocks of stone in courses of uneven length, weathered, with lichen."""
+    """Ashlar: courses of dressed stone blocks of varying length, weathered, with lichen."""
     u, v = coordinates()
     rows = 5
     row = np.floor(v * rows).astype(int)
@@ -100,33 +107,33 @@ def ashlar(rng: Random, colour: Colour) -> Texture:
 
 
 def needles(rng: Random, colour: Colour, count: int = 150) -> Texture:
-    """A bough of pine needles: thin strokes off a few twigs; all else is hole."""
-    image = Image.new("L", (SIDE, SIDE))
-    tone = Image.new("L", (SIDE, SIDE))
-    ink, shade = ImageDraw.Draw(image), ImageDraw.Draw(tone)
+    """Pine needles: thin strokes along seven twigs; the rest of the texture is a hole."""
+    mask_image = Image.new("L", (SIDE, SIDE))
+    tone_image = Image.new("L", (SIDE, SIDE))
+    mask_draw, tone_draw = ImageDraw.Draw(mask_image), ImageDraw.Draw(tone_image)
     for _ in range(7):
         start = rng.uniform(0.3, 0.7, 2) * SIDE
         direction = rng.normal(size=2)
         direction *= rng.uniform(0.2, 0.38) * SIDE / np.hypot(*direction)
-        ink.line((*start, *(start + direction)), fill=255, width=5)
+        mask_draw.line((*start, *(start + direction)), fill=255, width=5)
         for t in rng.random(count // 7):
             root = start + t * direction
-            turn = np.arctan2(direction[1], direction[0]) + rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
-            tip = root + rng.uniform(0.05, 0.1) * SIDE * np.array([np.cos(turn), np.sin(turn)])
-            ink.line((*root, *tip), fill=255, width=3)
-            shade.line((*root, *tip), fill=int(rng.integers(70, 255)), width=3)
-    lit = np.asarray(tone, dtype=float) / 255
-    opacity = (np.asarray(image) > 127).astype(float)
-    rgb = np.array(colour) * (0.4 + 1.0 * lit)[..., None]
-    return finish(grained(rng, rgb, 0.15, 0.4), 0.4 + 0.2 * lit, 0.3, opacity)
+            angle = np.arctan2(direction[1], direction[0]) + rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
+            tip = root + rng.uniform(0.05, 0.1) * SIDE * np.array([np.cos(angle), np.sin(angle)])
+            mask_draw.line((*root, *tip), fill=255, width=3)
+            tone_draw.line((*root, *tip), fill=int(rng.integers(70, 255)), width=3)
+    brightness = np.asarray(tone_image, dtype=float) / 255
+    opacity = (np.asarray(mask_image) > 127).astype(float)
+    rgb = np.array(colour) * (0.4 + 1.0 * brightness)[..., None]
+    return finish(grained(rng, rgb, 0.15, 0.4), 0.4 + 0.2 * brightness, 0.3, opacity)
 
 
 def registration(rng: Random) -> Texture:
-    """A painted board with a boat's letters and number, and its home port below."""
-    ground, ink = muted(rng, (0.0, 0.5), (0.1, 0.35)), muted(rng, (0.0, 0.15), (0.8, 0.95))
-    image = Image.new("RGB", (SIDE, SIDE), tuple(round(255 * c) for c in ground))
+    """Painted board with a boat's registration letters and number, and its home port below."""
+    background, text_colour = muted(rng, (0.0, 0.5), (0.1, 0.35)), muted(rng, (0.0, 0.15), (0.8, 0.95))
+    image = Image.new("RGB", (SIDE, SIDE), tuple(round(255 * c) for c in background))
     draw = ImageDraw.Draw(image)
-    fill = tuple(round(255 * c) for c in ink)
+    fill = tuple(round(255 * c) for c in text_colour)
     letters = "".join(rng.choice(list("ABCDEHKLMNOPRSTW"), 2))
     draw.text((24, 40), f"{letters} {int(rng.integers(10, 400))}", fill=fill, font=ImageFont.load_default(150))
     ports = ["SKERRY BAY", "NORTHWICK", "PORT ANVIL", "EASTHAVEN", "GULL POINT"]

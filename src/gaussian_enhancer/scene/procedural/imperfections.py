@@ -1,4 +1,4 @@
-"""What a real capture does and a rendered one does not: exposure and white balance by photo, wind, wrong poses.
+"""Imperfections of real captures: exposure and white balance that vary from photo to photo, wind, and pose errors.
 
 Axes: f faces.
 """
@@ -15,17 +15,17 @@ from gaussian_enhancer.types import Camera
 Triple = tuple[float, float, float]
 
 _WAVES = 1.7
-"""Radians a metre by which neighbouring leaves lag behind each other."""
+"""Spatial frequency of the wind's wave over the leaves, in radians per metre along each axis."""
 
 
 @dataclass(frozen=True)
 class Departure:
-    """How one photo departs from the world as it was baked.
+    """Deviation of one photo from the baked world.
 
     Args:
         gains: factors on linear red, green and blue before the tone curve.
-        gust: how far leaves are blown along x, y and z, metres.
-        phase: where in its swing the gust is, radians.
+        gust: amplitude of the displacement of leaves along x, y and z, metres.
+        phase: phase of the leaves' oscillation, radians.
     """
 
     gains: Triple
@@ -33,28 +33,28 @@ class Departure:
     phase: float
 
     def of(self, world: World) -> World:
-        """The world as this photo sees it: its exposure, and its faces with holes (leaves, nets) moved by the wind."""
+        """Apply the deviation to a world: change the exposure, and displace faces with holes (leaves, nets) by wind."""
         exposure = world.mesh.corners.new_tensor(self.gains) * world.exposure
         if self.gust == (0.0, 0.0, 0.0):
             return replace(world, exposure=exposure)
         corners = world.mesh.corners
-        swing = torch.sin(self.phase + _WAVES * corners.mean(dim=1).sum(dim=1)) * world.mesh.cutout
-        blown = corners + (swing[:, None] * corners.new_tensor(self.gust))[:, None]
-        return replace(world, exposure=exposure, mesh=replace(world.mesh, corners=blown))
+        oscillation = torch.sin(self.phase + _WAVES * corners.mean(dim=1).sum(dim=1)) * world.mesh.cutout
+        displaced_corners = corners + (oscillation[:, None] * corners.new_tensor(self.gust))[:, None]
+        return replace(world, exposure=exposure, mesh=replace(world.mesh, corners=displaced_corners))
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """Sizes of what differs from photo to photo; all are standard deviations, and 0 leaves a thing exact.
+    """Sizes of the imperfections. All are standard deviations over the photos; 0 disables an imperfection.
 
     Args:
-        exposure: of the camera's auto-exposure, stops.
-        white_balance: of red's and of blue's gain, stops.
-        pose: error of the stated camera, pixels of a view 256 pixels wide; the photo is taken from the true one.
-        wind: displacement of leaves, metres.
+        exposure: variation of exposure, stops.
+        white_balance: variation of the gains of red and blue, stops.
+        pose: error of the stated camera, pixels of a view 256 pixels wide; photos are rendered with the true camera.
+        wind: horizontal displacement of leaves, metres; the vertical one is 0.4 of it.
 
     Raises:
-        InputError: one is negative or not finite.
+        InputError: a value is negative or not finite.
     """
 
     exposure: float = 0.0
@@ -69,27 +69,30 @@ class Imperfections:
                 raise InputError(f"scene.imperfections.{name}", f"is {value}", "give 0 or more")
 
     def departure(self, generator: torch.Generator) -> Departure:
-        """What a photo departs by."""
-        stops, red, blue, x, y, z = torch.randn(6, generator=generator, dtype=torch.float64).tolist()
+        """Draw the deviation of a photo."""
+        exposure_noise, red_noise, blue_noise, x, y, z = torch.randn(
+            6, generator=generator, dtype=torch.float64
+        ).tolist()
         phase = 2 * math.pi * float(torch.rand((), generator=generator))
-        stop = self.exposure * stops
-        gains = (2 ** (stop + self.white_balance * red), 2**stop, 2 ** (stop + self.white_balance * blue))
+        stop = self.exposure * exposure_noise
+        gains = (2 ** (stop + self.white_balance * red_noise), 2**stop, 2 ** (stop + self.white_balance * blue_noise))
         return Departure(gains, (self.wind * x, self.wind * y, 0.4 * self.wind * z), phase)
 
     def stated(self, camera: Camera, distance: float, generator: torch.Generator) -> Camera:
-        """The camera that a photo is said to have.
+        """Return the true camera with a random pose error.
 
         Args:
-            camera: the true one.
-            distance: from it to what it looks at, metres: half of the error turns, half of it moves.
-            generator: source of randomness, on the CPU.
+            camera: the true camera.
+            distance: distance from the camera to the point that it looks at, metres. Rotation and translation have
+                equal shares in the variance of the error.
+            generator: random number generator, on the CPU.
         """
-        drawn = torch.randn(6, generator=generator, dtype=torch.float64)
+        normal_noise = torch.randn(6, generator=generator, dtype=torch.float64)
         if self.pose == 0:
             return camera
         angle = self.pose / math.sqrt(2) * camera.width / 256 / float(camera.K[0, 0])
-        x, y, z = (angle * drawn[:3]).tolist()
-        turn = torch.linalg.matrix_exp(torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64))
-        error = torch.eye(4, dtype=torch.float64)
-        error[:3, :3], error[:3, 3] = turn, angle * distance * drawn[3:]
-        return Camera(camera.K, (error @ camera.world_to_camera.double()).float(), camera.height, camera.width)
+        x, y, z = (angle * normal_noise[:3]).tolist()
+        rotation = torch.linalg.matrix_exp(torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64))
+        error_pose = torch.eye(4, dtype=torch.float64)
+        error_pose[:3, :3], error_pose[:3, 3] = rotation, angle * distance * normal_noise[3:]
+        return Camera(camera.K, (error_pose @ camera.world_to_camera.double()).float(), camera.height, camera.width)

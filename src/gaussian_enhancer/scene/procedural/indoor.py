@@ -1,4 +1,4 @@
-"""`indoor`: a furnished room seen from inside, as in Deep Blending."""
+"""`indoor`: a furnished room, photographed from inside, as in Deep Blending."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from gaussian_enhancer.scene.procedural.paths import room
 
 
 def draft_indoor(seed: int) -> Draft:
-    """Write the world of a seed."""
+    """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 77])
-    nothing: Vector = (0.0, 0.0, 0.0)
+    black: Vector = (0.0, 0.0, 0.0)
     x, y, h = rng.uniform(4.6, 6.4), rng.uniform(4.0, 5.4), rng.uniform(2.5, 3.0)
     draft = Draft(
         rng=rng,
-        sky=SkySpec(nothing, nothing, nothing, 0),
+        sky=SkySpec(black, black, black, 0),
         path=room(seed, (x, y), 0.85, (1.35, 1.75)),
         field_of_view=72.0,
         ambient_box=((-x / 2, -y / 2, 0.0), (x / 2, y / 2, h)),
@@ -27,12 +27,12 @@ def draft_indoor(seed: int) -> Draft:
     daylight(draft, 9.0)
     draft.lights.clear()
     draft.haze = 0.0
-    # Light arrives over walls and floor: what the room's own surfaces give back.
+    # The ground colour of the sky approximates light that the room's surfaces reflect.
     sky = draft.sky
     draft.sky = SkySpec(sky.zenith, sky.horizon, (0.42, 0.37, 0.31), sky.cloud_texture, sky.sun)
-    direction = np.array([rng.uniform(-0.4, 0.4), 1.0, rng.uniform(0.45, 0.9)])
+    sun_direction = np.array([rng.uniform(-0.4, 0.4), 1.0, rng.uniform(0.45, 0.9)])
     draft.lights.append(
-        LightSpec(tuple(direction / np.linalg.norm(direction) * 540), (0, 0, 1.0), 5.0, (2.6, 2.3, 1.9))
+        LightSpec(tuple(sun_direction / np.linalg.norm(sun_direction) * 540), (0, 0, 1.0), 5.0, (2.6, 2.3, 1.9))
     )
     p = Palette(draft)
     _shell(p, x, y, h)
@@ -42,7 +42,7 @@ def draft_indoor(seed: int) -> Draft:
 
 
 def _shell(p: Palette, x: float, y: float, h: float) -> None:
-    """Floor, ceiling and walls, with windows in the wall at +y and trim all round."""
+    """Floor, ceiling, walls and skirting boards, windows in the wall at +y, and the view outside."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     floor = shapes.terrain(np.linspace(-a, a, 12), np.linspace(-b, b, 12), lambda u, v: 0 * u)
     p.draft.add(floor, p(str(rng.choice(["wood", "tiles", "wood"]))), casts=False)
@@ -52,18 +52,18 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
         casts=False,
     )
     walls = p(str(rng.choice(["plaster", "plaster", "cloth 6"])))
-    feature = p(str(rng.choice(["brick", "plaster 3", "wood 5"])))
-    p.draft.add(shapes.quad((-a, -b, h), (x, 0, 0), (0, 0, -h)), feature, casts=False)
+    feature_wall = p(str(rng.choice(["brick", "plaster 3", "wood 5"])))
+    p.draft.add(shapes.quad((-a, -b, h), (x, 0, 0), (0, 0, -h)), feature_wall, casts=False)
     for s in (-1, 1):
         p.draft.add(shapes.quad((s * a, -b, h), (0, y, 0), (0, 0, -h)), walls, casts=False)
     count = int(rng.integers(1, 4))
-    wide, low, high = rng.uniform(0.95, 1.5), rng.uniform(0.5, 0.95), h - rng.uniform(0.25, 0.5)
+    window_width, sill_height, window_top = rng.uniform(0.95, 1.5), rng.uniform(0.5, 0.95), h - rng.uniform(0.25, 0.5)
     centres = (np.arange(count) + 0.5) / count * x - a
-    edges = np.concatenate([[-a], *[[c - wide / 2, c + wide / 2] for c in centres], [a]])
+    edges = np.concatenate([[-a], *[[c - window_width / 2, c + window_width / 2] for c in centres], [a]])
     for left, right in zip(edges[::2], edges[1::2], strict=True):
         p.draft.add(shapes.quad((left, b, h), (right - left, 0, 0), (0, 0, -h), (left, 0)), walls)
     for c in centres:
-        _window(p, c, b, wide, low, high, h, walls)
+        _window(p, c, b, window_width, sill_height, window_top, h, walls)
     skirting = [shapes.box((x, 0.02, 0.1)).placed((0, s * (b - 0.01), 0)) for s in (-1, 1)]
     skirting += [shapes.box((0.02, y, 0.1)).placed((s * (a - 0.01), 0, 0)) for s in (-1, 1)]
     p.draft.add(joined(skirting), p("plaster 4"), casts=False)
@@ -78,7 +78,7 @@ def _shell(p: Palette, x: float, y: float, h: float) -> None:
 
 
 def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float, h: float, walls: int) -> None:
-    """An opening with a frame, glazing bars, sill, curtains and a ribbed radiator under it."""
+    """Window opening with frame, glazing bars, sill and curtains, and a radiator below."""
     rng = p.draft.rng
     p.draft.add(shapes.quad((c - wide / 2, b, low), (wide, 0, 0), (0, 0, -low), (c - wide / 2, h - low)), walls)
     p.draft.add(shapes.quad((c - wide / 2, b, h), (wide, 0, 0), (0, 0, high - h), (c - wide / 2, 0)), walls)
@@ -109,7 +109,7 @@ def _window(p: Palette, c: float, b: float, wide: float, low: float, high: float
 
 
 def _lamp(p: Palette, h: float) -> None:
-    """A lamp on a cord; it is the second light."""
+    """Lamp on a cord; it is the second light of the scene."""
     rng = p.draft.rng
     x, y, z = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), h - rng.uniform(0.55, 0.8)
     p.draft.add(shapes.rod((x, y, z + 0.1), (x, y, h), 0.006), p("rubber"), casts=False)
@@ -121,7 +121,7 @@ def _lamp(p: Palette, h: float) -> None:
 
 
 def _arrange(p: Palette, x: float, y: float, h: float) -> None:
-    """Furniture along the walls and a group in the middle."""
+    """Furniture along the walls, and a table in the middle."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     p.draft.add(
         shapes.terrain(np.linspace(-1.3, 1.3, 8), np.linspace(-0.95, 0.95, 8), lambda u, v: 0.008 + 0 * u).placed(
@@ -130,14 +130,14 @@ def _arrange(p: Palette, x: float, y: float, h: float) -> None:
         p("cloth"),
         casts=False,
     )
-    tall = rng.random() < 0.5
-    height = rng.uniform(0.7, 0.76) if tall else rng.uniform(0.38, 0.46)
+    is_dining_table = rng.random() < 0.5
+    height = rng.uniform(0.7, 0.76) if is_dining_table else rng.uniform(0.38, 0.46)
     size = (rng.uniform(0.9, 1.3), rng.uniform(0.6, 0.85))
     furniture.table(p, (0, 0, 0.01), rng.uniform(-0.3, 0.3), size, height, "wood 2")
     furniture.vase(p, (0.1, 0.05, height + 0.015), rng.uniform(0.18, 0.28), flowers=True)
     furniture.flat_print(p, "page", (-0.36, 0.12, height + 0.016), (0.28, 0.08, 0), (0.08, -0.3, 0))
     furniture.books(p, (0.22, -0.15, height + 0.012), 0.3, 0.14, 0.22)
-    if tall:
+    if is_dining_table:
         for k in range(4):
             t = k * np.pi / 2 + rng.normal() * 0.15
             furniture.chair(p, (0.85 * np.cos(t), 0.7 * np.sin(t), 0.0), t - np.pi / 2)
@@ -160,7 +160,7 @@ def _arrange(p: Palette, x: float, y: float, h: float) -> None:
 
 
 def _pictures(p: Palette, x: float, y: float) -> None:
-    """Framed prints on the feature wall and the side walls."""
+    """Framed prints on the wall at -y."""
     rng, a, b = p.draft.rng, x / 2, y / 2
     for k in range(int(rng.integers(2, 5))):
         w, t, z = rng.uniform(0.4, 0.7), rng.uniform(-a + 0.6, a - 0.9), rng.uniform(1.95, 2.2)

@@ -1,4 +1,4 @@
-"""Light that is computed once a world: shadow maps, a volume of ambient light, a sky.
+"""Lighting: shadow maps and a volume of ambient light, both baked once per world, and the sky.
 
 Axes: m points or directions, s shadow map side, d h w voxels.
 """
@@ -29,7 +29,7 @@ _FAR = 60.0
 
 
 def look_at(eye: Float[Tensor, " 3"], target: Float[Tensor, " 3"], focal: float, height: int, width: int) -> Camera:
-    """A camera at `eye` that looks at `target` with the world's z upwards."""
+    """Make a camera at `eye` that looks at `target`, with the world's z axis upwards."""
     forward = functional.normalize(target.double() - eye.double(), dim=0)
     up = torch.tensor([0.0, 0.0, 1.0] if abs(float(forward[2])) < 0.999 else [0.0, 1.0, 0.0], dtype=torch.float64)
     right = functional.normalize(torch.linalg.cross(forward, up), dim=0)
@@ -41,16 +41,16 @@ def look_at(eye: Float[Tensor, " 3"], target: Float[Tensor, " 3"], focal: float,
 
 
 def inverse_depth(mesh: Mesh, camera: Camera, keep: Keep, *, casting: bool = False) -> Float[Tensor, "h w"]:
-    """1/z at every pixel's centre, 0 where nothing is hit; `casting` leaves out what throws no shadow."""
-    chosen = mesh.casts.nonzero()[:, 0] if casting else torch.arange(len(mesh.casts), device=mesh.casts.device)
-    projected = project(mesh.corners[chosen], camera)
+    """Render 1/z at pixel centres, 0 where nothing is hit; `casting` leaves out faces that cast no shadow."""
+    face_indices = mesh.casts.nonzero()[:, 0] if casting else torch.arange(len(mesh.casts), device=mesh.casts.device)
+    projected = project(mesh.corners[face_indices], camera)
     grid = SampleGrid()
 
     def solid(face: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        uv = weighted(barycentric(projected.edges[face], x, y)[0], mesh.uvs[chosen[face]])
-        return keep(chosen[face], uv[:, 0], uv[:, 1])
+        uv = weighted(barycentric(projected.edges[face], x, y)[0], mesh.uvs[face_indices[face]])
+        return keep(face_indices[face], uv[:, 0], uv[:, 1])
 
-    face = nearest_faces(projected, grid, camera.width, 0, camera.height, mesh.cutout[chosen], solid)
+    face = nearest_faces(projected, grid, camera.width, 0, camera.height, mesh.cutout[face_indices], solid)
     x, y = sample_positions(grid, camera.width, 0, camera.height, face.device)
     _, z = barycentric(projected.edges[face.clamp_min(0)], x, y)
     return torch.where(face >= 0, 1 / z, torch.zeros_like(z)).view(camera.height, camera.width)
@@ -67,43 +67,43 @@ class Light:
     def arriving(
         self, points: Float[Tensor, "m 3"], normals: Float[Tensor, "m 3"]
     ) -> tuple[Float[Tensor, "m 3"], Float[Tensor, "m 3"], Float[Tensor, " m"]]:
-        """Direction to the light, its colour at each point, and how much of it is not in shadow."""
+        """Direction to the light, its colour at each point, and the share of it that is not in shadow."""
         position = points.new_tensor(self.spec.position)
-        towards = position - points
-        distance = dot(towards, towards).sqrt()[:, None]
-        towards = towards / distance
+        to_light = position - points
+        distance = dot(to_light, to_light).sqrt()[:, None]
+        to_light = to_light / distance
         colour = points.new_tensor(self.spec.colour).expand_as(points)
         if self.spec.local:
-            reference = (position - points.new_tensor(self.spec.target)).norm()
-            colour = colour * (reference / distance.clamp_min(0.15)) ** 2
-        texel = distance / float(self.camera.K[0, 0])
-        return towards, colour, self._lit_share(points + (1.5 * texel) * normals)
+            reference_distance = (position - points.new_tensor(self.spec.target)).norm()
+            colour = colour * (reference_distance / distance.clamp_min(0.15)) ** 2
+        texel_size = distance / float(self.camera.K[0, 0])
+        return to_light, colour, self._lit_share(points + (1.5 * texel_size) * normals)
 
     def _lit_share(self, points: Tensor) -> Tensor:
-        """Share of a 3 x 3 texel neighbourhood (bilinear, from 4 x 4 comparisons) that sees the light."""
+        """Lit share of a neighbourhood of 3 x 3 texels: percentage-closer filtering, bilinear, of 4 x 4 comparisons."""
         pose, K = self.camera.world_to_camera.to(points.device).double(), self.camera.K.to(points.device).double()
-        pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
-        z = pixel[:, 2].clamp_min(1e-3)
-        position = (pixel[:, :2] / z[:, None]).float() - 0.5
-        slack = 0.004 * self.spec.radius if not self.spec.local else 0.02
-        inverse = (1 / (z - slack).clamp_min(1e-3)).float()
+        homogeneous = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+        z = homogeneous[:, 2].clamp_min(1e-3)
+        position = (homogeneous[:, :2] / z[:, None]).float() - 0.5
+        depth_bias = 0.004 * self.spec.radius if not self.spec.local else 0.02
+        inverse_depth = (1 / (z - depth_bias).clamp_min(1e-3)).float()
         corner = position.floor()
         u, v = (position - corner).unbind(1)
         x, y = corner.long().unbind(1)
         side = self.shadow.shape[0]
-        inside = (pixel[:, 2] > 1e-3) & (x >= 1) & (y >= 1) & (x < side - 2) & (y < side - 2)
+        inside = (homogeneous[:, 2] > 1e-3) & (x >= 1) & (y >= 1) & (x < side - 2) & (y < side - 2)
         x, y = x.clamp(1, side - 3), y.clamp(1, side - 3)
-        flat, lit = self.shadow.view(-1), torch.zeros_like(u)
-        across, down = (1 - u, 1, 1, u), (1 - v, 1, 1, v)
+        flat_shadow, lit_sum = self.shadow.view(-1), torch.zeros_like(u)
+        weights_x, weights_y = (1 - u, 1, 1, u), (1 - v, 1, 1, v)
         for j in range(4):
             for i in range(4):
-                seen = flat[(y + j - 1) * side + x + (i - 1)] <= inverse
-                lit = lit + seen * (across[i] * down[j] / 9)
-        return torch.where(inside, lit, torch.ones_like(lit))
+                unoccluded = flat_shadow[(y + j - 1) * side + x + (i - 1)] <= inverse_depth
+                lit_sum = lit_sum + unoccluded * (weights_x[i] * weights_y[j] / 9)
+        return torch.where(inside, lit_sum, torch.ones_like(lit_sum))
 
 
 def bake_light(spec: LightSpec, mesh: Mesh, keep: Keep) -> Light:
-    """Draw a light's shadow map."""
+    """Render a light's shadow map."""
     eye, target = torch.tensor(spec.position), torch.tensor(spec.target)
     distance = float((eye - target).norm())
     camera = look_at(eye, target, 0.5 * spec.side * distance / spec.radius, spec.side, spec.side)
@@ -112,14 +112,21 @@ def bake_light(spec: LightSpec, mesh: Mesh, keep: Keep) -> Light:
 
 @dataclass(frozen=True)
 class Sky:
-    """Colour of the direction in which nothing is hit."""
+    """Radiance of the sky, for rays that hit no geometry."""
 
     spec: SkySpec
 
     def radiance(
         self, directions: Float[Tensor, "m 3"], atlas: Atlas, footprint: float, *, sharp: bool = True
     ) -> Float[Tensor, "m 3"]:
-        """Linear radiance from unit directions; `footprint` is a sample's angle in radians."""
+        """Linear radiance from directions.
+
+        Args:
+            directions: unit vectors from the viewer outwards.
+            atlas: atlas with the cloud texture.
+            footprint: angular size of a sample, radians.
+            sharp: whether clouds are included.
+        """
 
         def colour(values: Vector) -> Tensor:
             return directions.new_tensor(values)
@@ -127,32 +134,36 @@ class Sky:
         up = directions[:, 2:3]
         result = torch.lerp(colour(self.spec.horizon), colour(self.spec.zenith), up.clamp_min(0) ** 0.55)
         if self.spec.studio:
-            # Three soft boxes: what glossy things under studio light show.
+            # Three soft boxes, which glossy objects reflect.
             angle = torch.atan2(directions[:, 1:2], directions[:, 0:1])
-            for centre, wide, strength in ((0.6, 0.45, 2.2), (2.9, 0.6, 1.1), (-1.6, 0.3, 1.6)):
-                near = (torch.cos(angle - centre) - torch.cos(colour((wide, wide, wide))[:1])).clamp_min(0) * 8
-                result = result + strength * near.clamp_max(1) * ((up > 0.15) & (up < 0.75))
+            for centre, half_angle, strength in ((0.6, 0.45, 2.2), (2.9, 0.6, 1.1), (-1.6, 0.3, 1.6)):
+                box_profile = (
+                    torch.cos(angle - centre) - torch.cos(colour((half_angle, half_angle, half_angle))[:1])
+                ).clamp_min(0) * 8
+                result = result + strength * box_profile.clamp_max(1) * ((up > 0.15) & (up < 0.75))
         else:
-            toward = (directions * functional.normalize(colour(self.spec.sun), dim=0)).sum(1, keepdim=True)
-            glow = 0.35 * toward.clamp_min(0) ** 24 + 0.2 * toward.clamp_min(0) ** 4
+            sun_cosine = (directions * functional.normalize(colour(self.spec.sun), dim=0)).sum(1, keepdim=True)
+            glow = 0.35 * sun_cosine.clamp_min(0) ** 24 + 0.2 * sun_cosine.clamp_min(0) ** 4
             result = result * (1 + glow)
             if sharp:
-                flat = directions[:, :2] / (up.clamp_min(0) + 0.12)
+                plane_position = directions[:, :2] / (up.clamp_min(0) + 0.12)
                 texture = torch.full((len(directions),), self.spec.cloud_texture, device=directions.device)
-                spread = footprint / (up.clamp_min(0) + 0.12)[:, 0] ** 1.5 * 0.35
-                cloud = atlas.read(texture, flat * 0.35, spread)
-                cover = cloud[:, 3:4] * (up * 6).clamp(0, 1)
-                lit = cloud[:, :3] * (0.35 * result.mean(1, keepdim=True) + 0.75 * result.amax(1, keepdim=True))
-                result = torch.lerp(result, lit * 1.3, cover)
-        below = (-up * 5).clamp(0, 1)
-        return torch.lerp(result, colour(self.spec.ground).expand_as(result), below)
+                cloud_footprint = footprint / (up.clamp_min(0) + 0.12)[:, 0] ** 1.5 * 0.35
+                cloud = atlas.read(texture, plane_position * 0.35, cloud_footprint)
+                cloud_cover = cloud[:, 3:4] * (up * 6).clamp(0, 1)
+                cloud_colour = cloud[:, :3] * (
+                    0.35 * result.mean(1, keepdim=True) + 0.75 * result.amax(1, keepdim=True)
+                )
+                result = torch.lerp(result, cloud_colour * 1.3, cloud_cover)
+        ground_share = (-up * 5).clamp(0, 1)
+        return torch.lerp(result, colour(self.spec.ground).expand_as(result), ground_share)
 
 
 @dataclass(frozen=True)
 class Ambient:
-    """Light of sky and ground that reaches each place, with its direction: spherical harmonics of degree 1 in a volume.
+    """Incident light of sky and ground with occlusion, as spherical harmonics up to degree 1 in a voxel volume.
 
-    The irradiance is that of Ramamoorthi and Hanrahan (SIGGRAPH 2001), cut after the linear terms.
+    Irradiance is computed as by Ramamoorthi and Hanrahan (SIGGRAPH 2001), truncated after the linear terms.
     """
 
     volume: Float[Tensor, "1 12 d h w"]
@@ -160,7 +171,7 @@ class Ambient:
     upper: Float[Tensor, " 3"]
 
     def irradiance(self, points: Float[Tensor, "m 3"], normals: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
-        """Irradiance over pi on surfaces with these normals."""
+        """Irradiance, divided by pi, on surfaces with these normals."""
         extent = self.upper - self.lower
         voxel = extent / extent.new_tensor(self.volume.shape[:1:-1])
         position = (points + 0.8 * voxel * normals - self.lower) / extent * 2 - 1
@@ -183,7 +194,18 @@ def bake_ambient(
     directions: int = 40,
     side: int = 128,
 ) -> Ambient:
-    """Ask from `directions` sides which voxels see the sky, and gather what arrives."""
+    """Bake ambient light: sum the unoccluded light from `directions` directions in every voxel.
+
+    Args:
+        mesh: faces of the world.
+        keep: returns whether faces with holes are solid at texture coordinates in metres.
+        sky: source of the light.
+        atlas: atlas of the world's textures.
+        corners: lower and upper corner of the volume, metres.
+        resolution: number of voxels along the longest side.
+        directions: number of directions, distributed evenly over the sphere.
+        side: side in pixels of the depth map from each direction.
+    """
     device = mesh.corners.device
     lower, upper = (torch.tensor(corner, device=device) for corner in corners)
     extent = upper - lower
@@ -194,28 +216,28 @@ def bake_ambient(
     ]
     z, y, x = torch.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     points = torch.stack([x, y, z], dim=-1).view(-1, 3)
-    middle, radius = (lower + upper).cpu() / 2, float(extent.norm()) / 2
+    centre, radius = (lower + upper).cpu() / 2, float(extent.norm()) / 2
     index = torch.arange(directions, dtype=torch.float64) + 0.5
-    height, turn = 1 - 2 * index / directions, torch.pi * (1 + 5**0.5) * index
-    ring = (1 - height**2).sqrt()
-    towards = torch.stack([ring * turn.cos(), ring * turn.sin(), height], dim=1).float()
+    heights, azimuths = 1 - 2 * index / directions, torch.pi * (1 + 5**0.5) * index
+    ring_radii = (1 - heights**2).sqrt()
+    unit_directions = torch.stack([ring_radii * azimuths.cos(), ring_radii * azimuths.sin(), heights], dim=1).float()
     volume = torch.zeros(len(points), 4, 3, device=device)
-    for direction in towards:
-        camera = look_at(middle + direction * radius * _FAR, middle, 0.5 * side * _FAR, side, side)
+    for direction in unit_directions:
+        camera = look_at(centre + direction * radius * _FAR, centre, 0.5 * side * _FAR, side, side)
         shadow = inverse_depth(mesh, camera, keep, casting=True)
         lit = _visible(points, camera, shadow, radius * 2.0 / side)
         ray = direction.to(device)
-        light = sky.radiance(ray[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
+        radiance = sky.radiance(ray[None], atlas, 0.1, sharp=False) * (4 * torch.pi / directions)
         basis = torch.cat([ray.new_tensor([_SH0]), _SH1 * ray])
-        volume += lit[:, None, None] * basis[None, :, None] * light[:, None, :]
+        volume += lit[:, None, None] * basis[None, :, None] * radiance[:, None, :]
     shape = (counts[2], counts[1], counts[0])
     return Ambient(volume.view(*shape, 12).permute(3, 0, 1, 2)[None].contiguous(), lower, upper)
 
 
 def _visible(points: Tensor, camera: Camera, shadow: Tensor, slack: float) -> Tensor:
     pose, K = camera.world_to_camera.to(points.device).double(), camera.K.to(points.device).double()
-    pixel = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
-    z = pixel[:, 2]
-    x, y = (pixel[:, :2] / z[:, None]).long().unbind(1)
-    read = shadow[y.clamp(0, camera.height - 1), x.clamp(0, camera.width - 1)]
-    return (read * (z - slack) <= 1).float()
+    homogeneous = (points.double() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+    z = homogeneous[:, 2]
+    x, y = (homogeneous[:, :2] / z[:, None]).long().unbind(1)
+    map_inverse_depth = shadow[y.clamp(0, camera.height - 1), x.clamp(0, camera.width - 1)]
+    return (map_inverse_depth * (z - slack) <= 1).float()

@@ -1,6 +1,6 @@
 """Outdoor objects: trees, stones, grass, bushes, posts, far hills and blocks of houses.
 
-Each function puts one thing, or one lot of things, into a draft. Metres.
+Each function adds one object, or one group of objects, to a draft. Lengths are in metres.
 """
 
 import numpy as np
@@ -12,25 +12,25 @@ from gaussian_enhancer.scene.procedural.palette import Palette
 
 
 def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> None:
-    """A trunk that forks twice, and a crown of leaf cards about the ends of its branches."""
+    """Tree: a trunk with branches and twigs, and `cards` leaf cards around their ends."""
     rng = p.draft.rng
-    trunk = height * rng.uniform(0.25, 0.4)
-    thick = height * rng.uniform(0.016, 0.028)
-    lean = rng.normal(size=2) * 0.06 * height
+    trunk_height = height * rng.uniform(0.25, 0.4)
+    thickness = height * rng.uniform(0.016, 0.028)
+    lean_offset = rng.normal(size=2) * 0.06 * height
     t = np.linspace(0, 1, 6)[:, None]
-    stem = np.concatenate([lean * t**2 + rng.normal(size=(6, 2)) * 0.008 * height * t, trunk * t], axis=1)
-    wood, ends = [shapes.tube(stem, thick * (1.35 - 0.5 * t[:, 0]), 10)], []
+    stem = np.concatenate([lean_offset * t**2 + rng.normal(size=(6, 2)) * 0.008 * height * t, trunk_height * t], axis=1)
+    wood, ends = [shapes.tube(stem, thickness * (1.35 - 0.5 * t[:, 0]), 10)], []
     for k in range(int(rng.integers(4, 7))):
         angle = 2 * np.pi * (k + rng.uniform(0, 0.6)) / 5
         spread = height * rng.uniform(0.16, 0.3)
         rise = height * rng.uniform(0.2, 0.55)
         tip = np.array([np.cos(angle) * spread, np.sin(angle) * spread, rise])
         branch = stem[-1] + tip * t + np.array([0, 0, -0.08 * height]) * (t * (1 - t))
-        wood.append(shapes.tube(branch, thick * 0.6 * (1 - 0.75 * t[:, 0]), 6))
+        wood.append(shapes.tube(branch, thickness * 0.6 * (1 - 0.75 * t[:, 0]), 6))
         for _ in range(3):
             start = branch[int(rng.integers(2, 5))]
             twig = start + (tip * rng.uniform(0.2, 0.5) + rng.normal(size=3) * 0.1 * height) * t
-            wood.append(shapes.tube(twig, thick * 0.22 * (1 - 0.8 * t[:, 0]), 4))
+            wood.append(shapes.tube(twig, thickness * 0.22 * (1 - 0.8 * t[:, 0]), 4))
             ends.extend(twig[3:])
         ends.extend(branch[3:])
     p.draft.add(joined(wood).placed(at), p("bark"))
@@ -41,7 +41,7 @@ def tree(p: Palette, at: Vector, height: float, cards: int, kind: str = "") -> N
 
 
 def bush(p: Palette, at: Vector, radius: float, cards: int) -> None:
-    """A round bush: leaf cards over a dark core."""
+    """Round bush: leaf cards over a solid core."""
     rng = p.draft.rng
     direction = rng.normal(size=(cards, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -60,7 +60,7 @@ def stone(p: Palette, at: Vector, size: float) -> None:
 
 
 def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> None:
-    """Blades in tufts over a ring on flat ground."""
+    """Blades of grass in tufts, over a ring of flat ground about the origin."""
     rng = p.draft.rng
     tufts = max(1, count // 14)
     r = np.sqrt(rng.uniform(inner**2, outer**2, tufts))
@@ -72,7 +72,7 @@ def grass(p: Palette, count: int, inner: float, outer: float, height: float) -> 
 
 
 def hills(p: Palette, distance: float, height: float, material: str) -> None:
-    """A closed ring of hills."""
+    """Closed ring of hills about the origin, from `distance` to 1.5 times that."""
     rng = p.draft.rng
     angle = np.linspace(0, 2 * np.pi, 181)
     ridge = np.zeros_like(angle)
@@ -88,7 +88,7 @@ def hills(p: Palette, distance: float, height: float, material: str) -> None:
 
 
 def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
-    """A house seen from some way off: walls, rows of framed windows, a gable roof."""
+    """House for the background: walls, rows of framed windows, a gable roof."""
     x, y, h = size
     parts, panes, frames = [shapes.box(size)], [], []
     for side, width, turn in ((y / 2, x, 0.0), (x / 2, y, np.pi / 2), (y / 2, x, np.pi), (x / 2, y, -np.pi / 2)):
@@ -111,22 +111,24 @@ def house(p: Palette, at: Vector, yaw: float, size: Vector, wall: str) -> None:
     p.draft.add(joined(parts).placed(at, yaw=yaw), p(wall))
     p.draft.add(joined(panes).placed(at, yaw=yaw), p("glass"))
     p.draft.add(joined(frames).placed(at, yaw=yaw), p("plaster 3"))
-    top, over = h + 0.45 * y, 0.4
+    ridge_height, overhang = h + 0.45 * y, 0.4
     slopes = [
         shapes.quad(
-            (-x / 2 - over, s * -(y / 2 + over), h - 0.18 * y * over),
-            (x + 2 * over, 0, 0),
-            (0, s * (y / 2 + over), top - h + 0.18 * y * over),
+            (-x / 2 - overhang, s * -(y / 2 + overhang), h - 0.18 * y * overhang),
+            (x + 2 * overhang, 0, 0),
+            (0, s * (y / 2 + overhang), ridge_height - h + 0.18 * y * overhang),
         )
         for s in (-1, 1)
     ]
     p.draft.add(joined(slopes).placed(at, yaw=yaw), p("tiles 3"))
-    gables = [shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, top)) for s in (-1, 1)]
+    gables = [
+        shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, ridge_height)) for s in (-1, 1)
+    ]
     p.draft.add(joined(gables).placed(at, yaw=yaw), p(wall))
 
 
 def lamp_post(p: Palette, at: Vector, height: float) -> None:
-    """A slim post with an arm."""
+    """Thin lamp post with an arm."""
     profile = np.array([[0.09, 0], [0.09, 0.25], [0.05, 0.3], [0.035, height]])
     arm = np.array([[0, 0, height], [0.1, 0, height + 0.2], [0.5, 0, height + 0.3], [0.9, 0, height + 0.25]])
     parts = [

@@ -1,4 +1,4 @@
-"""Seamless random fields and colours that textures are mixed from.
+"""Seamless noise and random colours, from which textures are composed.
 
 Axes: t texture side, g cells along a side.
 """
@@ -19,45 +19,45 @@ def fractal(
     low: float = 1.0,
     side: int = SIDE,
 ) -> Float[np.ndarray, "t t"]:
-    """Noise with amplitude falling as 1/frequency^beta, mean 0.5 and standard deviation about 0.2, in [0, 1].
+    """Noise whose amplitude falls as 1/frequency^beta, with mean 0.5 and standard deviation about 0.2, in [0, 1].
 
     Args:
-        rng: source of randomness.
-        beta: slope of the amplitude spectrum; photos have about 1.
-        stretch: lengthening of the grain along u and v.
-        low: frequency in cycles a repeat below which the spectrum is flat.
-        side: texels along a side.
+        rng: random number generator.
+        beta: exponent of the amplitude spectrum; about 1 for photos.
+        stretch: stretching of the noise along u and v.
+        low: frequency in cycles per repeat below which the spectrum is flat.
+        side: side of the texture in texels.
     """
     fv = np.fft.fftfreq(side, 1 / side)[:, None] * stretch[1]
     fu = np.fft.rfftfreq(side, 1 / side)[None] * stretch[0]
     amplitude = (np.maximum(np.hypot(fu, fv), low) ** -beta).astype(np.float32)
-    random = rng.standard_normal((side, side // 2 + 1, 2), dtype=np.float32)
-    spectrum = (random[..., 0] + 1j * random[..., 1]) * amplitude
+    gaussian_noise = rng.standard_normal((side, side // 2 + 1, 2), dtype=np.float32)
+    spectrum = (gaussian_noise[..., 0] + 1j * gaussian_noise[..., 1]) * amplitude
     spectrum[0, 0] = 0
-    field = np.fft.irfft2(spectrum, s=(side, side))
-    return np.clip(0.5 + 0.2 * field / field.std(), 0, 1)
+    noise = np.fft.irfft2(spectrum, s=(side, side))
+    return np.clip(0.5 + 0.2 * noise / noise.std(), 0, 1)
 
 
 def cells(
     rng: np.random.Generator, grid: int, jitter: float = 0.9, side: int = SIDE
 ) -> tuple[Float[np.ndarray, "t t"], Float[np.ndarray, "t t"], Float[np.ndarray, "t t"]]:
-    """Worley cells: distance to the nearest point, how much nearer it is than the second, and a random value a cell."""
+    """Worley noise: distance to the nearest point, how much farther the second is, and a random value per cell."""
     points = (0.5 + jitter * (rng.random((grid, grid, 2)) - 0.5)).astype(np.float32)
     values = rng.random((grid, grid))
     axis = np.arange(side, dtype=np.float32) * grid / side
     v, u = np.meshgrid(axis, axis, indexing="ij")
     cell_v, cell_u = v.astype(int), u.astype(int)
-    first, second = np.full((side, side), 9.0, np.float32), np.full((side, side), 9.0, np.float32)
+    nearest, second_nearest = np.full((side, side), 9.0, np.float32), np.full((side, side), 9.0, np.float32)
     value = np.zeros((side, side))
     for dv in (-1, 0, 1):
         for du in (-1, 0, 1):
             gv, gu = (cell_v + dv) % grid, (cell_u + du) % grid
             distance = np.hypot(cell_u + du + points[gv, gu, 0] - u, cell_v + dv + points[gv, gu, 1] - v)
-            closer = distance < first
-            second = np.where(closer, first, np.minimum(second, distance))
-            first = np.where(closer, distance, first)
+            closer = distance < nearest
+            second_nearest = np.where(closer, nearest, np.minimum(second_nearest, distance))
+            nearest = np.where(closer, distance, nearest)
             value = np.where(closer, values[gv, gu], value)
-    return first, second - first, value
+    return nearest, second_nearest - nearest, value
 
 
 def step(edge0: float, edge1: float, x: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
@@ -69,11 +69,11 @@ def step(edge0: float, edge1: float, x: Float[np.ndarray, "*t"]) -> Float[np.nda
 def blend(
     first: Float[np.ndarray, "..."] | Colour, second: Float[np.ndarray, "..."] | Colour, share: Float[np.ndarray, "*t"]
 ) -> Float[np.ndarray, "t t 3"]:
-    """Mix two colours or colour pictures by a mask."""
+    """Mix two colours or colour images; `share` is the weight of the second."""
     return np.asarray(first) * (1 - share[..., None]) + np.asarray(second) * share[..., None]
 
 
-# Hues of man-made things, as they are photographed: mostly from red through wood to beige, some blue, seldom others.
+# Hues of man-made objects in photos: mostly from red through wood to beige, some blue, rarely others.
 _HUES = ((0.0, 0.05), (0.05, 0.1), (0.07, 0.13), (0.09, 0.15), (0.55, 0.64), (0.22, 0.4), (0.0, 1.0))
 _HUE_ODDS = (0.15, 0.25, 0.22, 0.12, 0.14, 0.07, 0.05)
 
@@ -84,17 +84,17 @@ def muted(
     value: tuple[float, float] = (0.3, 0.75),
     hue: tuple[float, float] | None = None,
 ) -> Colour:
-    """A colour as things have it: not neon, and of the hues that are common unless told otherwise."""
+    """Draw a colour of limited saturation; where no range of hues is given, common hues are more frequent."""
     if hue is None:
         hue = _HUES[int(rng.choice(len(_HUES), p=_HUE_ODDS))]
     return colorsys.hsv_to_rgb(rng.uniform(*hue) % 1.0, rng.uniform(*saturation), rng.uniform(*value))
 
 
 def earthy(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.65)) -> Colour:
-    """Brown to grey: stone, soil, bark."""
+    """Draw a colour from brown to grey, as of stone, soil or bark."""
     return muted(rng, (0.08, 0.4), value, (0.04, 0.14))
 
 
 def green(rng: np.random.Generator, value: tuple[float, float] = (0.25, 0.55)) -> Colour:
-    """The green to olive of plants."""
+    """Draw a colour from green to olive, as of plants."""
     return muted(rng, (0.3, 0.65), value, (0.17, 0.33))

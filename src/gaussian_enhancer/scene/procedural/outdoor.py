@@ -14,25 +14,31 @@ _WALL = 5.0  # y of the facades; the street's middle is at y = 0
 
 
 def draft_outdoor(seed: int) -> Draft:
-    """Write the world of a seed."""
+    """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 1000])
-    nothing: Vector = (0.0, 0.0, 0.0)
-    distance = rng.uniform(-2.6, -1.4)
+    black: Vector = (0.0, 0.0, 0.0)
+    camera_y = rng.uniform(-2.6, -1.4)
     draft = Draft(
         rng=rng,
-        sky=SkySpec(nothing, nothing, nothing, 0),
-        path=walk(seed, (-6.0, distance, 1.6), (6.0, distance, 1.7), ((-2.5, _WALL, 1.7), (2.5, _WALL, 1.8))),
+        sky=SkySpec(black, black, black, 0),
+        path=walk(seed, (-6.0, camera_y, 1.6), (6.0, camera_y, 1.7), ((-2.5, _WALL, 1.7), (2.5, _WALL, 1.8))),
         field_of_view=66.0,
         ambient_box=((-11.0, -4.0, -0.2), (11.0, 6.0, 6.0)),
         probe=(0.0, 0.5, 1.6),
     )
     daylight(draft, 14.0)
-    # The sun stands behind the walker, or every facade would lie in its own shadow.
-    sun, light = np.array(draft.sky.sun), draft.lights[0]
-    sun[1] = -abs(sun[1]) - 0.15
-    draft.sky = SkySpec(draft.sky.zenith, draft.sky.horizon, draft.sky.ground, draft.sky.cloud_texture, tuple(sun))
-    draft.lights[0] = type(light)(
-        tuple(sun / np.linalg.norm(sun) * 840), light.target, light.radius, light.colour, side=3072
+    # The sun is behind the cameras; otherwise all facades would be in shadow.
+    sun_direction, sun_light = np.array(draft.sky.sun), draft.lights[0]
+    sun_direction[1] = -abs(sun_direction[1]) - 0.15
+    draft.sky = SkySpec(
+        draft.sky.zenith, draft.sky.horizon, draft.sky.ground, draft.sky.cloud_texture, tuple(sun_direction)
+    )
+    draft.lights[0] = type(sun_light)(
+        tuple(sun_direction / np.linalg.norm(sun_direction) * 840),
+        sun_light.target,
+        sun_light.radius,
+        sun_light.colour,
+        side=3072,
     )
     p = Palette(draft)
     _street(p)
@@ -78,7 +84,7 @@ def _street(p: Palette) -> None:
 
 
 def _window(p: Palette, x: float, z: float, w: float, h: float, trim: str) -> None:
-    """A sash window: sill, frame, bars, panes set back, sometimes shutters or a flower box."""
+    """Sash window: sill, frame, bars and panes, sometimes with shutters or a flower box."""
     rng, y = p.draft.rng, _WALL
     p.draft.add(shapes.quad((x - w / 2, y - 0.012, z + h), (w, 0, 0), (0, 0, -h)), p("glass"))
     bars = [
@@ -103,7 +109,7 @@ def _window(p: Palette, x: float, z: float, w: float, h: float, trim: str) -> No
 
 
 def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> None:
-    """A house front: plinth, door or shop below, windows above, cornice, pipes, sign and posters."""
+    """House front: plinth, door, windows or a shop on the ground floor, windows above, cornice, pipe and posters."""
     rng, y = p.draft.rng, _WALL
     trim = f"plaster {int(rng.integers(6, 9))}"
     p.draft.add(shapes.box((width, 6.0, height)).placed((x + width / 2, y + 3.0, 0)), p(wall))
@@ -148,7 +154,7 @@ def _facade(p: Palette, x: float, width: float, height: float, wall: str) -> Non
 
 
 def _shop(p: Palette, x: float, width: float, door: float) -> None:
-    """Shop windows beside a door, a striped awning, and the name above."""
+    """Shop windows beside a door, with a sign above and sometimes an awning."""
     rng, y = p.draft.rng, _WALL
     furniture.flat_print(
         p,
@@ -176,7 +182,7 @@ def _shop(p: Palette, x: float, width: float, door: float) -> None:
 
 
 def _garden(p: Palette, x: float, width: float) -> None:
-    """A gap with a fence, trees and bushes."""
+    """Garden between houses: a fence, a tree and bushes."""
     rng, y = p.draft.rng, _WALL
     furniture.lattice(p, (x + width / 2, y - 0.1, 0), 0.0, (width, 1.7), 0.16, 0.008)
     nature.tree(p, (x + width / 2, y + 2.5, 0), rng.uniform(5, 8), 380)
@@ -185,7 +191,7 @@ def _garden(p: Palette, x: float, width: float) -> None:
 
 
 def vehicle(p: Palette, at: Vector, yaw: float) -> None:
-    """A car or van: a lofted body, glass all round, wheels, lamps, plates, mirrors, bumpers."""
+    """Car or van: a lofted body, windows, wheels, lamps, number plates, mirrors, bumpers."""
     rng = p.draft.rng
     van = rng.random() < 0.4
     length, half, top = (4.4, 0.88, 1.9) if van else (4.1, 0.84, 1.42)
@@ -203,25 +209,25 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
             [0.5, 0.35],
         ]
     )
-    closed = np.concatenate([outline, outline[:1]])
-    steps = np.linspace(0, len(closed) - 1, 120)
-    curve = np.stack([np.interp(steps, np.arange(len(closed)), closed[:, k]) for k in (0, 1)], axis=1)
+    closed_outline = np.concatenate([outline, outline[:1]])
+    steps = np.linspace(0, len(closed_outline) - 1, 120)
+    curve = np.stack([np.interp(steps, np.arange(len(closed_outline)), closed_outline[:, k]) for k in (0, 1)], axis=1)
     kernel = np.ones(7) / 7
     curve = np.stack(
         [np.convolve(np.concatenate([curve[-4:-1, k], curve[:, k], curve[1:4, k]]), kernel, "valid") for k in (0, 1)],
         axis=1,
     )
-    middle = np.array([0.0, 0.7])
+    centre = np.array([0.0, 0.7])
     rows = []
     for across in np.sin(np.linspace(-np.pi / 2, np.pi / 2, 17)):
-        shrink = 1 - 0.16 * np.abs(across) ** 6
-        inward = half * (1 - 0.17 * np.clip((curve[:, 1] - hood) / (top - hood), 0, 1))
+        rounding = 1 - 0.16 * np.abs(across) ** 6
+        half_widths = half * (1 - 0.17 * np.clip((curve[:, 1] - hood) / (top - hood), 0, 1))
         rows.append(
             np.stack(
                 [
-                    ((curve[:, 0] - middle[0]) * shrink) * length,
-                    across * inward,
-                    middle[1] + (curve[:, 1] - middle[1]) * shrink,
+                    ((curve[:, 0] - centre[0]) * rounding) * length,
+                    across * half_widths,
+                    centre[1] + (curve[:, 1] - centre[1]) * rounding,
                 ],
                 axis=1,
             )
@@ -236,7 +242,7 @@ def vehicle(p: Palette, at: Vector, yaw: float) -> None:
 
 
 def _cap(ring: Float[np.ndarray, "k 3"]) -> SurfacePart:
-    """The flat side of a loft, as a fan about its middle."""
+    """Flat side of a loft: a triangle fan about the centroid of its outline."""
     positions = np.concatenate([ring.mean(0)[None], ring])
     normals = np.tile([0.0, np.sign(ring[0, 1]), 0.0], (len(positions), 1))
     index = np.arange(1, len(ring))
@@ -286,7 +292,7 @@ def _trimmings(p: Palette, at: Vector, yaw: float, length: float, half: float, h
 
 
 def _furnish(p: Palette) -> None:
-    """Vehicles, poles with wires, bins, bicycles, pots and barrels along the pavement."""
+    """Vehicles, poles with wires, plants, bicycles, barrels, and chairs with tables along the street."""
     rng = p.draft.rng
     x = rng.uniform(-9, -6)
     while x < 9:
@@ -335,7 +341,7 @@ def _furnish(p: Palette) -> None:
 
 
 def _beyond(p: Palette) -> None:
-    """What is seen over the roofs and at the street's ends."""
+    """Background: houses behind facades and cameras, houses and trees at the street's ends, ground, and hills."""
     rng = p.draft.rng
     for u in np.arange(-36, 37, 11.0):
         nature.house(

@@ -1,6 +1,6 @@
-"""The materials that a world keeps at hand, each with its own colours and pattern.
+"""Named materials of a world, with random colours and patterns.
 
-`Palette` paints a texture when it is first asked for, so that a world bakes only what it shows.
+`Palette` creates a material at its first use, so that a world contains only materials that it uses.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,8 +17,8 @@ class Palette:
     """Materials of one draft by name; the same name gives the same material.
 
     Args:
-        draft: whose materials they are.
-        recipes: how each kind of material is made; those of this file where None.
+        draft: the draft to which materials are added.
+        recipes: functions that create each kind of material; None takes the recipes of this file.
     """
 
     def __init__(self, draft: Draft, recipes: Recipes | None = None) -> None:
@@ -27,7 +27,7 @@ class Palette:
         self._known: dict[str, int] = {}
 
     def __call__(self, name: str) -> int:
-        """The material of a name, such as "wood" or "wood 2" (a second wood)."""
+        """Return the index of the material of a name, such as "wood" or "wood 2" (another wood)."""
         if name not in self._known:
             self._known[name] = self.recipes[name.split(" ")[0]](self.draft)
         return self._known[name]

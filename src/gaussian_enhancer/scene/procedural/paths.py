@@ -14,23 +14,36 @@ Places = tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]
 def orbit(
     seed: int, target: Vector, radius: float, heights: tuple[float, float], turns: float = 1.0, wander: float = 0.12
 ) -> CameraPath:
-    """Round the subject, up and down by waves, hand-held: radius and aim vary by `wander` metres."""
+    """Path round a subject whose height varies sinusoidally, with random hand-held motion.
+
+    Args:
+        seed: seed of the random numbers.
+        target: point that the cameras look at.
+        radius: mean horizontal distance from the target, metres.
+        heights: lowest and highest camera, metres.
+        turns: full turns round the target.
+        wander: scale of the random motion of camera and target, metres.
+    """
 
     def path(views: int) -> Places:
         rng = np.random.default_rng([seed, views, 1])
         t = np.arange(views) / views
         angle = 2 * np.pi * (turns * t + rng.uniform())
-        r = radius * (1 + 0.08 * np.sin(4 * np.pi * t + rng.uniform(0, 6.3))) + wander * rng.normal(size=views) * 0.5
+        radii = (
+            radius * (1 + 0.08 * np.sin(4 * np.pi * t + rng.uniform(0, 6.3))) + wander * rng.normal(size=views) * 0.5
+        )
         wave = 0.5 + 0.5 * np.sin(2 * np.pi * (2 * t + rng.uniform()))
         z = heights[0] + (heights[1] - heights[0]) * wave + wander * rng.normal(size=views) * 0.4
-        eye = np.stack([target[0] + r * np.cos(angle), target[1] + r * np.sin(angle), np.maximum(z, 0.25)], axis=1)
+        eye = np.stack(
+            [target[0] + radii * np.cos(angle), target[1] + radii * np.sin(angle), np.maximum(z, 0.25)], axis=1
+        )
         return eye, np.asarray(target) + wander * rng.normal(size=(views, 3))
 
     return path
 
 
 def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
-    """Evenly over the upper hemisphere, as in NeRF-Synthetic, in an order that spirals upwards."""
+    """Cameras distributed evenly over the upper hemisphere, as in NeRF-Synthetic, ordered along an upward spiral."""
 
     def path(views: int) -> Places:
         rng = np.random.default_rng([seed, views, 2])
@@ -45,34 +58,40 @@ def hemisphere(seed: int, target: Vector, radius: float) -> CameraPath:
 
 
 def walk(seed: int, start: Vector, end: Vector, aim: tuple[Vector, Vector], sway: float = 0.25) -> CameraPath:
-    """Along a line and back at another height, looking to a point that moves along `aim`."""
+    """Path along a line and back at another height and 1.1 m aside, looking at a point that moves along `aim`."""
 
     def path(views: int) -> Places:
         rng = np.random.default_rng([seed, views, 3])
         t = np.arange(views) / views
-        along = (1 - np.abs(2 * t - 1))[:, None]
-        eye = np.asarray(start) * (1 - along) + np.asarray(end) * along
-        back = (t > 0.5).astype(float)
-        eye = eye + np.stack([0 * t, -1.1 * back + sway * np.sin(9 * t), 0.45 * back + 0.1 * np.sin(14 * t)], axis=1)
-        look = np.asarray(aim[0]) * (1 - along) + np.asarray(aim[1]) * along
-        return eye + 0.03 * rng.normal(size=eye.shape), look + 0.25 * rng.normal(size=eye.shape) * [1, 1, 0.5]
+        fraction = (1 - np.abs(2 * t - 1))[:, None]
+        eye = np.asarray(start) * (1 - fraction) + np.asarray(end) * fraction
+        returning = (t > 0.5).astype(float)
+        eye = eye + np.stack(
+            [0 * t, -1.1 * returning + sway * np.sin(9 * t), 0.45 * returning + 0.1 * np.sin(14 * t)], axis=1
+        )
+        targets = np.asarray(aim[0]) * (1 - fraction) + np.asarray(aim[1]) * fraction
+        return eye + 0.03 * rng.normal(size=eye.shape), targets + 0.25 * rng.normal(size=eye.shape) * [1, 1, 0.5]
 
     return path
 
 
 def room(seed: int, size: tuple[float, float], inset: float, heights: tuple[float, float]) -> CameraPath:
-    """An ellipse inside a room, looking across it."""
+    """Elliptical path inside a room; the cameras look across it."""
 
     def path(views: int) -> Places:
         rng = np.random.default_rng([seed, views, 4])
         t = np.arange(views) / views
         angle = 2 * np.pi * (t + rng.uniform())
-        x, y = size[0] / 2 - inset, size[1] / 2 - inset
+        semi_axis_x, semi_axis_y = size[0] / 2 - inset, size[1] / 2 - inset
         z = heights[0] + (heights[1] - heights[0]) * (0.5 + 0.5 * np.sin(6 * np.pi * t + rng.uniform(0, 6)))
-        eye = np.stack([x * np.cos(angle), y * np.sin(angle), z + 0.03 * rng.normal(size=views)], axis=1)
-        across = angle + np.pi + 0.35 * np.sin(2 * angle + rng.uniform(0, 6))
-        look = np.stack([0.6 * x * np.cos(across), 0.6 * y * np.sin(across), 0 * t + 0.85], axis=1)
-        return eye, look + 0.1 * rng.normal(size=look.shape)
+        eye = np.stack(
+            [semi_axis_x * np.cos(angle), semi_axis_y * np.sin(angle), z + 0.03 * rng.normal(size=views)], axis=1
+        )
+        target_angle = angle + np.pi + 0.35 * np.sin(2 * angle + rng.uniform(0, 6))
+        targets = np.stack(
+            [0.6 * semi_axis_x * np.cos(target_angle), 0.6 * semi_axis_y * np.sin(target_angle), 0 * t + 0.85], axis=1
+        )
+        return eye, targets + 0.1 * rng.normal(size=targets.shape)
 
     return path
 
@@ -80,26 +99,26 @@ def room(seed: int, size: tuple[float, float], inset: float, heights: tuple[floa
 def mole(
     seed: int, centre: Vector, radius: float, sweep: tuple[float, float], heights: tuple[float, float]
 ) -> CameraPath:
-    """Along an arc and back nearer and at another height, looking over its centre to either side.
+    """Path along an arc and back at a smaller radius and another height; the viewing direction swings about the centre.
 
     Args:
-        seed: of the hand's unsteadiness.
-        centre: of the arc, and what is looked at.
-        radius: of the way out, metres.
+        seed: seed of the random hand-held motion.
+        centre: centre of the arc, about which the viewing direction swings.
+        radius: radius on the way out, metres; 0.9 m smaller on the way back.
         sweep: first and last angle, radians.
-        heights: of the way out and of the way back.
+        heights: camera heights on the way out and on the way back, metres.
     """
 
     def path(views: int) -> Places:
         rng = np.random.default_rng([seed, views, 5])
         t = np.arange(views) / views
-        back = (t > 0.5).astype(float)
+        returning = (t > 0.5).astype(float)
         angle = sweep[0] + (sweep[1] - sweep[0]) * (1 - np.abs(2 * t - 1)) + 0.02 * rng.normal(size=views)
-        r = radius - 0.9 * back + 0.15 * np.sin(11 * t)
-        z = heights[0] + (heights[1] - heights[0]) * back + 0.08 * rng.normal(size=views)
-        eye = np.stack([centre[0] + r * np.cos(angle), centre[1] + r * np.sin(angle), z], axis=1)
-        aside = 2.4 * np.sin(7 * np.pi * t + rng.uniform(0, 6.3))
-        look = np.stack([centre[0] + aside, centre[1] + 0 * t, np.full(views, centre[2])], axis=1)
-        return eye, look + 0.2 * rng.normal(size=look.shape) * [1, 1, 0.5]
+        radii = radius - 0.9 * returning + 0.15 * np.sin(11 * t)
+        z = heights[0] + (heights[1] - heights[0]) * returning + 0.08 * rng.normal(size=views)
+        eye = np.stack([centre[0] + radii * np.cos(angle), centre[1] + radii * np.sin(angle), z], axis=1)
+        sideways = 2.4 * np.sin(7 * np.pi * t + rng.uniform(0, 6.3))
+        targets = np.stack([centre[0] + sideways, centre[1] + 0 * t, np.full(views, centre[2])], axis=1)
+        return eye, targets + 0.2 * rng.normal(size=targets.shape) * [1, 1, 0.5]
 
     return path

@@ -1,4 +1,4 @@
-"""Fine print: posters, signs, newspapers and book spines, set in Pillow's own scalable font.
+"""Textures with text: posters, signs, newspapers and book spines, in Pillow's scalable default font.
 
 Axes: t texture side.
 """
@@ -28,20 +28,20 @@ def _words(rng: np.random.Generator, count: int) -> str:
 
 
 def _age(rng: np.random.Generator, image: Image.Image, gloss: float) -> Texture:
-    """Ink on paper that has yellowed, faded and been touched."""
+    """Make a texture of a printed image: yellowed, faded and stained."""
     colour = np.asarray(image, dtype=float) / 255
     stains = fractal(rng, 1.2, side=len(colour))
-    fibre = fractal(rng, 0.2, side=len(colour))
-    colour = 0.06 + 0.86 * colour * (0.82 + 0.3 * stains[..., None]) * (0.96 + 0.08 * fibre[..., None])
+    fibres = fractal(rng, 0.2, side=len(colour))
+    colour = 0.06 + 0.86 * colour * (0.82 + 0.3 * stains[..., None]) * (0.96 + 0.08 * fibres[..., None])
     colour = colour * np.array([1.0, 0.985, 0.95])
-    plain = np.ones(colour.shape[:2])
-    return Texture(np.clip(colour, 0, 1), 0.5 + 0.02 * fibre, gloss * plain, plain)
+    ones = np.ones(colour.shape[:2])
+    return Texture(np.clip(colour, 0, 1), 0.5 + 0.02 * fibres, gloss * ones, ones)
 
 
 def _paragraph(
     draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: tuple[int, int, int, int], size: int, ink: Colour
 ) -> None:
-    """Fill a box with lines of words."""
+    """Fill a box (left, top, right, bottom) with lines of random words."""
     font = ImageFont.load_default(size)
     for y in range(box[1], box[3] - size, round(size * 1.3)):
         line = _words(rng, 24)
@@ -51,7 +51,7 @@ def _paragraph(
 
 
 def page(rng: np.random.Generator) -> Texture:
-    """A newspaper page: headlines, columns of small print, a grey picture, a table."""
+    """Newspaper page: a title and three columns, each with a headline, small print and a grey picture."""
     paper, ink = muted(rng, (0.02, 0.12), (0.8, 0.92), (0.08, 0.16)), muted(rng, (0.0, 0.2), (0.08, 0.2))
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(paper))
     draw = ImageDraw.Draw(image)
@@ -69,20 +69,20 @@ def page(rng: np.random.Generator) -> Texture:
 
 
 def poster(rng: np.random.Generator) -> Texture:
-    """A poster: a ground with shapes, large words, and small print below."""
-    ground, second, ink = muted(rng), muted(rng, value=(0.4, 0.85)), muted(rng, (0.05, 0.3), (0.08, 0.9))
-    image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(ground))
+    """Poster: shapes on a plain background, three large words, and small print below."""
+    background, line_colour, ink = muted(rng), muted(rng, value=(0.4, 0.85)), muted(rng, (0.05, 0.3), (0.08, 0.9))
+    image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE), _rgb(background))
     draw = ImageDraw.Draw(image)
     for _ in range(int(rng.integers(4, 12))):
         x, y, r = (int(value) for value in rng.uniform((0, 100, 40), (1024, 900, 320)))
         kind = rng.integers(3)
         if kind == 0:
-            draw.ellipse((x - r, y - r, x + r, y + r), fill=_rgb(muted(rng)), outline=_rgb(second), width=8)
+            draw.ellipse((x - r, y - r, x + r, y + r), fill=_rgb(muted(rng)), outline=_rgb(line_colour), width=8)
         elif kind == 1:
             draw.rectangle((x - r, y - r // 2, x + r, y + r // 2), fill=_rgb(muted(rng)))
         else:
             for k in range(0, r, 26):
-                draw.line((x - r, y - k, x + r, y - k + 40), fill=_rgb(second), width=9)
+                draw.line((x - r, y - k, x + r, y - k + 40), fill=_rgb(line_colour), width=9)
     for k, size in enumerate(rng.choice([190, 150, 120, 90], 3, replace=False)):
         draw.text((50, 60 + 230 * k), _words(rng, 1).upper(), fill=_rgb(ink), font=ImageFont.load_default(int(size)))
     _paragraph(draw, rng, (50, 800, 974, 1000), 28, ink)
@@ -90,14 +90,14 @@ def poster(rng: np.random.Generator) -> Texture:
 
 
 def sign(rng: np.random.Generator) -> Texture:
-    """A shop sign: one word, a frame, a line of small print, repeated thrice down the texture."""
+    """Four shop signs one below the other, each with two large words, a frame and a line of small print."""
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE))
     draw = ImageDraw.Draw(image)
     for k in range(4):
-        ground = muted(rng, (0.2, 0.6), (0.15, 0.6))
+        background = muted(rng, (0.2, 0.6), (0.15, 0.6))
         ink = muted(rng, (0.02, 0.25), (0.75, 0.92))
         top = 256 * k
-        draw.rectangle((0, top, 1024, top + 256), fill=_rgb(ground))
+        draw.rectangle((0, top, 1024, top + 256), fill=_rgb(background))
         draw.rectangle((12, top + 12, 1011, top + 243), outline=_rgb(ink), width=6)
         draw.text((60, top + 30), _words(rng, 2).upper(), fill=_rgb(ink), font=ImageFont.load_default(120))
         draw.text((60, top + 180), _words(rng, 7), fill=_rgb(ink), font=ImageFont.load_default(44))
@@ -105,7 +105,7 @@ def sign(rng: np.random.Generator) -> Texture:
 
 
 def spines(rng: np.random.Generator) -> Texture:
-    """A row of 32 book spines, each with its title along it."""
+    """Row of 32 book spines, each with a title along it."""
     image = Image.new("RGB", (PRINT_SIDE, PRINT_SIDE))
     width = PRINT_SIDE // 32
     for k in range(32):

@@ -1,6 +1,6 @@
-"""Things of a waterfront: moles, pontoons, pots, nets, buoys, reeds, pines, warehouses, cranes, a lighthouse.
+"""Objects of a waterfront: moles, pontoons, pots, nets, buoys, reeds, pines, warehouses, cranes, a lighthouse.
 
-Each function puts one thing, or one lot of things, into a draft. Metres.
+Each function adds one object, or one group of objects, to a draft. Lengths are in metres.
 """
 
 from itertools import pairwise
@@ -14,7 +14,7 @@ from gaussian_enhancer.scene.procedural.palette import Palette
 
 
 def curved_mole(p: Palette, radii: tuple[float, float], sweep: tuple[float, float], foot: float) -> None:
-    """A breakwater along an arc: paved top, dressed wall to the water with a coping, rubble on it here and there."""
+    """Breakwater along an arc about the origin: a paved top, and an ashlar wall on the inner side with a coping."""
     angle = np.linspace(*sweep, 61)
     r = np.linspace(*radii, 9)[:, None]
     top = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), 0 * r * angle), axis=-1)
@@ -28,7 +28,7 @@ def curved_mole(p: Palette, radii: tuple[float, float], sweep: tuple[float, floa
 
 
 def bollard(p: Palette, at: Vector) -> None:
-    """A cast post that ropes are laid round, with a turn of rope."""
+    """Mooring bollard with turns of rope round it."""
     profile = np.array([[0.2, 0], [0.2, 0.05], [0.12, 0.09], [0.1, 0.36], [0.17, 0.42], [0.17, 0.48], [0.0, 0.52]])
     p.draft.add(shapes.lathe(profile, 20).placed(at), p("tar"))
     turn = np.linspace(0, 6 * np.pi, 70)
@@ -37,7 +37,7 @@ def bollard(p: Palette, at: Vector) -> None:
 
 
 def pontoon(p: Palette, start: Vector, end: Vector, width: float = 1.1) -> None:
-    """A floating walkway of cross boards between piles."""
+    """Floating walkway of cross boards between piles, with cleats."""
     a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     length = float(np.hypot(*(b - a)[:2]))
     yaw = float(np.arctan2(*(b - a)[1::-1]))
@@ -60,7 +60,7 @@ def pontoon(p: Palette, start: Vector, end: Vector, width: float = 1.1) -> None:
 
 
 def pots(p: Palette, at: Vector, yaw: float, rows: int) -> None:
-    """A stack of lobster pots: hoops and laths under netting."""
+    """Stack of lobster pots: hoops and laths under netting."""
     rng = p.draft.rng
     angle = np.linspace(0, np.pi, 13)
     arch = np.stack([0 * angle, 0.24 * np.cos(angle), 0.3 * np.sin(angle)], axis=1)
@@ -84,40 +84,42 @@ def pots(p: Palette, at: Vector, yaw: float, rows: int) -> None:
 
 
 def net_rack(p: Palette, at: Vector, yaw: float, width: float) -> None:
-    """Poles over which nets are hung to dry, with corks along their edge."""
+    """Rack of poles with three hanging nets, which have corks along their lower edge."""
     rng = p.draft.rng
     poles = [shapes.rod((x, 0, 0), (x, 0, 1.75), 0.04) for x in np.linspace(-width / 2, width / 2, 4)]
     poles.append(shapes.rod((-width / 2 - 0.2, 0, 1.7), (width / 2 + 0.2, 0, 1.7), 0.035))
     p.draft.add(joined(poles).placed(at, yaw=yaw), p("spar"))
     for k in range(3):
         left = -width / 2 + k * width / 3 + 0.05
-        tall = rng.uniform(1.1, 1.5)
-        hung = shapes.curtain(width / 3 - 0.12, tall, int(rng.integers(3, 6)), 0.09)
-        p.draft.add(hung.placed((left, 0.03, 1.7 - tall)).placed(at, yaw=yaw), p(f"net {k % 2}"))
+        net_height = rng.uniform(1.1, 1.5)
+        net = shapes.curtain(width / 3 - 0.12, net_height, int(rng.integers(3, 6)), 0.09)
+        p.draft.add(net.placed((left, 0.03, 1.7 - net_height)).placed(at, yaw=yaw), p(f"net {k % 2}"))
         corks = [
-            shapes.ellipsoid((0.05, 0.05, 0.07), 10).placed((left + x, 0.05 * np.sin(9 * x), 1.7 - tall))
+            shapes.ellipsoid((0.05, 0.05, 0.07), 10).placed((left + x, 0.05 * np.sin(9 * x), 1.7 - net_height))
             for x in np.arange(0.05, width / 3 - 0.15, 0.2)
         ]
         p.draft.add(joined(corks).placed(at, yaw=yaw), p("buoy"))
 
 
 def buoys(p: Palette, at: Vector, count: int) -> None:
-    """A heap of round and long floats with their ropes."""
+    """Heap of round and elongated buoys with ropes."""
     rng = p.draft.rng
     for _ in range(count):
         x, y = rng.normal(size=2) * 0.35
         r = rng.uniform(0.11, 0.24)
-        shape = (r, r, r * 1.15) if rng.random() < 0.6 else (r * 0.6, r * 0.6, r * 1.6)
-        position = (at[0] + x, at[1] + y, at[2] + shape[2] * 0.9)
+        radii = (r, r, r * 1.15) if rng.random() < 0.6 else (r * 0.6, r * 0.6, r * 1.6)
+        position = (at[0] + x, at[1] + y, at[2] + radii[2] * 0.9)
         p.draft.add(
-            shapes.ellipsoid(shape, 22).placed(position, tilt=rng.normal() * 0.3), p(f"buoy {int(rng.integers(3))}")
+            shapes.ellipsoid(radii, 22).placed(position, tilt=rng.normal() * 0.3), p(f"buoy {int(rng.integers(3))}")
         )
-        loop = (position[0] + rng.normal() * 0.4, position[1] + rng.normal() * 0.4, at[2] + 0.015)
-        p.draft.add(shapes.wire((position[0], position[1], position[2] + shape[2]), loop, 0.05, 0.012, 5), p("rope"))
+        rope_end = (position[0] + rng.normal() * 0.4, position[1] + rng.normal() * 0.4, at[2] + 0.015)
+        p.draft.add(
+            shapes.wire((position[0], position[1], position[2] + radii[2]), rope_end, 0.05, 0.012, 5), p("rope")
+        )
 
 
 def reeds(p: Palette, centre: Vector, radius: float, count: int) -> None:
-    """Reeds at the water's edge: tall blades, stems with heads."""
+    """Reeds at the water's edge: tall blades, and stems with heads."""
     rng = p.draft.rng
     r, a = radius * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
     roots = np.stack([r * np.cos(a), 0.5 * r * np.sin(a), np.zeros(count)], axis=1) + np.asarray(centre)
@@ -131,7 +133,7 @@ def reeds(p: Palette, centre: Vector, radius: float, count: int) -> None:
 
 
 def pine(p: Palette, at: Vector, height: float, cards: int) -> None:
-    """A wind-bent pine: bare trunk, whorls of boughs, needles in layers."""
+    """Bent pine: a bare trunk, nine whorls of branches, and cards of needles."""
     rng = p.draft.rng
     t = np.linspace(0, 1, 9)[:, None]
     bend = rng.normal(size=2) * 0.09 * height
@@ -154,16 +156,18 @@ def pine(p: Palette, at: Vector, height: float, cards: int) -> None:
 
 
 def warehouse(p: Palette, at: Vector, yaw: float, size: Vector) -> None:
-    """A shed of ribbed metal over a stone plinth: sliding doors, rows of panes, a pitched roof with vents."""
+    """Shed of corrugated metal on a stone plinth, with a door, a row of windows and a gable roof."""
     rng = p.draft.rng
     x, y, h = size
     wall = f"corrugated {int(rng.integers(4))}"
     p.draft.add(shapes.box(size).placed(at, yaw=yaw), p(wall))
     p.draft.add(shapes.box((x + 0.1, y + 0.1, 0.7)).placed(at, yaw=yaw), p("ashlar"))
-    over, rise = 0.5, 0.32 * y
+    overhang, rise = 0.5, 0.32 * y
     for s in (-1, 1):
         slope = shapes.quad(
-            (-x / 2 - over, s * -(y / 2 + over), h - 0.15), (x + 2 * over, 0, 0), (0, s * (y / 2 + over), rise + 0.15)
+            (-x / 2 - overhang, s * -(y / 2 + overhang), h - 0.15),
+            (x + 2 * overhang, 0, 0),
+            (0, s * (y / 2 + overhang), rise + 0.15),
         )
         p.draft.add(slope.placed(at, yaw=yaw), p(f"corrugated {4 + int(rng.integers(2))}"))
         gable = shapes.triangle((s * x / 2, -y / 2, h), (s * x / 2, y / 2, h), (s * x / 2, 0, h + rise))
@@ -184,18 +188,22 @@ def warehouse(p: Palette, at: Vector, yaw: float, size: Vector) -> None:
 
 
 def crane(p: Palette, at: Vector, yaw: float, height: float) -> None:
-    """A quay crane: lattice tower, lattice jib, cables, a hook."""
+    """Quay crane: lattice tower, lattice jib, cab and cables."""
 
     def truss(start: Vector, end: Vector, side: float, steps: int) -> list:
         a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         direction = (b - a) / np.linalg.norm(b - a)
         across = np.cross(direction, [0.0, 1.0, 0.0])
-        corner = [s * side * across + e * side * np.array([0, 1.0, 0]) for s, e in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        bars = [shapes.rod(tuple(a + c), tuple(b + c), 0.05, 5) for c in corner]
+        corner_offsets = [
+            s * side * across + e * side * np.array([0, 1.0, 0]) for s, e in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        ]
+        bars = [shapes.rod(tuple(a + c), tuple(b + c), 0.05, 5) for c in corner_offsets]
         for k in range(steps):
-            low, high = a + (b - a) * k / steps, a + (b - a) * (k + 1) / steps
+            lower, upper = a + (b - a) * k / steps, a + (b - a) * (k + 1) / steps
             for i in range(4):
-                bars.append(shapes.rod(tuple(low + corner[i]), tuple(high + corner[(i + 1) % 4]), 0.028, 4))
+                bars.append(
+                    shapes.rod(tuple(lower + corner_offsets[i]), tuple(upper + corner_offsets[(i + 1) % 4]), 0.028, 4)
+                )
         return bars
 
     top, tip = (0.0, 0.0, height), (0.75 * height, 0.0, 1.25 * height)
@@ -212,7 +220,7 @@ def crane(p: Palette, at: Vector, yaw: float, height: float) -> None:
 
 
 def lighthouse(p: Palette, at: Vector, height: float) -> None:
-    """A banded tower with a gallery and a lantern."""
+    """Lighthouse: a tower with coloured bands, a gallery and a lantern."""
     for k in range(6):
         low, high = k / 6, (k + 1) / 6
         ring = np.array([[(1.9 - 0.9 * low), height * low], [(1.9 - 0.9 * high), height * high]])
@@ -226,7 +234,7 @@ def lighthouse(p: Palette, at: Vector, height: float) -> None:
 
 
 def road_mirror(p: Palette, at: Vector, yaw: float) -> None:
-    """A domed mirror on a post, in a rim."""
+    """Convex traffic mirror with a rim, on a post."""
     t = np.linspace(0, 1, 14)
     dome = np.stack([0.38 * np.sin(t * 1.1) / np.sin(1.1), 0.28 * (np.cos(t * 1.1) - np.cos(1.1))], axis=1)
     face = shapes.lathe(dome[::-1], 40).placed(tilt=np.pi / 2).placed((0, -0.02, 1.9)).placed(at, yaw=yaw)
@@ -237,14 +245,14 @@ def road_mirror(p: Palette, at: Vector, yaw: float) -> None:
 
 
 def festoon(p: Palette, posts: list[Vector], height: float, bulbs: int) -> None:
-    """Lamps on a wire from post to post."""
+    """Posts, and wires with lamps between them."""
     rods = [shapes.rod(post, (post[0], post[1], post[2] + height), 0.04, 8) for post in posts]
     wires, lamps = [], []
     for a, b in pairwise(posts):
         start, end = (a[0], a[1], a[2] + height), (b[0], b[1], b[2] + height)
         wires.append(shapes.wire(start, end, 0.35, 0.009, 4, 20))
         for t in (np.arange(bulbs) + 0.5) / bulbs:
-            drop = np.asarray(start) * (1 - t) + np.asarray(end) * t - [0, 0, 0.35 * 4 * t * (1 - t) + 0.08]
-            lamps.append(shapes.ellipsoid((0.055, 0.055, 0.075), 10).placed(tuple(drop)))
+            lamp_position = np.asarray(start) * (1 - t) + np.asarray(end) * t - [0, 0, 0.35 * 4 * t * (1 - t) + 0.08]
+            lamps.append(shapes.ellipsoid((0.055, 0.055, 0.075), 10).placed(tuple(lamp_position)))
     p.draft.add(joined(rods + wires), p("tar"))
     p.draft.add(joined(lamps), p("glow"), casts=False)

@@ -1,6 +1,6 @@
 """Cache of recently rendered photos.
 
-A fit asks for each photo several times: to look at it, to fit to it, to write it beside the render.
+A fit reads each photo several times: to check it, to fit to it, and to write it beside the render.
 """
 
 from collections import OrderedDict
@@ -10,10 +10,10 @@ from torch import Tensor
 
 
 class Recent:
-    """The most recently used tensors, up to a number of bytes; one a process.
+    """LRU cache of tensors with a limit in bytes; one instance per process.
 
     Args:
-        capacity: bytes to keep at most; a larger tensor is never kept.
+        capacity: largest total size in bytes; a larger tensor is not cached.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -22,7 +22,7 @@ class Recent:
         self.size = 0
 
     def get(self, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
-        """A copy of the tensor of a key, from the cache or newly made."""
+        """Return a copy of the tensor of a key, from the cache or computed by `make`."""
         if key in self.held:
             self.held.move_to_end(key)
             return self.held[key].clone()

@@ -1,4 +1,4 @@
-"""Shapes that worlds are made of: quads, boxes, solids of revolution, tubes, terrains, leaf cards and grass blades.
+"""Basic shapes: quads, boxes, solids of revolution, tubes, terrains, leaf cards and grass blades.
 
 Axes: k points of a profile or path, n cards or blades, v vertices, f faces. Metres, z up.
 """
@@ -15,7 +15,7 @@ Vector = tuple[Number, Number, Number]
 
 
 def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number] = (0.0, 0.0)) -> SurfacePart:
-    """A parallelogram from its upper left corner; texture u grows to the right and v downwards, from `uv0`."""
+    """Parallelogram from its upper left corner; texture u increases to the right and v downwards, from `uv0`."""
     o, r, d = (np.asarray(value, dtype=float) for value in (origin, right, down))
     normal = np.cross(d, r)
     normal /= np.linalg.norm(normal)
@@ -26,7 +26,7 @@ def quad(origin: Vector, right: Vector, down: Vector, uv0: tuple[Number, Number]
 
 
 def box(size: Vector) -> SurfacePart:
-    """A box standing on the origin: centred in x and y, from 0 to its height in z."""
+    """Box of `size` (x, y, z), centred in x and y, from 0 to its height in z."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     return joined(
         [
@@ -41,15 +41,15 @@ def box(size: Vector) -> SurfacePart:
 
 
 def triangle(a: Vector, b: Vector, c: Vector) -> SurfacePart:
-    """One triangle; its texture runs along its first side."""
+    """One triangle; texture u runs along its first side."""
     positions = np.array([a, b, c], dtype=float)
     along = positions[1] - positions[0]
     width = np.linalg.norm(along)
     along /= width
     normal = np.cross(along, positions[2] - positions[0])
     normal /= np.linalg.norm(normal)
-    local = (positions - positions[0]) @ np.stack([along, -np.cross(normal, along)], axis=1)
-    return SurfacePart(positions, np.tile(normal, (3, 1)), local, np.array([[0, 1, 2]]))
+    uvs = (positions - positions[0]) @ np.stack([along, -np.cross(normal, along)], axis=1)
+    return SurfacePart(positions, np.tile(normal, (3, 1)), uvs, np.array([[0, 1, 2]]))
 
 
 def beam(start: Vector, end: Vector, width: float, depth: float) -> SurfacePart:
@@ -60,8 +60,8 @@ def beam(start: Vector, end: Vector, width: float, depth: float) -> SurfacePart:
     u /= np.linalg.norm(u)
     v = np.cross(w, u)
     part = box((width, depth, float(np.linalg.norm(b - a))))
-    frame = np.stack([u, v, w], axis=1)
-    return SurfacePart(part.positions @ frame.T + a, part.normals @ frame.T, part.uvs, part.faces)
+    axes = np.stack([u, v, w], axis=1)
+    return SurfacePart(part.positions @ axes.T + a, part.normals @ axes.T, part.uvs, part.faces)
 
 
 def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
@@ -78,7 +78,7 @@ def sheet(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
 
 
 def _round(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
-    """A sheet whose last column meets its first: its normals are made to agree along the seam."""
+    """A sheet whose last column coincides with its first; the normals on both sides of the seam are made equal."""
     part = sheet(positions, uvs)
     normals = part.normals.reshape(positions.shape).copy()
     seam = normals[:, 0] + normals[:, -1]
@@ -88,21 +88,23 @@ def _round(positions: np.ndarray, uvs: np.ndarray) -> SurfacePart:
 
 
 def lathe(profile: Float[np.ndarray, "k 2"], segments: int = 24, flutes: int = 0, depth: float = 0.0) -> SurfacePart:
-    """A solid of revolution about z from (radius, height) pairs, optionally with flutes cut `depth` (relative) deep."""
+    """Solid of revolution about z from (radius, height) pairs, optionally with flutes of relative depth `depth`."""
     angle = np.linspace(0, 2 * np.pi, segments + 1)
     radius = profile[:, :1] * (1 - depth * (0.5 + 0.5 * np.cos(flutes * angle))[None])
     positions = np.stack(
         [radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(profile[:, 1:], radius.shape)], axis=-1
     )
     steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    girth = 2 * np.pi * max(float(profile[:, 0].max()), 1e-6)
-    uvs = np.stack(np.broadcast_arrays(angle[None] / (2 * np.pi) * girth, along.max() - along[:, None]), axis=-1)
+    arc_length = np.concatenate([[0.0], np.cumsum(steps)])
+    circumference = 2 * np.pi * max(float(profile[:, 0].max()), 1e-6)
+    uvs = np.stack(
+        np.broadcast_arrays(angle[None] / (2 * np.pi) * circumference, arc_length.max() - arc_length[:, None]), axis=-1
+    )
     return _round(positions, uvs)
 
 
 def smooth_profile(points: list[tuple[float, float]], count: int = 24) -> Float[np.ndarray, "k 2"]:
-    """A Catmull-Rom curve through (radius, height) points, for `lathe`."""
+    """Catmull-Rom curve through (radius, height) points, for `lathe`."""
     p = np.array([points[0], *points, points[-1]], dtype=float)
     t = np.linspace(0, len(points) - 1 - 1e-9, count)
     i = t.astype(int)
@@ -113,38 +115,38 @@ def smooth_profile(points: list[tuple[float, float]], count: int = 24) -> Float[
 
 
 def ellipsoid(radii: Vector, segments: int = 20, bumps: Float[np.ndarray, "k 3"] | None = None) -> SurfacePart:
-    """An ellipsoid about the origin; `bumps` are waves that make a stone or a bush of it."""
+    """Ellipsoid about the origin; `bumps` are wave vectors of bumps on its surface, as for stones."""
     polar = np.linspace(0, np.pi, segments // 2 + 1)[:, None]
     angle = np.linspace(0, 2 * np.pi, segments + 1)[None]
-    unit = np.stack(
+    unit_sphere = np.stack(
         np.broadcast_arrays(np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), -np.cos(polar)), axis=-1
     )
-    swell = np.ones(unit.shape[:2])
+    radius_factor = np.ones(unit_sphere.shape[:2])
     for wave in bumps if bumps is not None else ():
-        swell = swell + 0.35 / (1 + np.linalg.norm(wave)) * np.sin(unit @ wave + wave.sum())
-    positions = unit * swell[..., None] * np.asarray(radii)
+        radius_factor = radius_factor + 0.35 / (1 + np.linalg.norm(wave)) * np.sin(unit_sphere @ wave + wave.sum())
+    positions = unit_sphere * radius_factor[..., None] * np.asarray(radii)
     size = float(np.mean(radii))
     uvs = np.stack(np.broadcast_arrays(angle * size, polar * size), axis=-1)
     return _round(positions, uvs)
 
 
 def tube(path: Float[np.ndarray, "k 3"], radius: float | Float[np.ndarray, " k"], sides: int = 8) -> SurfacePart:
-    """A round tube along a path, with a radius that may vary: wires, poles, branches, frames."""
-    tangent = np.gradient(path, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    side = np.empty_like(path)
-    first = np.cross(tangent[0], [0.0, 0.0, 1.0] if abs(tangent[0, 2]) < 0.9 else [1.0, 0.0, 0.0])
-    for i, direction in enumerate(tangent):
-        first = first - direction * (first @ direction)
-        first = first / np.linalg.norm(first)
-        side[i] = first
-    other = np.cross(tangent, side)
+    """Round tube along a path, with constant or varying radius, for wires, poles, branches and frames."""
+    tangents = np.gradient(path, axis=0)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-12)
+    normals = np.empty_like(path)
+    normal = np.cross(tangents[0], [0.0, 0.0, 1.0] if abs(tangents[0, 2]) < 0.9 else [1.0, 0.0, 0.0])
+    for i, direction in enumerate(tangents):
+        normal = normal - direction * (normal @ direction)
+        normal = normal / np.linalg.norm(normal)
+        normals[i] = normal
+    binormals = np.cross(tangents, normals)
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     r = np.broadcast_to(np.asarray(radius, dtype=float), (len(path),))[:, None, None]
-    ring = np.cos(angle)[None, :, None] * side[:, None] + np.sin(angle)[None, :, None] * other[:, None]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    ring = np.cos(angle)[None, :, None] * normals[:, None] + np.sin(angle)[None, :, None] * binormals[:, None]
+    arc_length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     around = angle * float(np.mean(r))
-    uvs = np.stack(np.broadcast_arrays(around[None], along[:, None]), axis=-1)
+    uvs = np.stack(np.broadcast_arrays(around[None], arc_length[:, None]), axis=-1)
     return _round(path[:, None] + r * ring, uvs)
 
 
@@ -154,7 +156,7 @@ def rod(start: Vector, end: Vector, radius: float, sides: int = 8) -> SurfacePar
 
 
 def wire(start: Vector, end: Vector, sag: float, radius: float, sides: int = 4, count: int = 14) -> SurfacePart:
-    """A hanging wire."""
+    """Wire between two points that hangs down by `sag` metres in the middle."""
     t = np.linspace(0, 1, count)[:, None]
     path = np.asarray(start) * (1 - t) + np.asarray(end) * t
     path[:, 2] -= sag * 4 * (t * (1 - t))[:, 0]
@@ -166,31 +168,31 @@ def terrain(
     ys: Float[np.ndarray, " rows"],
     height: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> SurfacePart:
-    """Ground over a grid of x and y, at the heights that a function gives."""
+    """Height field over a grid of x and y; `height` returns z."""
     x, y = np.meshgrid(xs, ys)
     return sheet(np.stack([x, y, height(x, y)], axis=-1), np.stack([x, y], axis=-1))
 
 
 def curtain(width: float, height: float, folds: int, depth: float, columns: int = 96) -> SurfacePart:
-    """A hanging cloth in the xz plane that waves in y."""
+    """Hanging cloth in the xz plane, with folds along y."""
     x, z = np.meshgrid(np.linspace(0, width, columns), np.linspace(height, 0, 6))
     y = depth * np.sin(2 * np.pi * folds * x / width + 0.3 * np.sin(3 * x)) * (0.6 + 0.4 * (1 - z / height))
     return sheet(np.stack([x, y, z], axis=-1), np.stack([x * 1.3, height - z], axis=-1))
 
 
 def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: float, lift: float = 0.5) -> SurfacePart:
-    """Randomly turned square cards, one a centre, for leaf textures with holes; `lift` 0 stands them upright."""
+    """Randomly rotated square cards, one per centre, for leaf textures with holes; with `lift` 0 they are upright."""
     n = len(centres)
     yaw, pitch = rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi / 2, np.pi / 2, n) * lift
     right = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(n)], -1)
     down = np.stack([np.sin(pitch) * np.sin(yaw), -np.sin(pitch) * np.cos(yaw), -np.cos(pitch)], -1)
-    half = (0.5 * size * rng.uniform(0.7, 1.3, n))[:, None]
+    half_sizes = (0.5 * size * rng.uniform(0.7, 1.3, n))[:, None]
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-    positions = np.stack([centres + half * (a * right + b * down) for a, b in corners], axis=1)
-    # Normals that point away from the whole crown light it as a volume, not as single cards.
-    away = centres - centres.mean(0) + np.array([0, 0, 0.4]) * size
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    normals = np.repeat(away[:, None], 4, axis=1)
+    positions = np.stack([centres + half_sizes * (a * right + b * down) for a, b in corners], axis=1)
+    # Normals point away from the crown's centre, so that the crown is shaded as a volume, not as single cards.
+    outward = centres - centres.mean(0) + np.array([0, 0, 0.4]) * size
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    normals = np.repeat(outward[:, None], 4, axis=1)
     uvs = np.broadcast_to(np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * size, (n, 4, 2))
     start = 4 * np.arange(n)[:, None, None]
     faces = (start + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
@@ -198,18 +200,22 @@ def cards(rng: np.random.Generator, centres: Float[np.ndarray, "n 3"], size: flo
 
 
 def blades(rng: np.random.Generator, roots: Float[np.ndarray, "n 3"], height: float, width: float) -> SurfacePart:
-    """Grass: one slender bent blade of two triangles a root."""
+    """Grass: one thin bent blade of two triangles per root."""
     n = len(roots)
-    yaw, lean = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
-    tall = (height * rng.uniform(0.5, 1.3, n))[:, None]
+    yaw, bend_angle = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
+    heights = (height * rng.uniform(0.5, 1.3, n))[:, None]
     right = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(n)], -1) * width / 2
-    bend = np.stack([np.cos(lean), np.sin(lean), np.zeros(n)], -1) * tall * rng.uniform(0.1, 0.6, n)[:, None]
-    up = np.array([0, 0, 1.0]) * tall
+    bend = (
+        np.stack([np.cos(bend_angle), np.sin(bend_angle), np.zeros(n)], -1)
+        * heights
+        * rng.uniform(0.1, 0.6, n)[:, None]
+    )
+    up = np.array([0, 0, 1.0]) * heights
     middle = roots + 0.55 * up + 0.3 * bend
     positions = np.stack([roots - right, roots + right, middle + 0.7 * right, roots + up + bend], axis=1)
     normals = np.broadcast_to(np.array([0, 0, 1.0]), positions.shape) + 0.5 * rng.normal(size=(n, 1, 3))
     normals = normals / np.linalg.norm(normals, axis=2, keepdims=True)
-    uv = np.array([[0, 1], [0.1, 1], [0.08, 0.45], [0.05, 0.0]]) * height
-    uvs = uv[None] + rng.uniform(0, 4, (n, 1, 2))
+    blade_uvs = np.array([[0, 1], [0.1, 1], [0.08, 0.45], [0.05, 0.0]]) * height
+    uvs = blade_uvs[None] + rng.uniform(0, 4, (n, 1, 2))
     faces = (4 * np.arange(n)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     return SurfacePart(positions.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)

@@ -1,4 +1,4 @@
-"""`object`: one intricate object on white with exact coverage, as in NeRF-Synthetic."""
+"""`object`: one detailed object on a white background with exact coverage, as in NeRF-Synthetic."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from gaussian_enhancer.scene.procedural.paths import hemisphere
 
 
 def draft_object(seed: int) -> Draft:
-    """Write the world of a seed."""
+    """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 800])
     draft = Draft(
         rng=rng,
@@ -22,11 +22,11 @@ def draft_object(seed: int) -> Draft:
         background=(1.0, 1.0, 1.0),
         probe=(0.0, 0.0, 3.0),
     )
-    for turn, height, strength in ((rng.uniform(0, 6.3), 1.0, 1.6), (rng.uniform(0, 6.3), 0.5, 0.5)):
-        direction = np.array([np.cos(turn), np.sin(turn), height])
-        warm = np.array([1.0, rng.uniform(0.9, 1.0), rng.uniform(0.78, 1.0)]) * strength
+    for azimuth, height, strength in ((rng.uniform(0, 6.3), 1.0, 1.6), (rng.uniform(0, 6.3), 0.5, 0.5)):
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), height])
+        colour = np.array([1.0, rng.uniform(0.9, 1.0), rng.uniform(0.78, 1.0)]) * strength
         draft.lights.append(
-            LightSpec(tuple(direction / np.linalg.norm(direction) * 120), (0, 0, 0.5), 2.0, tuple(warm), side=1536)
+            LightSpec(tuple(direction / np.linalg.norm(direction) * 120), (0, 0, 0.5), 2.0, tuple(colour), side=1536)
         )
     p = Palette(draft)
     [_model, _bricks, _ficus, _still_life, _machine, _seat][int(rng.integers(6))](p)
@@ -34,7 +34,7 @@ def draft_object(seed: int) -> Draft:
 
 
 def _model(p: Palette) -> None:
-    """A vehicle on a tiled base with fences and signs."""
+    """Vehicle on a tiled base with a fence, a sign and a potted plant."""
     rng = p.draft.rng
     p.draft.add(shapes.box((2.2, 1.5, 0.08)).placed((0, 0, -0.1)), p("tiles"))
     size = 0.45
@@ -50,19 +50,19 @@ def _model(p: Palette) -> None:
 
 
 def _bricks(p: Palette) -> None:
-    """A tower of studded toy bricks with wheels and rods."""
-    rng, unit = p.draft.rng, 0.1
+    """Tower of studded toy bricks with wheels, a lattice and a poster."""
+    rng, stud_pitch = p.draft.rng, 0.1
     for level in range(9):
         for _ in range(7):
-            x, y = rng.integers(-6 + level // 2, 5 - level // 2, 2) * unit
+            x, y = rng.integers(-6 + level // 2, 5 - level // 2, 2) * stud_pitch
             w, d = int(rng.integers(1, 5)), int(rng.integers(1, 4))
-            parts = [shapes.box((w * unit * 0.99, d * unit * 0.99, 0.119)).placed((x, y, level * 0.12))]
+            parts = [shapes.box((w * stud_pitch * 0.99, d * stud_pitch * 0.99, 0.119)).placed((x, y, level * 0.12))]
             for i in range(w):
                 for j in range(d):
                     stud = np.array([[0.03, 0.0], [0.03, 0.018], [0.026, 0.022], [0.0, 0.022]])
                     parts.append(
                         shapes.lathe(stud, 12).placed(
-                            (x + (i - w / 2 + 0.5) * unit, y + (j - d / 2 + 0.5) * unit, (level + 1) * 0.12)
+                            (x + (i - w / 2 + 0.5) * stud_pitch, y + (j - d / 2 + 0.5) * stud_pitch, (level + 1) * 0.12)
                         )
                     )
             p.draft.add(joined(parts), p(f"paint {int(rng.integers(6))}"))
@@ -77,7 +77,7 @@ def _bricks(p: Palette) -> None:
 
 
 def _ficus(p: Palette) -> None:
-    """A branching plant in an ornate pot."""
+    """Plant in a fluted pot."""
     rng = p.draft.rng
     pot = shapes.smooth_profile([(0.22, 0.0), (0.3, 0.12), (0.36, 0.3), (0.3, 0.42), (0.34, 0.46)], 30)
     p.draft.add(
@@ -94,7 +94,7 @@ def _ficus(p: Palette) -> None:
 
 
 def _still_life(p: Palette) -> None:
-    """Vases, books, fruit and a knot on a small table."""
+    """Vases, books, a page, balls and a torus knot on a small table."""
     rng = p.draft.rng
     furniture.table(p, (0, 0, -0.35), 0.2, (1.5, 1.2), 0.5)
     z = 0.165
@@ -113,7 +113,7 @@ def _still_life(p: Palette) -> None:
 
 
 def _machine(p: Palette) -> None:
-    """Gears, shafts, tanks, pipes and cables in a frame."""
+    """Gears, a tank, pipes and cables in a frame."""
     rng = p.draft.rng
     corners = [(a * 0.8, b * 0.5) for a in (-1, 1) for b in (-1, 1)]
     frame = [shapes.beam((*c, -0.4), (*c, 1.1), 0.06, 0.06) for c in corners]
@@ -162,7 +162,7 @@ def _machine(p: Palette) -> None:
 
 
 def _seat(p: Palette) -> None:
-    """A chair with a blanket, a stack of books and a bicycle wheel."""
+    """Chair with books on it, a potted plant, a bicycle wheel and a page."""
     rng = p.draft.rng
     start = len(p.draft.builder.parts)
     furniture.chair(p, (0, 0, 0), 0.3)
@@ -174,5 +174,5 @@ def _seat(p: Palette) -> None:
     furniture.flat_print(p, "page", (-0.5, -0.3, 0.004), (0.3, -0.1, 0), (0.1, 0.3, 0))
     p.draft.add(shapes.lathe(np.array([[0, 0.002], [0.75, 0.002], [0.77, -0.03], [0, -0.03]]), 64), p("wood"))
     parts = p.draft.builder.parts
-    grown = 1.35 + rng.uniform(0, 0.1)
-    parts[start:] = [part.placed(scale=grown, at=(0, 0, -0.25)) for part in parts[start:]]
+    scale = 1.35 + rng.uniform(0, 0.1)
+    parts[start:] = [part.placed(scale=scale, at=(0, 0, -0.25)) for part in parts[start:]]

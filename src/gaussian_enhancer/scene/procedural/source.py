@@ -1,4 +1,4 @@
-"""The scene source: a procedural world as posed photos with exact depth, rendered when they are asked for.
+"""Procedural scenes: posed photos of a procedural world with exact depth, rendered on demand.
 
 Axes: h height, w width, p points.
 """
@@ -53,7 +53,11 @@ def _baked(family: str, seed: int, device: str) -> tuple[World, Draft]:
 
 @dataclass(frozen=True)
 class ProceduralView:
-    """One view of a world; small enough to be sent to another process, which bakes the world for itself."""
+    """One view of a world.
+
+    The world is given by family and seed, so a view is small enough to be sent to another process. That process bakes
+    the world itself.
+    """
 
     family: str
     seed: int
@@ -62,13 +66,13 @@ class ProceduralView:
     departure: Departure | None = None
 
     def world(self) -> World:
-        """The baked world, as this view sees it."""
+        """Return the baked world with the departure of this view, if any."""
         world = _baked(self.family, self.seed, self.device)[0]
         return world if self.departure is None else self.departure.of(world)
 
     @torch.no_grad()
     def photo(self) -> Float[Tensor, "3 h w"]:
-        """The anti-aliased picture, on the CPU."""
+        """Return the anti-aliased image, on the CPU."""
         camera = self.camera
         pose = tuple(camera.world_to_camera.flatten().tolist())
         key = (
@@ -88,12 +92,12 @@ class ProceduralView:
 
     @torch.no_grad()
     def alpha(self) -> Float[Tensor, "1 h w"]:
-        """The share of each pixel that geometry covers, on the CPU."""
+        """Return the share of each pixel that geometry covers, on the CPU."""
         return shade.coverage(self.world(), self.camera).cpu()
 
     @torch.no_grad()
     def depth(self) -> Float[Tensor, "1 h w"]:
-        """Exact z at pixel centres, 0 on the sky, on the CPU."""
+        """Return exact z at pixel centres, 0 on the sky, on the CPU."""
         return shade.depth(self.world(), self.camera).cpu()
 
 
@@ -111,72 +115,75 @@ def procedural_scene(
 ) -> Scene:
     """Build the procedural scene that a family and a seed determine.
 
-    The world and the cameras do not depend on the size, so the same scene at four times the size is the truth for
-    super-resolution. Depth is exact; `object` has exact coverage (`read_alpha`) over white, the others fill the view.
+    The world and the cameras do not depend on the size, so the same scene at four times the size is the ground truth
+    for super-resolution. Depth is exact. `object` has a white background and exact coverage (`read_alpha`); the other
+    families fill the view.
 
     Args:
         family: `unbounded`, `outdoor`, `indoor`, `object`, or `harbour`, which is kept for tests.
-        seed: which world of the family, at least 0.
+        seed: determines the world of the family, at least 0.
         height: photo height in pixels.
         width: photo width in pixels.
         views: number of photos along the camera path.
-        split: how to divide the photos; every 8th is held out where None.
-        points: number of surface points to sample from training views, slightly off as from structure from motion.
-        device: where photos are rendered; they are returned on the CPU.
-        imperfections: what differs from photo to photo, as in a real capture; nothing where None. Depth and coverage
-            are those of the true camera.
+        split: division into training and test photos; None holds out every 8th.
+        points: number of surface points sampled from training views, with noise as in structure from motion.
+        device: device on which photos are rendered; they are returned on the CPU.
+        imperfections: variation of exposure, white balance, pose and wind from photo to photo, as in a real capture;
+            None for none. Depth and coverage are those of the true camera.
 
     Raises:
-        InputError: unknown family, or a number out of range.
+        InputError: the family is unknown, or a number is out of range.
     """
     if family not in _FAMILIES:
         raise InputError("procedural family", f"is {family!r}", f"choose one of {', '.join(FAMILIES)}")
-    for name, value, least in (
+    for name, value, minimum in (
         ("seed", seed, 0),
         ("height", height, 1),
         ("width", width, 1),
         ("views", views, 1),
         ("points", points, 0),
     ):
-        if value < least:
-            raise InputError(f"procedural {name}", f"is {value}", f"give at least {least}")
+        if value < minimum:
+            raise InputError(f"procedural {name}", f"is {value}", f"give at least {minimum}")
     train, test = (split or Split())(views)
     _, draft = _baked(family, seed, device)
     focal = 0.5 * width / float(np.tan(np.deg2rad(draft.field_of_view) / 2))
-    eyes, targets = (torch.from_numpy(places) for places in draft.path(views))
+    eyes, targets = (torch.from_numpy(positions) for positions in draft.path(views))
     photos = []
     for k in range(views):
-        camera = stated = look_at(eyes[k], targets[k], focal, height, width)
+        camera = stated_camera = look_at(eyes[k], targets[k], focal, height, width)
         departure = None
         if imperfections is not None:
             generator = torch.Generator().manual_seed(seed * 1_000_003 + k)
             departure = imperfections.departure(generator)
-            stated = imperfections.stated(camera, float((targets[k] - eyes[k]).norm()), generator)
+            stated_camera = imperfections.stated(camera, float((targets[k] - eyes[k]).norm()), generator)
         view = ProceduralView(family, seed, camera, device, departure)
         alpha = view.alpha if family == "object" else None
-        photos.append(Photo(f"{k:04d}.png", stated, view.photo, view.depth, alpha))
+        photos.append(Photo(f"{k:04d}.png", stated_camera, view.photo, view.depth, alpha))
     scene = Scene(f"{family}_{seed}", tuple(photos), train, test, draft.background or (0.0, 0.0, 0.0))
-    cloud = _points(scene, _baked(family, seed, device)[0], points, seed) if points else None
-    return Scene(scene.name, scene.photos, train, test, scene.background, cloud)
+    point_cloud = _points(scene, _baked(family, seed, device)[0], points, seed) if points else None
+    return Scene(scene.name, scene.photos, train, test, scene.background, point_cloud)
 
 
 @torch.no_grad()
 def _points(scene: Scene, world: World, count: int, seed: int) -> Points:
-    """Surface points that training views see, off by about half a pixel of a view 256 pixels wide."""
+    """Sample surface points visible in training views, with noise of about half a pixel of a view 256 pixels wide."""
     generator = torch.Generator().manual_seed(seed)
-    chosen = scene.train_photos[:: max(1, len(scene.train) // 16)]
+    sampled_photos = scene.train_photos[:: max(1, len(scene.train) // 16)]
     positions, colours = [], []
-    for photo in chosen:
+    for photo in sampled_photos:
         assert photo.camera is not None
         camera = photo.camera.resized(72, 96)
         z = shade.depth(world, camera).cpu()[0]
-        picture = shade.photo(world, camera, SampleGrid())[0].cpu()
-        seen = ((z > 0) & (z < 500)).flatten().nonzero()[:, 0]
-        picked = seen[torch.randperm(len(seen), generator=generator)[: -(-count // len(chosen))]]
-        y, x, depth = picked // 96, picked % 96, z.flatten()[picked]
-        pixels = torch.stack([x + 0.5, y + 0.5, torch.ones(len(picked))], dim=1)
-        local = pixels @ torch.linalg.inv(camera.K).T * depth[:, None]
-        local = local + 0.002 * depth[:, None] * torch.randn(local.shape, generator=generator)
-        positions.append((local - camera.world_to_camera[:3, 3]) @ camera.rotation)
-        colours.append(picture.flatten(1).T[picked])
+        image = shade.photo(world, camera, SampleGrid())[0].cpu()
+        valid_pixels = ((z > 0) & (z < 500)).flatten().nonzero()[:, 0]
+        sampled_pixels = valid_pixels[
+            torch.randperm(len(valid_pixels), generator=generator)[: -(-count // len(sampled_photos))]
+        ]
+        y, x, depth = sampled_pixels // 96, sampled_pixels % 96, z.flatten()[sampled_pixels]
+        pixel_positions = torch.stack([x + 0.5, y + 0.5, torch.ones(len(sampled_pixels))], dim=1)
+        camera_points = pixel_positions @ torch.linalg.inv(camera.K).T * depth[:, None]
+        camera_points = camera_points + 0.002 * depth[:, None] * torch.randn(camera_points.shape, generator=generator)
+        positions.append((camera_points - camera.world_to_camera[:3, 3]) @ camera.rotation)
+        colours.append(image.flatten(1).T[sampled_pixels])
     return Points(torch.cat(positions)[:count], torch.cat(colours)[:count])

@@ -1,4 +1,4 @@
-"""What surfaces look like: stone, wood, brick, cloth, plants, plaster, metal. Each call paints one seamless texture.
+"""Procedural textures: stone, wood, brick, cloth, plants, plaster, metal. Each function makes one seamless texture.
 
 Axes: t texture side.
 """
@@ -18,30 +18,30 @@ def finish(
     gloss: Float[np.ndarray, "t t"] | float = 0.5,
     opacity: Float[np.ndarray, "t t"] | float = 1.0,
 ) -> Texture:
-    """A texture of these maps, brought into their ranges."""
+    """Make a texture of maps, clipped or broadcast as needed."""
     shape = height.shape
-    whole = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in (gloss, opacity)]
-    return Texture(np.clip(colour, 0.01, 0.97), np.clip(height, 0, 1), *whole)
+    broadcast_maps = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in (gloss, opacity)]
+    return Texture(np.clip(colour, 0.01, 0.97), np.clip(height, 0, 1), *broadcast_maps)
 
 
 def grained(
     rng: Random, colour: Float[np.ndarray, "t t 3"], amount: float, beta: float = 0.6
 ) -> Float[np.ndarray, "t t 3"]:
-    """Brightness and a little hue varying in all scales."""
+    """Modulate a colour map by noise at all scales: mainly its brightness, slightly its hue."""
     shade = 1 + amount * 2.5 * (fractal(rng, beta) - 0.5)
     tint = 1 + amount * 0.3 * np.stack([fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5, fractal(rng, 1.2) - 0.5], 2)
     return colour * shade[..., None] * tint
 
 
 def coordinates() -> tuple[np.ndarray, np.ndarray]:
-    """U and v at the texels' centres, [0, 1]."""
+    """Texture coordinates u and v of the texel centres, [0, 1]."""
     axis = (np.arange(SIDE) + 0.5) / SIDE
     v, u = np.meshgrid(axis, axis, indexing="ij")
     return u, v
 
 
 def plaster(rng: Random, colour: Colour) -> Texture:
-    """Painted wall: stains that run down, pores, patches of another coat."""
+    """Painted wall with vertical stains, pores and patches of another paint."""
     stains = step(0.55, 0.9, fractal(rng, 1.0, (1.0, 6.0)))
     patches = step(0.62, 0.66, fractal(rng, 1.5)) * 0.5
     pores = step(0.72, 0.9, fractal(rng, 0.2))
@@ -51,7 +51,7 @@ def plaster(rng: Random, colour: Colour) -> Texture:
 
 
 def concrete(rng: Random, colour: Colour) -> Texture:
-    """Grey cast surface with cracks, speckle and water marks."""
+    """Concrete with cracks, speckle and stains."""
     _, edge, _ = cells(rng, 5)
     crack = 1 - step(0.0, 0.025, edge + 0.05 * (fractal(rng, 0.8) - 0.4))
     speckle = fractal(rng, 0.05)
@@ -60,7 +60,7 @@ def concrete(rng: Random, colour: Colour) -> Texture:
 
 
 def asphalt(rng: Random, colour: Colour) -> Texture:
-    """Dark binder with light grit, and repaired patches."""
+    """Asphalt: a dark binder with light grit, varying in brightness."""
     distance, _, value = cells(rng, 72)
     grit = step(0.45, 0.15, distance) * (0.4 + 0.6 * value)
     tone = 0.75 + 0.7 * (fractal(rng, 1.1) - 0.5)
@@ -69,22 +69,22 @@ def asphalt(rng: Random, colour: Colour) -> Texture:
 
 
 def gravel(rng: Random, colour: Colour) -> Texture:
-    """Pebbles of several sizes and tints over soil."""
+    """Pebbles of three sizes and several tints over soil."""
     rgb = grained(rng, np.broadcast_to(np.array(colour) * 0.45, (SIDE, SIDE, 3)), 0.25)
     height = 0.2 * fractal(rng, 0.8)
     for grid in (60, 34, 18):
         distance, edge, value = cells(rng, grid)
         stone = step(0.02, 0.14, edge) * (value > 0.35)
-        other = np.array(muted(rng, (0.02, 0.2), (0.45, 0.8)))
-        body = blend(np.array(colour), other, (value * 7.3) % 1) * (0.65 + 0.5 * value)[..., None]
-        body = body * (1.1 - 0.5 * distance)[..., None]
-        rgb = blend(rgb, grained(rng, body, 0.12, 0.5), stone)
+        second_colour = np.array(muted(rng, (0.02, 0.2), (0.45, 0.8)))
+        pebbles = blend(np.array(colour), second_colour, (value * 7.3) % 1) * (0.65 + 0.5 * value)[..., None]
+        pebbles = pebbles * (1.1 - 0.5 * distance)[..., None]
+        rgb = blend(rgb, grained(rng, pebbles, 0.12, 0.5), stone)
         height = np.where(stone > 0.3, 0.5 + 0.5 * (1 - distance) * stone, height)
     return finish(rgb, height, 0.3)
 
 
 def turf(rng: Random, colour: Colour, dry: Colour) -> Texture:
-    """Short grass and moss seen from above: strokes in all directions, dry patches, soil between."""
+    """Short grass and moss from above: strokes in several directions, dry patches, bare soil."""
     strokes = np.maximum.reduce([fractal(rng, 0.35, s) for s in ((1.0, 7.0), (7.0, 1.0), (1.0, 4.0), (3.0, 1.0))])
     strokes = (strokes - strokes.min()) / np.ptp(strokes)
     rgb = blend(np.array(colour) * 0.4, np.array(colour) * 1.35, step(0.2, 0.9, strokes))
@@ -97,35 +97,41 @@ def cobble(rng: Random, colour: Colour) -> Texture:
     """Worn paving stones with moss and sand between them."""
     distance, edge, value = cells(rng, 9, 0.55)
     stone = step(0.03, 0.16, edge + 0.06 * (fractal(rng, 0.5) - 0.5))
-    body = grained(rng, np.array(colour) * (0.6 + 0.7 * value)[..., None], 0.18, 0.7)
-    gap = grained(rng, np.broadcast_to(np.array(muted(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))), body.shape), 0.3)
-    return finish(blend(gap, body, stone), 0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3), 0.5 * stone)
+    stone_colour = grained(rng, np.array(colour) * (0.6 + 0.7 * value)[..., None], 0.18, 0.7)
+    gap_colour = grained(
+        rng, np.broadcast_to(np.array(muted(rng, (0.15, 0.4), (0.2, 0.4), (0.1, 0.25))), stone_colour.shape), 0.3
+    )
+    return finish(
+        blend(gap_colour, stone_colour, stone),
+        0.9 * stone * (1 - 0.4 * distance) + 0.1 * fractal(rng, 0.3),
+        0.5 * stone,
+    )
 
 
 def brick(rng: Random, colour: Colour, mortar: Colour, rows: int) -> Texture:
-    """Running bond with bricks burnt differently, chipped edges, efflorescence."""
+    """Brick wall in running bond: bricks of varying colour with chipped edges and efflorescence."""
     u, v = coordinates()
     columns = 4
     row = np.floor(v * rows).astype(int)
     x = (u * columns + 0.5 * (row % 2)) % columns
     value = rng.random((rows, columns))[row, np.floor(x).astype(int)]
     wobble = 0.05 * (fractal(rng, 0.9) - 0.5)
-    inner = np.minimum(0.5 - np.abs(x % 1 - 0.5), (0.5 - np.abs(v * rows % 1 - 0.5)) * columns / rows * 1.6)
-    solid = step(0.018, 0.05, inner + wobble)
-    other = np.array(colour) * np.array([0.6, 0.55, 0.6])
-    body = grained(rng, blend(np.array(colour) * 1.15, other, value), 0.2, 0.6)
-    salt = step(0.65, 0.9, fractal(rng, 1.0)) * 0.4
-    rgb = blend(grained(rng, np.broadcast_to(mortar, body.shape), 0.15, 0.4), body, solid)
-    return finish(blend(rgb, np.array([0.75, 0.73, 0.7]), salt), 0.75 * solid + 0.25 * fractal(rng, 0.6), 0.25)
+    edge_distance = np.minimum(0.5 - np.abs(x % 1 - 0.5), (0.5 - np.abs(v * rows % 1 - 0.5)) * columns / rows * 1.6)
+    solid = step(0.018, 0.05, edge_distance + wobble)
+    dark_colour = np.array(colour) * np.array([0.6, 0.55, 0.6])
+    brick_colour = grained(rng, blend(np.array(colour) * 1.15, dark_colour, value), 0.2, 0.6)
+    efflorescence = step(0.65, 0.9, fractal(rng, 1.0)) * 0.4
+    rgb = blend(grained(rng, np.broadcast_to(mortar, brick_colour.shape), 0.15, 0.4), brick_colour, solid)
+    return finish(blend(rgb, np.array([0.75, 0.73, 0.7]), efflorescence), 0.75 * solid + 0.25 * fractal(rng, 0.6), 0.25)
 
 
 def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: str = "checks") -> Texture:
-    """Glazed or stone tiles with grout: chequered, plain, or with an ornament."""
+    """Glazed or stone tiles with grout, by `pattern`: chequered, plain, or with an ornament."""
     u, v = coordinates()
     i, j = np.floor(u * count).astype(int), np.floor(v * count).astype(int)
     x, y = u * count % 1 - 0.5, v * count % 1 - 0.5
     edge = 0.5 - np.maximum(np.abs(x), np.abs(y))
-    share = {
+    pattern_mask = {
         "checks": ((i + j) % 2).astype(float),
         "plain": np.zeros_like(u),
         "ornament": step(-0.02, 0.02, np.cos(4 * np.arctan2(y, x)) * 0.18 + 0.28 - np.hypot(x, y))
@@ -133,23 +139,23 @@ def tiles(rng: Random, first: Colour, second: Colour, count: int = 6, pattern: s
     }[pattern]
     value = rng.random((count, count))[j, i]
     veins = 1 - step(0.0, 0.05, np.abs(fractal(rng, 1.3) - 0.5))
-    rgb = blend(np.array(first), np.array(second), share) * (0.85 + 0.25 * value)[..., None]
+    rgb = blend(np.array(first), np.array(second), pattern_mask) * (0.85 + 0.25 * value)[..., None]
     rgb = grained(rng, rgb, 0.07, 0.8) * (1 - 0.25 * veins)[..., None]
-    solid = step(0.012, 0.03, edge)
+    tile_mask = step(0.012, 0.03, edge)
     dirt = np.broadcast_to(np.array([0.32, 0.3, 0.27]), rgb.shape)
-    rgb = blend(dirt, rgb, solid) * (1 - 0.3 * step(0.6, 0.9, fractal(rng, 0.9)))[..., None]
-    return finish(rgb, 0.5 * solid + 0.02 * fractal(rng, 0.3), 0.2 + 0.8 * solid)
+    rgb = blend(dirt, rgb, tile_mask) * (1 - 0.3 * step(0.6, 0.9, fractal(rng, 0.9)))[..., None]
+    return finish(rgb, 0.5 * tile_mask + 0.02 * fractal(rng, 0.3), 0.2 + 0.8 * tile_mask)
 
 
 def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
-    """Boards along v: growth rings, knots, gaps and scuffs."""
+    """Wooden boards along v with growth rings, knots and gaps."""
     u, v = coordinates()
     board = np.floor(u * count).astype(int)
     value = rng.random(count)[board]
     joint = (v * 2 + rng.random(count)[board]) % 1
     grain = fractal(rng, 0.9, (1.0, 14.0))
-    knots, _, which = cells(rng, 7)
-    knot = step(0.2, 0.02, knots) * (which > 0.8)
+    knots, _, cell_value = cells(rng, 7)
+    knot = step(0.2, 0.02, knots) * (cell_value > 0.8)
     rings = 0.5 + 0.5 * np.sin(90 * (0.4 * grain + 0.25 * knot + value) + 8 * u)
     tone = (0.55 + 0.4 * value + 0.35 * (grain - 0.5)) * (1 - 0.22 * rings) * (1 - 0.5 * knot)
     rgb = np.array(colour) * tone[..., None] * (1 + 0.15 * (value[..., None] - 0.5) * np.array([1.0, 0.0, -1.0])) * 1.35
@@ -161,7 +167,7 @@ def planks(rng: Random, colour: Colour, count: int = 6) -> Texture:
 
 
 def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", count: int = 6) -> Texture:
-    """Woven cloth, with stripes, plaid, dots or plain, and worn places."""
+    """Woven cloth, by `pattern`: plaid, stripes, dots or plain; brightness varies as by wear."""
     u, v = coordinates()
     bands = rng.random(32)
 
@@ -170,38 +176,45 @@ def cloth(rng: Random, first: Colour, second: Colour, pattern: str = "plaid", co
         return step(0.4, 0.6, bands[(position.astype(int) + 3) % 32])
 
     dots = step(0.3, 0.26, np.hypot(u * count % 1 - 0.5, v * count % 1 - 0.5))
-    share = {"plaid": 0.5 * stripe(u) + 0.5 * stripe(v), "stripes": stripe(u), "dots": dots, "plain": 0 * u}[pattern]
+    pattern_mask = {"plaid": 0.5 * stripe(u) + 0.5 * stripe(v), "stripes": stripe(u), "dots": dots, "plain": 0 * u}[
+        pattern
+    ]
     threads = 0.25 * (np.sin(2 * np.pi * 96 * u) * np.where(np.sin(2 * np.pi * 48 * v) > 0, 1, -1) + 1) + 0.25 * (
         np.sin(2 * np.pi * 96 * v) + 1
     )
-    rgb = grained(rng, blend(np.array(first), np.array(second), share), 0.12, 0.5) * (0.72 + 0.4 * threads)[..., None]
+    rgb = (
+        grained(rng, blend(np.array(first), np.array(second), pattern_mask), 0.12, 0.5)
+        * (0.72 + 0.4 * threads)[..., None]
+    )
     return finish(rgb * (0.8 + 0.4 * fractal(rng, 1.2))[..., None], 0.3 + 0.4 * threads, 0.15)
 
 
 def marble(rng: Random, colour: Colour) -> Texture:
     """Polished stone with veins of several widths."""
     veins = 1 - step(0.0, 0.03, np.abs(fractal(rng, 1.4) - 0.5))
-    fine = 1 - step(0.0, 0.02, np.abs(fractal(rng, 1.1) - 0.52))
+    fine_veins = 1 - step(0.0, 0.02, np.abs(fractal(rng, 1.1) - 0.52))
     cloud = fractal(rng, 1.3)
     rgb = np.array(colour) * (0.75 + 0.45 * cloud)[..., None]
-    rgb = blend(rgb, np.array(muted(rng, (0.1, 0.4), (0.2, 0.45))), np.clip(0.7 * veins + 0.35 * fine, 0, 1))
+    rgb = blend(rgb, np.array(muted(rng, (0.1, 0.4), (0.2, 0.45))), np.clip(0.7 * veins + 0.35 * fine_veins, 0, 1))
     return finish(grained(rng, rgb, 0.05, 0.4), 0.5 + 0.03 * (cloud - 0.5), 0.9 - 0.3 * veins)
 
 
 def metal(rng: Random, colour: Colour, rust: float = 0.3) -> Texture:
-    """Painted or bare metal: brushed scratches, chips, rust that creeps."""
+    """Painted or bare brushed metal with patches of rust."""
     brushed = fractal(rng, 0.3, (1.0, 20.0))
-    field = fractal(rng, 1.0)
-    share = step(0.78 - 0.4 * rust, 0.86 - 0.4 * rust, field)
-    red = grained(rng, np.broadcast_to(np.array([0.36, 0.2, 0.11]), (SIDE, SIDE, 3)), 0.35, 0.6)
-    rgb = blend(np.array(colour) * (0.85 + 0.3 * brushed)[..., None], red, share)
+    rust_noise = fractal(rng, 1.0)
+    rust_mask = step(0.78 - 0.4 * rust, 0.86 - 0.4 * rust, rust_noise)
+    rust_colour = grained(rng, np.broadcast_to(np.array([0.36, 0.2, 0.11]), (SIDE, SIDE, 3)), 0.35, 0.6)
+    rgb = blend(np.array(colour) * (0.85 + 0.3 * brushed)[..., None], rust_colour, rust_mask)
     return finish(
-        grained(rng, rgb, 0.06), 0.5 + 0.1 * (brushed - 0.5) + 0.2 * share * fractal(rng, 0.4), 0.9 - 0.8 * share
+        grained(rng, rgb, 0.06),
+        0.5 + 0.1 * (brushed - 0.5) + 0.2 * rust_mask * fractal(rng, 0.4),
+        0.9 - 0.8 * rust_mask,
     )
 
 
 def bark(rng: Random, colour: Colour) -> Texture:
-    """Furrowed bark along v with lichen."""
+    """Bark with furrows along v and lichen."""
     ridges = np.abs(fractal(rng, 0.9, (1.0, 5.0)) - 0.5) * 2
     lichen = step(0.65, 0.75, fractal(rng, 1.0)) * 0.6
     rgb = grained(rng, np.array(colour) * (0.35 + 1.3 * step(0.0, 0.6, ridges))[..., None], 0.2, 0.4)
@@ -209,7 +222,7 @@ def bark(rng: Random, colour: Colour) -> Texture:
 
 
 def foliage(rng: Random, colour: Colour) -> Texture:
-    """A closed mass of leaves seen from afar: hills, hedges."""
+    """Dense foliage from a distance, for hills and hedges."""
     rgb = np.zeros((SIDE, SIDE, 3))
     height = np.zeros((SIDE, SIDE))
     for grid in (16, 34, 70):
@@ -217,12 +230,12 @@ def foliage(rng: Random, colour: Colour) -> Texture:
         lobe = np.clip(1 - distance, 0, 1)
         height += lobe * value / 3
         rgb += np.array(colour) * (0.3 + 1.1 * lobe * value)[..., None] / 3
-    warm = blend(rgb, rgb * np.array([1.35, 1.05, 0.6]), step(0.4, 0.8, fractal(rng, 1.0)))
-    return finish(grained(rng, warm * 1.2, 0.2, 0.4), height, 0.1)
+    varied_rgb = blend(rgb, rgb * np.array([1.35, 1.05, 0.6]), step(0.4, 0.8, fractal(rng, 1.0)))
+    return finish(grained(rng, varied_rgb * 1.2, 0.2, 0.4), height, 0.1)
 
 
 def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -> Texture:
-    """A spray of single leaves with veins, with holes between them."""
+    """Single leaves with veins; the texture is a hole between them."""
     u, v = coordinates()
     rgb = np.broadcast_to(np.array(colour) * 0.7, (SIDE, SIDE, 3)).copy()
     opacity, height = np.zeros((SIDE, SIDE)), np.zeros((SIDE, SIDE))
@@ -231,26 +244,28 @@ def leaves(rng: Random, colour: Colour, count: int = 26, slender: float = 0.4) -
         cu, cv = rng.uniform(0.17, 0.83, 2)
         window = tuple(slice(int((c - length) * SIDE), int((c + length) * SIDE) + 1) for c in (cv, cu))
         du, dv = u[window] - cu, v[window] - cv
-        x, y = du * np.cos(angle) + dv * np.sin(angle), dv * np.cos(angle) - du * np.sin(angle)
-        t = np.clip(0.5 + x / (2 * length), 0, 1)
-        inside = (np.abs(y) < slender * length * np.sin(np.pi * t**0.8)) & (np.abs(x) < length)
-        vein = np.maximum(step(0.006, 0.001, np.abs(y)), 0.6 * step(0.75, 0.95, np.cos(150 * (x - np.abs(y)))))
+        along, across = du * np.cos(angle) + dv * np.sin(angle), dv * np.cos(angle) - du * np.sin(angle)
+        t = np.clip(0.5 + along / (2 * length), 0, 1)
+        leaf_mask = (np.abs(across) < slender * length * np.sin(np.pi * t**0.8)) & (np.abs(along) < length)
+        vein = np.maximum(
+            step(0.006, 0.001, np.abs(across)), 0.6 * step(0.75, 0.95, np.cos(150 * (along - np.abs(across))))
+        )
         tint = np.array(colour) * rng.uniform(0.6, 1.4) * np.array([rng.uniform(0.8, 1.4), 1.0, rng.uniform(0.6, 1.0)])
-        leaf = tint * (0.75 + 0.35 * t + 0.25 * vein)[..., None]
-        rgb[window] = np.where(inside[..., None], leaf, rgb[window])
-        height[window] = np.where(inside, 0.6 - 0.2 * vein, height[window])
-        opacity[window] = np.where(inside, 1.0, opacity[window])
+        leaf_colour = tint * (0.75 + 0.35 * t + 0.25 * vein)[..., None]
+        rgb[window] = np.where(leaf_mask[..., None], leaf_colour, rgb[window])
+        height[window] = np.where(leaf_mask, 0.6 - 0.2 * vein, height[window])
+        opacity[window] = np.where(leaf_mask, 1.0, opacity[window])
     return finish(grained(rng, rgb, 0.1, 0.5), height, 0.5, opacity)
 
 
 def clouds(rng: Random) -> Texture:
-    """Cloud cover: opacity where clouds are, colour for their shading."""
+    """Clouds: opacity is their cover, colour their shading."""
     cover = step(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.9), fractal(rng, 1.35))
     shade = 0.78 + 0.3 * fractal(rng, 1.2) - 0.2 * cover
     return finish(np.repeat(shade[..., None], 3, axis=2), cover, 0.0, cover)
 
 
 def speckle(rng: Random) -> Texture:
-    """Plain noise in all scales, for detail nearer than a texture shows and for dirt wider than it repeats."""
-    field = fractal(rng, 0.55)
-    return finish(np.repeat(field[..., None], 3, axis=2), field, field)
+    """Noise at all scales, for detail finer than a texture's resolution and for dirt coarser than its repeat."""
+    noise = fractal(rng, 0.55)
+    return finish(np.repeat(noise[..., None], 3, axis=2), noise, noise)

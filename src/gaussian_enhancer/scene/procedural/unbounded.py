@@ -1,4 +1,4 @@
-"""`unbounded`: a subject on open ground with everything around it out to the hills, as in Mip-NeRF360."""
+"""`unbounded`: a subject on open ground with surroundings up to distant hills, as in Mip-NeRF360."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from gaussian_enhancer.scene.procedural.paths import orbit
 
 
 def draft_unbounded(seed: int) -> Draft:
-    """Write the world of a seed."""
+    """Make the draft of the world that a seed determines."""
     rng = np.random.default_rng([seed, 360])
-    nothing: Vector = (0.0, 0.0, 0.0)
+    black: Vector = (0.0, 0.0, 0.0)
     radius = rng.uniform(2.6, 3.4)
     draft = Draft(
         rng=rng,
-        sky=SkySpec(nothing, nothing, nothing, 0),
+        sky=SkySpec(black, black, black, 0),
         path=orbit(seed, (0.0, 0.0, 0.65), radius, (1.0, 1.9)),
         field_of_view=56.0,
         ambient_box=((-5.0, -5.0, -0.2), (5.0, 5.0, 3.6)),
@@ -32,35 +32,37 @@ def draft_unbounded(seed: int) -> Draft:
 
 
 def _ground(p: Palette) -> None:
-    """Paving under the subject, another surface around it, gently uneven farther off."""
+    """Ground: one surface under the subject, another around it, slightly uneven beyond 9 m, and blades of grass."""
     rng = p.draft.rng
-    names = ["turf", "gravel", "cobble", "concrete", "turf"]
-    near, around = str(rng.choice(names[1:])), str(rng.choice(names[:3]))
+    materials = ["turf", "gravel", "cobble", "concrete", "turf"]
+    inner_material, outer_material = str(rng.choice(materials[1:])), str(rng.choice(materials[:3]))
     radius = rng.uniform(1.5, 2.4)
     t = np.linspace(0, 1, 40)
     axis = np.sign(np.linspace(-1, 1, 81)) * np.abs(np.linspace(-1, 1, 81)) ** 2.5 * 420
     waves = rng.normal(size=(6, 2)) * 0.05
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        far = np.clip((np.hypot(x, y) - 9) / 40, 0, 1)
-        return -0.012 + far * sum(0.5 * np.sin(x * w[0] * 2 + y * w[1] * 2 + 9 * w[0]) for w in waves)
+        unevenness = np.clip((np.hypot(x, y) - 9) / 40, 0, 1)
+        return -0.012 + unevenness * sum(0.5 * np.sin(x * w[0] * 2 + y * w[1] * 2 + 9 * w[0]) for w in waves)
 
-    p.draft.add(shapes.terrain(axis, axis, height), p(around), casts=False)
+    p.draft.add(shapes.terrain(axis, axis, height), p(outer_material), casts=False)
     disk = np.stack([radius * (1 - t), 0.012 + 0 * t], axis=1)
     p.draft.add(shapes.lathe(np.concatenate([[[radius, -0.02]], disk]), 64), p("brick 2"), casts=False)
     square = shapes.terrain(
         np.linspace(-radius, radius, 20) * 0.97, np.linspace(-radius, radius, 20) * 0.97, lambda x, y: 0.018 + 0 * x
     )
     inside = np.linalg.norm(square.positions[square.faces].mean(1)[:, :2], axis=1) < radius * 0.93
-    p.draft.add(type(square)(square.positions, square.normals, square.uvs, square.faces[inside]), p(near), casts=False)
-    if around == "turf":
+    p.draft.add(
+        type(square)(square.positions, square.normals, square.uvs, square.faces[inside]), p(inner_material), casts=False
+    )
+    if outer_material == "turf":
         nature.grass(p, 9000, radius, radius + 3.5, rng.uniform(0.06, 0.16))
     else:
         nature.grass(p, 2500, radius * 0.95, radius + 2.5, rng.uniform(0.05, 0.12))
 
 
 def _set_table(p: Palette, z: float, reach: float) -> None:
-    """Things laid out on a top."""
+    """Objects on a table top at height `z`, within `reach` of its centre."""
     rng = p.draft.rng
     furniture.vase(p, (0.0, 0.0, z), rng.uniform(0.2, 0.32), flowers=True, material="glaze")
     furniture.vase(p, (-0.5 * reach, 0.3 * reach, z), rng.uniform(0.14, 0.24), flowers=False)
@@ -145,7 +147,7 @@ def _workbench(p: Palette) -> None:
 
 
 def _middle(p: Palette, radius: float) -> None:
-    """Trees, stones, posts and fences behind the cameras' ring."""
+    """Trees, bushes, stones, fences and a lamp post outside the ring of cameras."""
     rng = p.draft.rng
     offset = rng.uniform(0, 6.3)
     for k in range(14):
@@ -164,7 +166,7 @@ def _middle(p: Palette, radius: float) -> None:
 
 
 def _far(p: Palette) -> None:
-    """Houses, woods and hills at 15 to 500 metres."""
+    """Houses, trees and two rings of hills, at 13 to 630 metres."""
     rng = p.draft.rng
     for k in range(int(rng.integers(3, 7))):
         a, r = rng.uniform(0, 6.3), rng.uniform(18, 60)

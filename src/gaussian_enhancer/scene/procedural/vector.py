@@ -1,4 +1,4 @@
-"""Products of short vectors, written out: torch's reductions over an axis of three are ten times slower on the CPU.
+"""Operations on 3-vectors, written out: torch's reductions over an axis of size 3 are ten times slower on the CPU.
 
 Axes: m samples, c components.
 """
@@ -9,17 +9,17 @@ from torch import Tensor
 
 
 def dot(a: Float[Tensor, "m 3"], b: Float[Tensor, "m 3"]) -> Float[Tensor, " m"]:
-    """Scalar product, row by row."""
+    """Dot product of each pair of rows."""
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
 def unit(a: Float[Tensor, "m 3"]) -> Float[Tensor, "m 3"]:
-    """Each row divided by its length."""
+    """Normalise each row to unit length."""
     return a * torch.rsqrt(dot(a, a).clamp_min(1e-24))[:, None]
 
 
 def weighted(weights: Float[Tensor, "m 3"], corners: Float[Tensor, "m 3 c"]) -> Float[Tensor, "m c"]:
-    """What barycentric weights make of the values at three corners."""
+    """Interpolate values at three corners by barycentric weights."""
     return (
         weights[:, 0, None] * corners[:, 0] + weights[:, 1, None] * corners[:, 1] + weights[:, 2, None] * corners[:, 2]
     )

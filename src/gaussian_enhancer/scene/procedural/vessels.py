@@ -1,6 +1,7 @@
-"""Boats at their moorings: rowing boats, sailing yachts, trawlers.
+"""Boats: rowing boats, sailing yachts, trawlers and a distant marina.
 
-Each function puts one boat into a draft. Metres; `at` is amidships on the water, `yaw` the bow's turn from +x, radians.
+Each public function adds a boat or a fleet to a draft. Lengths are in metres. `at` is the boat's midpoint on the water,
+`yaw` the rotation of its bow from +x in radians.
 Axes: s stations from stern to bow.
 """
 
@@ -16,14 +17,14 @@ _STATIONS = np.linspace(0, 1, 33)
 
 
 class Hull:
-    """Lines of a hull.
+    """Shape of a hull.
 
     Args:
-        length: overall.
-        beam: greatest width.
-        freeboard: height of the side above water amidships; the bow rises above it.
-        draught: depth of the keel below water.
-        fine: how pointed the bow is; 1 is bluff.
+        length: overall length.
+        beam: largest width.
+        freeboard: base height of the rail above the water; it rises towards the bow.
+        draught: depth of the keel below the water.
+        fine: exponent of the taper towards the bow; 1 is a straight taper, larger values give a fuller bow.
     """
 
     def __init__(self, length: float, beam: float, freeboard: float, draught: float, fine: float = 2.2) -> None:
@@ -35,25 +36,25 @@ class Hull:
         self.keel = -draught * (1 - 0.9 * s**6)
 
     def rail(self, inset: float = 0.0, lift: float = 0.0) -> Float[np.ndarray, "k 3"]:
-        """The edge of the deck, from the stern forward to port, round the bow and back to starboard."""
+        """Edge of the deck: from the stern forward on the port side, round the bow, and back on the starboard side."""
         half = np.maximum(self.half - inset, 0.0)
         side = np.stack([self.x, half, self.sheer + lift], axis=1)
         return np.concatenate([side, (side * [1, -1, 1])[::-1]])
 
     def skin(self, rake: float = 0.16) -> SurfacePart:
-        """The outside: sections from rail to rail under the keel; v is the depth below the rail."""
-        around = np.linspace(-1, 1, 25)
-        fall = (1 - np.abs(around)) ** 0.75
-        z = self.sheer[:, None] + (self.keel - self.sheer)[:, None] * fall
-        y = self.half[:, None] * np.sign(around) * (1 - fall**2.6) ** 0.5
+        """Outer surface: cross-sections from rail to rail under the keel; v is the depth below the rail."""
+        section = np.linspace(-1, 1, 25)
+        depth_share = (1 - np.abs(section)) ** 0.75
+        z = self.sheer[:, None] + (self.keel - self.sheer)[:, None] * depth_share
+        y = self.half[:, None] * np.sign(section) * (1 - depth_share**2.6) ** 0.5
         overhang = (self.x.max() - self.x.min()) * rake * 0.5
-        x = self.x[:, None] - overhang * (self.x / self.x.max()).clip(0, 1)[:, None] ** 4 * fall
-        x = x + 0.5 * overhang * (1 - _STATIONS[:, None]) ** 8 * fall
+        x = self.x[:, None] - overhang * (self.x / self.x.max()).clip(0, 1)[:, None] ** 4 * depth_share
+        x = x + 0.5 * overhang * (1 - _STATIONS[:, None]) ** 8 * depth_share
         uvs = np.stack(np.broadcast_arrays(x, self.sheer[:, None] - z), axis=-1)
         return shapes.sheet(np.stack([x, y, z], axis=-1), uvs)
 
     def transom(self) -> SurfacePart:
-        """The flat stern, as a fan."""
+        """Flat stern, as a triangle fan."""
         ring = self.skin().positions.reshape(len(_STATIONS), 25, 3)[0]
         positions = np.concatenate([[ring.mean(0)], ring])
         index = np.arange(1, len(ring))
@@ -62,12 +63,12 @@ class Hull:
         return SurfacePart(positions, np.tile([-1.0, 0, 0], (len(positions), 1)), uvs, faces)
 
     def deck(self, below: float, inset: float = 0.04, start: float = 0.0, end: float = 0.97) -> SurfacePart:
-        """A floor that follows the rail, `below` it, from a station to another."""
-        chosen = (start <= _STATIONS) & (end >= _STATIONS)
+        """Deck at distance `below` under the rail, between two stations given as shares of the length."""
+        in_range = (start <= _STATIONS) & (end >= _STATIONS)
         across = np.linspace(-1, 1, 7)
-        y = np.maximum(self.half[chosen] - inset, 0.01)[:, None] * across
-        x = np.broadcast_to(self.x[chosen][:, None], y.shape)
-        z = (self.sheer[chosen] - below)[:, None] + 0.03 * (1 - across**2)
+        y = np.maximum(self.half[in_range] - inset, 0.01)[:, None] * across
+        x = np.broadcast_to(self.x[in_range][:, None], y.shape)
+        z = (self.sheer[in_range] - below)[:, None] + 0.03 * (1 - across**2)
         return shapes.sheet(np.stack([x, y, z], axis=-1), np.stack([y, x], axis=-1))
 
 
@@ -80,7 +81,7 @@ def _bulwark(h: Hull, radius: float) -> SurfacePart:
 
 
 def rowing_boat(p: Palette, at: Vector, yaw: float) -> None:
-    """An open boat with thwarts, gratings, oars and a coil of rope."""
+    """Open rowing boat with thwarts, ribs, oars and a coil of rope."""
     rng = p.draft.rng
     h = Hull(rng.uniform(3.2, 4.2), rng.uniform(1.25, 1.5), 0.38, 0.22)
     _put(p, at, yaw, joined([h.skin(), h.transom()]), f"hull {int(rng.integers(4))}")
@@ -103,12 +104,12 @@ def rowing_boat(p: Palette, at: Vector, yaw: float) -> None:
 
 
 def _at(h: Hull, shares: object) -> list[tuple[float, float]]:
-    """Station and half width at shares of the length."""
+    """Position x and half width of a hull at shares of its length."""
     return [(float(np.interp(s, _STATIONS, h.x)), float(np.interp(s, _STATIONS, h.half))) for s in np.asarray(shares)]
 
 
 def yacht(p: Palette, at: Vector, yaw: float, length: float, *, hoisted: bool = False) -> None:
-    """A sailing boat: cabin, guard rails, mast with spreaders, stays and halyards, a furled or a hoisted sail."""
+    """Sailing yacht: cabin, guard rails, mast with spreaders, stays and halyards, a furled or hoisted sail."""
     rng = p.draft.rng
     h = Hull(length, 0.31 * length, 0.095 * length, 0.08 * length, 1.7)
     deck = float(h.sheer[16])
@@ -137,15 +138,15 @@ def _cabin(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> No
         a, b, c, d = (np.array(corner, dtype=float) for corner in side)
         _put(p, at, yaw, shapes.quad(tuple(b), tuple(c - b), tuple(a - b)), "gelcoat")
         _put(p, at, yaw, shapes.triangle(tuple(c), tuple(d), (c[0], d[1], d[2])), "gelcoat")
-        out = np.array([0, np.sign(a[1]) * 0.008, 0.0])
+        outward_offset = np.array([0, np.sign(a[1]) * 0.008, 0.0])
         for k in range(4):
-            start = b + (c - b) * (0.08 + 0.23 * k) + (a - b) * 0.25 + out
+            start = b + (c - b) * (0.08 + 0.23 * k) + (a - b) * 0.25 + outward_offset
             _put(p, at, yaw, shapes.quad(tuple(start), tuple((c - b) * 0.17), tuple((a - b) * 0.45)), "pane")
     b, c, d = (np.array(left[k], dtype=float) for k in (1, 2, 3))
-    across = np.array([0, right[1][1] - left[1][1], 0.0])
-    _put(p, at, yaw, shapes.quad(tuple(b), tuple(c - b), tuple(across)), "gelcoat")
-    wide = np.array([0, right[3][1] - left[3][1], 0.0])
-    _put(p, at, yaw, shapes.quad(tuple(c), tuple(d - c), tuple(0.5 * (across + wide))), "pane")
+    upper_edge = np.array([0, right[1][1] - left[1][1], 0.0])
+    _put(p, at, yaw, shapes.quad(tuple(b), tuple(c - b), tuple(upper_edge)), "gelcoat")
+    lower_edge = np.array([0, right[3][1] - left[3][1], 0.0])
+    _put(p, at, yaw, shapes.quad(tuple(c), tuple(d - c), tuple(0.5 * (upper_edge + lower_edge))), "pane")
     _put(p, at, yaw, shapes.box((0.03, 1.5 * width, 0.05 * length)).placed((-0.12 * length, 0, deck)), "deck 2")
 
 
@@ -189,9 +190,9 @@ def _sails(
         return
     t = np.linspace(0, 1, 24)
     path = np.stack([mast + (clew - mast) * t, 0.02 * np.sin(25 * t), foot + 0.09 + 0.05 * t], axis=1)
-    bulk = 0.11 * (1 - 0.55 * t) * (1 + 0.12 * np.sin(40 * t))
-    _put(p, at, yaw, shapes.tube(path, bulk, 10), f"sail {int(rng.integers(2))}")
-    ties = [shapes.tube(_ring(path[k], float(bulk[k]) * 1.05), 0.008, 4) for k in range(2, 24, 4)]
+    radii = 0.11 * (1 - 0.55 * t) * (1 + 0.12 * np.sin(40 * t))
+    _put(p, at, yaw, shapes.tube(path, radii, 10), f"sail {int(rng.integers(2))}")
+    ties = [shapes.tube(_ring(path[k], float(radii[k]) * 1.05), 0.008, 4) for k in range(2, 24, 4)]
     _put(p, at, yaw, joined(ties), "rope")
 
 
@@ -201,7 +202,7 @@ def _ring(centre: Float[np.ndarray, " 3"], radius: float) -> Float[np.ndarray, "
 
 
 def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
-    """A fishing boat: wheelhouse with windows all round, derricks with tackle, a net drum, tyres as fenders."""
+    """Fishing boat: wheelhouse with windows on all sides, derricks with tackle, a net drum, tyres as fenders."""
     rng = p.draft.rng
     h = Hull(length, 0.36 * length, 0.13 * length, 0.12 * length, 2.8)
     deck = float(h.sheer[14]) - 0.55
@@ -213,8 +214,8 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
     for k in (5, 11, 17, 22):
         for s in (-1, 1):
             ring = _ring(np.zeros(3), 0.3)[:, [1, 0, 2]] * [1, 1, 1]
-            hung = (float(h.x[k]), s * (float(h.half[k]) + 0.06), float(h.sheer[k]) - 0.45)
-            _put(p, at, yaw, shapes.tube(ring, 0.1, 8).placed(hung), "tyre")
+            position = (float(h.x[k]), s * (float(h.half[k]) + 0.06), float(h.sheer[k]) - 0.45)
+            _put(p, at, yaw, shapes.tube(ring, 0.1, 8).placed(position), "tyre")
     for s in (-1, 1):
         bow = np.array([float(h.x[23]), s * (float(h.half[23]) + 0.05), float(h.sheer[23]) - 0.1])
         aft = np.array([float(h.x[20]), s * (float(h.half[20]) + 0.05), float(h.sheer[20]) - 0.1])
@@ -225,22 +226,24 @@ def trawler(p: Palette, at: Vector, yaw: float, length: float) -> None:
 
 
 def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) -> None:
-    x, wide, deep, tall = 0.12 * length, 0.22 * length, 0.2 * length, 2.3
-    _put(p, at, yaw, shapes.box((deep, wide, tall)).placed((x, 0, deck)), "gelcoat")
-    _put(p, at, yaw, shapes.box((deep + 0.5, wide + 0.4, 0.1)).placed((x, 0, deck + tall)), "spar")
+    x, house_width, house_length, house_height = 0.12 * length, 0.22 * length, 0.2 * length, 2.3
+    _put(p, at, yaw, shapes.box((house_length, house_width, house_height)).placed((x, 0, deck)), "gelcoat")
+    _put(
+        p, at, yaw, shapes.box((house_length + 0.5, house_width + 0.4, 0.1)).placed((x, 0, deck + house_height)), "spar"
+    )
     low, high = deck + 1.25, deck + 2.05
-    for turn, far, width in (
-        (0, deep / 2, wide),
-        (np.pi / 2, wide / 2, deep),
-        (np.pi, deep / 2, wide),
-        (-np.pi / 2, wide / 2, deep),
+    for turn, wall_distance, width in (
+        (0, house_length / 2, house_width),
+        (np.pi / 2, house_width / 2, house_length),
+        (np.pi, house_length / 2, house_width),
+        (-np.pi / 2, house_width / 2, house_length),
     ):
         count = max(2, int(width / 0.62))
         for k in range(count):
             u = (k + 0.08) * width / count - width / 2
-            pane = shapes.quad((far + 0.01, u, high), (0, 0.84 * width / count, 0), (0, 0, low - high))
+            pane = shapes.quad((wall_distance + 0.01, u, high), (0, 0.84 * width / count, 0), (0, 0, low - high))
             _put(p, at, yaw, pane.placed(yaw=float(turn)).placed((x, 0, 0)), "pane")
-    roof = deck + tall + 0.1
+    roof = deck + house_height + 0.1
     lamp = [shapes.ellipsoid((0.09, 0.09, 0.07)).placed((x + s, 0.3 * s, roof + 0.1)) for s in (-0.5, 0.5)]
     _put(p, at, yaw, joined(lamp), "glow")
     dish = shapes.lathe(np.array([[0, 0], [0.3, 0.02], [0.33, 0.12], [0.3, 0.2], [0, 0.24]]), 24)
@@ -251,11 +254,11 @@ def _wheelhouse(p: Palette, at: Vector, yaw: float, length: float, deck: float) 
         joined([dish.placed((x, 0, roof + 0.5)), shapes.rod((x, 0, roof), (x, 0, roof + 0.55), 0.04)]),
         "gelcoat",
     )
-    whips = [
+    antennas = [
         shapes.rod((x - 0.4, y, roof), (x - 0.6, 1.2 * y, roof + t), 0.006, 4)
         for y, t in ((-0.6, 2.6), (0.5, 2.0), (0.7, 3.1))
     ]
-    _put(p, at, yaw, joined(whips), "steel")
+    _put(p, at, yaw, joined(antennas), "steel")
 
 
 def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: float) -> None:
@@ -265,18 +268,18 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
     stern = 0.42 * length
     for s in (-1, 1):
         frame.append(shapes.rod((-stern, s * 0.11 * length, deck), (-stern + 0.3, s * 0.08 * length, deck + 2.6), 0.07))
-        boom = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
-        frame.append(shapes.rod((mast, s * 0.1, deck + 1.0), boom, 0.05))
+        boom_end = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
+        frame.append(shapes.rod((mast, s * 0.1, deck + 1.0), boom_end, 0.05))
     frame.append(
         shapes.rod((-stern + 0.3, -0.08 * length, deck + 2.6), (-stern + 0.3, 0.08 * length, deck + 2.6), 0.06)
     )
     _put(p, at, yaw, joined(frame), "paintwork")
     tackle = [shapes.rod((mast, 0, top - 0.2), (float(h.x[-2]), 0, float(h.sheer[-2])), 0.012, 4)]
     for s in (-1, 1):
-        boom = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
+        boom_end = (mast - 0.3 * length, s * 0.16 * length, deck + 0.38 * length)
         tackle += [
-            shapes.rod((mast, 0, top - 0.1), boom, 0.01, 4),
-            shapes.wire(boom, (boom[0], boom[1] * 0.6, deck + 0.4), 0.05, 0.01),
+            shapes.rod((mast, 0, top - 0.1), boom_end, 0.01, 4),
+            shapes.wire(boom_end, (boom_end[0], boom_end[1] * 0.6, deck + 0.4), 0.05, 0.01),
         ]
         tackle += [
             shapes.rod((mast, 0, top - 0.3), (float(h.x[k]), s * float(h.half[k]), float(h.sheer[k])), 0.009, 4)
@@ -297,8 +300,8 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
         ]
     )
     _put(p, at, yaw, shapes.lathe(drum, 28).placed((-stern + 0.9, 0, deck + 0.75), tilt=np.pi / 2), "twine")
-    hang = shapes.curtain(0.2 * length, 2.2, 5, 0.16)
-    _put(p, at, yaw, hang.placed((-stern + 0.25, -0.1 * length, deck + 0.35), yaw=np.pi / 2), "net")
+    net = shapes.curtain(0.2 * length, 2.2, 5, 0.16)
+    _put(p, at, yaw, net.placed((-stern + 0.25, -0.1 * length, deck + 0.35), yaw=np.pi / 2), "net")
     for _ in range(4):
         crate = (rng.uniform(-0.3, -0.14) * length, rng.uniform(-0.08, 0.08) * length, deck + 0.02)
         _put(
@@ -311,7 +314,7 @@ def _gear(p: Palette, at: Vector, yaw: float, h: Hull, length: float, deck: floa
 
 
 def moored_fleet(p: Palette, count: int, depth: tuple[float, float], span: float, water: float) -> None:
-    """A marina across the water: small hulls under a wood of masts and stays."""
+    """Distant marina: small boats with masts and stays."""
     rng = p.draft.rng
     spars, stays = [], []
     for k in range(count):

@@ -1,4 +1,4 @@
-"""A finished world: baked once from a draft, then rendered from any camera.
+"""A procedural world with baked lighting, which can be rendered from any camera. `baking` makes it from a draft.
 
 Axes: m samples, f faces, k materials, h height, w width.
 """
@@ -16,7 +16,11 @@ from gaussian_enhancer.scene.procedural.mesh import Mesh
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """Materials column by column: texture, repeats, and the looks of `draft.Material`."""
+    """Properties of all materials, one tensor per property.
+
+    The columns of ``looks`` are reflectance, roughness, relief, detail, dirt, emission and translucency, as in
+    `draft.Material`.
+    """
 
     texture: Int[Tensor, " k"]
     repeats: Float[Tensor, "k 2"]
@@ -26,9 +30,10 @@ class MaterialTable:
 
 @dataclass(frozen=True)
 class World:
-    """Everything that colour and depth depend on. `probe` is the reflected surroundings, blurred in steps.
+    """Everything that colour and depth depend on.
 
-    `exposure` is a factor on all channels, or one on each.
+    `noise` is the index of the noise texture. `exposure` is one factor for all channels or one factor per channel.
+    `probe` is the environment map for reflections: latitude-longitude images at increasing levels of blur.
     """
 
     mesh: Mesh
@@ -45,7 +50,7 @@ class World:
     probe: Float[Tensor, "1 3 d h w"] | None = None
 
     def solid(self, face: Int[Tensor, " m"], u: Float[Tensor, " m"], v: Float[Tensor, " m"]) -> Bool[Tensor, " m"]:
-        """Whether faces with holes are there at texture coordinates in metres."""
+        """Return whether faces are solid at texture coordinates in metres: their texture's opacity is above 0.5."""
         material = self.mesh.material[face]
         uv = torch.stack([u, v], dim=1) * self.materials.repeats[material]
         texture = self.materials.texture[material]
