@@ -20,7 +20,7 @@ _N = TypeVar("_N", bound=nn.Module)
 SHIPPED = Path(__file__).resolve().parent / "weights"
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 WIDENED = 6
-"""Most memory that a file's values take, in file sizes: as stored, twice in single precision, and in the network."""
+"""Most memory that a file's values take, as a multiple of its size: as stored, twice in fp32, and in the network."""
 MEND = "get the weights again, or train them with this version"
 
 

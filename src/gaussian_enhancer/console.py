@@ -5,7 +5,7 @@ from rich.console import Console
 
 
 def print_line(console: Console, text: object) -> None:
-    """Print a text as it is: paths keep their brackets, and the terminal alone wraps long lines."""
+    """Print a text unchanged: brackets in paths are no markup, and only the terminal wraps long lines."""
     console.print(str(text), highlight=False, soft_wrap=True, markup=False)
 
 

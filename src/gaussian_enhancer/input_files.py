@@ -1,4 +1,4 @@
-"""Safe reading of untrusted files: whatever is wrong with a file raises an `InputError`.
+"""Safe reading of untrusted files: any defect of a file raises an `InputError`.
 
 Before it reads a file, a reader computes from the header the most memory that it will allocate, and compares that with
 a limit (`refuse_larger`). The limit is 8 GB; the environment variable ``GAUSSIAN_ENHANCER_READ_LIMIT`` sets another, in
@@ -27,7 +27,7 @@ LIMIT_GB = 8.0
 JSON_GROWTH = 32
 """Most bytes of Python objects per byte of parsed JSON; empty objects take the most."""
 YAML_GROWTH = 256
-"""Most bytes of Python objects per byte of parsed YAML, those of the parser included."""
+"""Most bytes of Python objects per byte of parsed YAML, including those of the parser."""
 LONGEST_NUMBER = 100
 DAMAGE = (OSError, EOFError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile, OverflowError, MemoryError)
 
@@ -40,7 +40,7 @@ def refuse_larger(subject: object, allocated: int | float, what: str) -> None:
     Args:
         subject: the file, named in the error.
         allocated: the most memory that reading will allocate, in bytes.
-        what: the property of the file that this follows from, as the error states it ("is an image of 9x9 pixels").
+        what: the property of the file that causes it, as the error states it ("is an image of 9x9 pixels").
 
     Raises:
         InputError: ``allocated`` exceeds the limit, or the environment variable holds no positive number.
@@ -155,7 +155,7 @@ def refuse_larger_archive(path: str | Path) -> None:
 
 
 def abbreviate(value: object) -> str:
-    """Text of a value for an error message, abbreviated whatever the value's size or depth."""
+    """Text of a value for an error message, shortened if the value is large or deeply nested."""
     return _SHORT.repr(value)
 
 

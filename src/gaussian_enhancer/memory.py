@@ -1,7 +1,7 @@
 """Control over what glibc does with freed memory. With another C library, these functions do nothing.
 
 Images of some megabytes are allocated and freed many times a second. By default glibc requests the memory of each from
-the system and returns it, and the system clears every page. On some machines that takes longer than the computation.
+the system and returns it, and the system clears every page. On some machines this takes longer than the computation.
 """
 
 import ctypes

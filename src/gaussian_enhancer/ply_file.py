@@ -11,7 +11,7 @@ LONGEST_HEADER = 65_536
 WIDTHS = {1: "char uchar int8 uint8", 2: "short ushort int16 uint16", 4: "int uint float int32 uint32 float32"}
 WIDTHS |= {8: "double float64"}
 GROWTH = 4
-"""Most copies of a file's numbers in memory at a time: mapped, as columns, joined, and as they are returned."""
+"""Most copies of a file's numbers in memory at the same time: mapped, as columns, joined, and as returned."""
 
 
 @reader
@@ -21,23 +21,23 @@ def read_ply_elements(path: str | Path, wanted: tuple[str, ...], remedy: str) ->
     Args:
         path: the file, binary or ASCII.
         wanted: names of the elements, which must not have list properties.
-        remedy: what to do about a file that is no such .ply, as an imperative.
+        remedy: advice for a file that is not such a .ply, as an imperative.
 
     Raises:
-        InputError: the file is missing, truncated or no .ply, takes more memory than the limit, or has a list property
-            in one of the elements.
+        InputError: the file is missing, truncated or not a .ply, takes more memory than the limit, or has a list
+            property in one of the elements.
     """
     from plyfile import PlyData, PlyParseError
 
     size = regular_file(path)
     _check_header(path, size, remedy)
     try:
-        data = PlyData.read(str(path), mmap="c")
+        ply = PlyData.read(str(path), mmap="c")
     except (PlyParseError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(
             path, f"is no readable .ply of {size} bytes ({error})", f"{remedy}, or copy it again"
         ) from None
-    elements = {element.name: element for element in data.elements if element.name in wanted}
+    elements = {element.name: element for element in ply.elements if element.name in wanted}
     for name, element in elements.items():
         if element.data.dtype.hasobject:
             raise InputError(path, f"has lists in its element {name}", remedy)
@@ -73,5 +73,5 @@ def _count(path: str | Path, words: list[str], remedy: str) -> int:
 
 
 def _width(kind: str) -> int:
-    """Bytes of a property of this type; 1 for a list, which has at least its length."""
+    """Bytes of a property of this type; 1 for a list, which stores at least its length."""
     return next((width for width, names in WIDTHS.items() if kind in names.split()), 1)

@@ -1,4 +1,4 @@
-"""Structural similarity (SSIM), as fitting, training and measurement share it, with the details of 3DGS's evaluation.
+"""Structural similarity (SSIM) for fitting, training and measurement, with the details of 3DGS's evaluation.
 
 Gaussian window of 11x11 pixels and sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2. Source: Wang et al., Image
 Quality Assessment, TIP 2004, equation 13; padding as in Kerbl et al., SIGGRAPH 2023. Axes: h height, w width.
@@ -19,7 +19,7 @@ SIGMA = 1.5
 
 
 def gaussian(distance: Tensor) -> Tensor:
-    """Weights of the window along one axis, at integer distances from its centre in pixels; all eleven sum to one."""
+    """Weights of the window along one axis, at integer distances in pixels from its centre; all eleven sum to one."""
     offsets = torch.arange(-RADIUS, RADIUS + 1, dtype=distance.dtype, device=distance.device)
     total = torch.exp(-offsets.square() / (2 * SIGMA**2)).sum()
     return torch.exp(-distance.square() / (2 * SIGMA**2)) * (distance.abs() <= RADIUS) / total

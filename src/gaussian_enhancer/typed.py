@@ -34,7 +34,7 @@ RULES = {
     "string_type": "text",
     "tuple_type": "a list",
 }
-"""Permitted values by the type of pydantic's error, in words for the user."""
+"""Permitted values for each of pydantic's error types, in words for the user."""
 
 
 def check_fields(settings: Any, subject: str) -> None:
@@ -74,7 +74,7 @@ def check_value(value: Any, kind: Any, subject: str) -> None:
 
 
 def check_plain(value: Any, kind: Any, subject: str) -> None:
-    """Refuse a configuration's value of the wrong type: as `check_value`, but a list passes for a tuple, too.
+    """Refuse a configuration's value of the wrong type: as `check_value`, but a list is accepted for a tuple as well.
 
     Args:
         value: a number, text, truth value or null, or lists and mappings of these.
@@ -121,7 +121,7 @@ def _rule(error: ErrorDetails) -> str:
 
 
 def _place(error: ErrorDetails) -> Sequence[str]:
-    """Keys and indices that lead to the invalid value, without the members of unions that pydantic adds to them."""
+    """Keys and indices that lead to the invalid value, without the union members that pydantic inserts."""
     scalars = ("int", "float", "str", "bool", "none", "constrained")
     kinds = (*scalars, "list[", "tuple[", "literal[", "function-", "dict[", "is-instance")
     return [str(part) for part in error["loc"] if not str(part).startswith(kinds)]

@@ -1,9 +1,9 @@
-"""The values that cross the borders between stages: cameras, Gaussians, renders, and what the network sees.
+"""Data types that the stages exchange: cameras, Gaussians, renders and the network's input.
 
 Axes: b batch, h height, w width, n Gaussians, k spherical-harmonics coefficients (1, 4, 9 or 16),
 s scale axes (3 for ellipsoids, 2 for disks), r references. Images are float in [0, 1], sRGB, channels first.
 Cameras are pinhole with OpenCV axes (x right, y down, z forward); the first pixel's centre is at (0.5, 0.5).
-Depth is z in scene units and 0 where nothing was hit.
+Depth is z in scene units, and 0 where no surface was hit.
 """
 
 import dataclasses
@@ -19,11 +19,11 @@ from gaussian_enhancer.errors import InputError
 
 _M = TypeVar("_M", bound="Movable")
 FARTHEST = 1e9
-"""Scene units of a pose; single precision is 64 units coarse there."""
+"""Largest value of a pose in scene units; float32 has a spacing of 64 units there."""
 
 
 class Movable:
-    """Frozen dataclass whose tensors (nested ones too) move together: Lightning calls ``.to(device)``."""
+    """Frozen dataclass whose tensors, also nested ones, move together; Lightning calls ``.to(device)``."""
 
     def to(self: _M, *args: Any, **kwargs: Any) -> _M:
         """Return a copy with every tensor moved as `torch.Tensor.to` would move it."""
@@ -57,7 +57,7 @@ class Region:
         return Region(top, left, min(height, self.bottom + margin), min(width, self.right + margin))
 
     def relative_to(self, outer: "Region") -> "Region":
-        """The same pixels in the coordinates of a region around them."""
+        """The same region in the coordinates of a larger region that contains it."""
         return Region(self.top - outer.top, self.left - outer.left, self.bottom - outer.top, self.right - outer.left)
 
     def cut(self, image: Tensor, scale: int = 1) -> Tensor:
@@ -86,10 +86,10 @@ class Camera(Movable):
 
     @classmethod
     def from_matrices(cls, K: Any, world_to_camera: Any, height: int, width: int) -> "Camera":
-        """A camera from its matrices, in OpenCV's convention: x right, y down, z forward.
+        """Build a camera from its matrices, in OpenCV's convention: x right, y down, z forward.
 
-        Conversions: a camera-to-world matrix is inverted first (``np.linalg.inv``). One in OpenGL's or Blender's
-        convention, as nerfstudio and NeRF-Synthetic have it, is first multiplied from the right by
+        A camera-to-world matrix must be inverted first (``np.linalg.inv``). A matrix in the convention of OpenGL or
+        Blender, as in nerfstudio and NeRF-Synthetic, must first be multiplied from the right by
         ``np.diag([1, -1, -1, 1])``.
 
         Args:
@@ -137,14 +137,14 @@ class Camera(Movable):
         return self.rotation[2]
 
     def cut(self, region: "Region") -> "Camera":
-        """The camera of a part of the image: the principal point moves by the part's corner."""
+        """The camera of a region of the image: the principal point is shifted by the region's corner."""
         K = self.K.clone()
         K[0, 2] -= region.left
         K[1, 2] -= region.top
         return dataclasses.replace(self, K=K, height=region.bottom - region.top, width=region.right - region.left)
 
     def resized(self, height: int, width: int) -> "Camera":
-        """The same view sampled on another pixel grid (the field of view is kept)."""
+        """The camera with another image size and the same field of view."""
         scale = self.K.new_tensor([[width / self.width], [height / self.height], [1.0]])
         return dataclasses.replace(self, K=self.K * scale, height=height, width=width)
 
@@ -155,11 +155,11 @@ class Gaussians(Movable):
 
     Args:
         means: centres in the world.
-        log_scales: natural logarithm of the standard deviation along each own axis; two axes mean disks (2DGS).
-        quaternions: rotation from own axes to the world, (w, x, y, z), of any non-zero length.
+        log_scales: natural logarithm of the standard deviation along each local axis; two axes mean disks (2DGS).
+        quaternions: rotation from local axes to the world, (w, x, y, z), of any non-zero length.
         opacity_logits: opacity before the sigmoid.
         sh: spherical-harmonics colour coefficients, 3DGS order and sign; colour = SH(direction) + 0.5.
-        smoothing: standard deviation of the 3D low-pass filter of Mip-Splatting, world units; None for the others.
+        smoothing: standard deviation of Mip-Splatting's 3D low-pass filter, in world units; None for other methods.
     """
 
     means: Float[Tensor, "n 3"]
@@ -180,14 +180,14 @@ class Gaussians(Movable):
 
 @dataclass(frozen=True)
 class Render(Movable):
-    """What a rasteriser gives for one camera.
+    """Output of a rasteriser for one camera.
 
     Args:
         colour: composited over the background, not clamped.
         depth: expected z (weights normalised by alpha), 0 where alpha is below 1e-3.
         alpha: accumulated opacity in [0, 1].
-        median_depth: z at which transmittance falls below one half, 0 where it never does; None if not asked for.
-        normals: unit normals in camera axes towards the camera (2DGS), 0 where nothing was hit; None otherwise.
+        median_depth: z at which transmittance falls below one half, 0 where it never does; None if not requested.
+        normals: unit normals in camera axes towards the camera (2DGS), 0 where nothing was hit; None for other methods.
     """
 
     colour: Float[Tensor, "3 h w"]
@@ -198,9 +198,9 @@ class Render(Movable):
 
     @property
     def surface(self) -> Float[Tensor, "1 h w"]:
-        """Where the surface is: median z, expected z where less than half is covered or no median is known.
+        """Surface depth: median z, or expected z where less than half is covered or the median is not available.
 
-        Expected z lies between the surfaces that a pixel mixes; references warped through the median fit better
+        Expected z lies between the surfaces that a pixel mixes; references warped with median depth are aligned better
         (docs/networks.md).
         """
         if self.median_depth is None:
@@ -210,23 +210,23 @@ class Render(Movable):
 
 @dataclass(frozen=True)
 class NetworkInput(Movable):
-    """All that an enhancement network sees of a batch of targets. H = 4 h, W = 4 w.
+    """Input of an enhancement network for a batch of targets. H = 4 h, W = 4 w.
 
-    References lie on the target's pixel grid: reprojected where alignment warps them by geometry, as they are
-    (resized) otherwise. A reference that is missing, or does not see a pixel, has visibility 0 there.
+    References lie on the target's pixel grid: they are warped where the alignment uses geometry, and only resized
+    otherwise. A reference that is missing, or does not show the surface at a pixel, has visibility 0 there.
 
     Args:
         render: splat render of the target view.
-        references: photos brought to the target's grid, zero where not visible.
+        references: photos on the target's grid, zero where not visible.
         visibility: how surely each reference shows the target's surface at the pixel, in [0, 1].
-        depth: rendered depth of the target, None where the renderer gave none.
-        alpha: rendered opacity of the target, None where the renderer gave none.
-        depth_unit: the length that counts as 1 when a network normalises depth, so that crops and tiles of an
-            image agree; None means the median of the given depth.
-        reference_renders: the splat's own renders of the references' views, brought to the target's grid as the
-            references are: photo minus render tells what the splat got wrong, render minus ``render`` how well the two
-            are aligned. None where the renderer gave none.
-        fine_references: the references on a grid 4 times as fine, for super-resolution; None where not asked for.
+        depth: rendered depth of the target; None if the renderer provides none.
+        alpha: rendered opacity of the target; None if the renderer provides none.
+        depth_unit: the length that counts as 1 when a network normalises depth, so that all crops and tiles of an
+            image use the same unit; None means the median of the given depth.
+        reference_renders: the splat's renders of the references' views, warped or resized like the references. Photo
+            minus reference render shows the splat's error; reference render minus ``render`` shows how well the two
+            are aligned. None if the renderer provides none.
+        fine_references: the references on a grid 4 times as fine, for super-resolution; None if not requested.
     """
 
     render: Float[Tensor, "b 3 h w"]
@@ -239,10 +239,10 @@ class NetworkInput(Movable):
     fine_references: Float[Tensor, "b r 3 H W"] | None = None
 
     def map_images(self, change: Callable[[Tensor, int], Tensor]) -> "NetworkInput":
-        """The views with every image changed alike: cut out, padded, flipped.
+        """Apply the same change to every image, for instance cropping, padding or flipping.
 
         Args:
-            change: takes images (..., height, width) and how many times finer than the render's their grid is.
+            change: function of images (..., height, width) and of their grid's resolution relative to the render's.
         """
         scales = {"fine_references": 4}
         images = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "depth_unit"}
@@ -255,10 +255,10 @@ class Batch(Movable):
     """Training or validation samples.
 
     Args:
-        views: what the network sees.
-        photo: what it should return, of the render's size or, for super-resolution, 4 times as fine.
-        names: of the samples.
-        real: the fits' own renders, where ``views.render`` was simulated; None where nothing was.
+        views: input of the network.
+        photo: the desired output, at the render's size or, for super-resolution, 4 times as fine.
+        names: names of the samples.
+        real: the fits' own renders if ``views.render`` was simulated; None if no sample was simulated.
     """
 
     views: NetworkInput
@@ -268,37 +268,37 @@ class Batch(Movable):
 
 
 def identity_camera(height: int, width: int, focal: float, dtype: torch.dtype = torch.float32) -> Camera:
-    """A camera at the world's origin looking along +z, with its principal point in the image's middle."""
+    """A camera at the world's origin that looks along +z, with its principal point at the image's centre."""
     K = torch.tensor([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]], dtype=dtype)
     return Camera(K, torch.eye(4, dtype=dtype), height, width)
 
 
 FARTHEST_DEPTH = 1e12
-"""Scene units; beyond, squares of differences overflow. Blender writes 1e10 for the background."""
+"""Largest usable depth in scene units; beyond it, squared differences overflow. Blender writes 1e10 as background."""
 
 
 def usable_depth(depth: Float[Tensor, "*b h w"]) -> Bool[Tensor, "*b h w"]:
-    """Where depth is a finite, positive length of at most `FARTHEST_DEPTH`, which half precision takes for infinite."""
-    near = (depth > 0) & (depth <= FARTHEST_DEPTH)  # NaN is neither
-    return near & torch.isfinite(depth) if depth.dtype == torch.float16 else near
+    """Mask of depths that are finite, positive and at most `FARTHEST_DEPTH`, which is infinite in half precision."""
+    in_range = (depth > 0) & (depth <= FARTHEST_DEPTH)  # False for NaN
+    return in_range & torch.isfinite(depth) if depth.dtype == torch.float16 else in_range
 
 
 def single_precision(values: Float[Tensor, "*axes"]) -> Float[Tensor, "*axes"]:
-    """The values in single precision where they are in half; others as they are."""
+    """Convert half-precision values to single precision; other types are returned unchanged."""
     return values.to(torch.promote_types(values.dtype, torch.float32))
 
 
 def quantise_8_bit(image: Float[Tensor, "*b c h w"]) -> Float[Tensor, "*b c h w"]:
-    """The image as an 8-bit file would hold it: clamped to [0, 1] and rounded to multiples of 1/255."""
+    """The image as stored in an 8-bit file: clamped to [0, 1] and rounded to multiples of 1/255."""
     return torch.round(image.clamp(0, 1) * 255) / 255
 
 
 def orthonormal_pose(world_to_camera: Float[Tensor, "4 4"], where: object) -> Float[Tensor, "4 4"]:
-    """Make the rotation of a pose exactly orthonormal; files round it.
+    """Make the rotation of a pose exactly orthonormal, since files store rounded values.
 
     Args:
         world_to_camera: the pose.
-        where: what the pose belongs to, for messages.
+        where: owner of the pose, for messages.
 
     Raises:
         InputError: the pose is not finite or too far away for single precision, or its rotation is scaled, skewed or
@@ -321,12 +321,12 @@ def orthonormal_pose(world_to_camera: Float[Tensor, "4 4"], where: object) -> Fl
 
 
 def _matrix(name: str, values: Any, *shapes: tuple[int, int]) -> Tensor:
-    """Values as a matrix in double precision, of one of the shapes."""
+    """Convert values to a matrix in double precision and refuse other shapes than those listed."""
     try:
         matrix = torch.as_tensor(values, dtype=torch.float64, device="cpu")
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(name, f"is no matrix ({error})", "give a numpy array, a tensor or a list of rows") from None
     if tuple(matrix.shape) not in shapes:
-        known = " or ".join(str(shape) for shape in shapes)
-        raise InputError(name, f"has shape {tuple(matrix.shape)}", f"give shape {known}")
+        permitted = " or ".join(str(shape) for shape in shapes)
+        raise InputError(name, f"has shape {tuple(matrix.shape)}", f"give shape {permitted}")
     return matrix.detach()

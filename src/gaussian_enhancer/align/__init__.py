@@ -1,1 +1,1 @@
-"""References brought to the target's pixel grid: warp, reprojection, depth, exposure, photo-consistency."""
+"""Alignment of references to the target's pixel grid: warps, depth refinement, exposure, photo-consistency."""

@@ -23,23 +23,23 @@ from gaussian_enhancer.scene.photos import resize
 from gaussian_enhancer.types import Camera, Region, single_precision
 
 NOT_IMAGES = "name", "camera", "read_fine"
-"""Fields of `Pixels` that hold no image."""
+"""Fields of `Pixels` that are not images."""
 STRIP = 256
-"""Rows of a fine grid that are warped at once, so that large images need little memory."""
+"""Number of rows of a fine grid that are warped at a time, to limit the memory for large images."""
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """A view in memory: a target's render, or a reference's photo.
+    """A view in memory: a target with its render, or a reference with its photo.
 
     Args:
         name: the view's file name.
-        image: colours in [0, 1].
-        camera: where it was taken from, of the image's size; None where unknown.
-        depth: rendered z, scene units, 0 where nothing was hit, for references of any size; None where unknown.
-        alpha: rendered opacity; None where unknown.
-        render: the splat's own render of a reference's view, of any size; None where unknown.
-        read_fine: reads a reference's 8-bit photo on a finer grid, of any size; None where not asked for.
+        image: colours in [0, 1]: the render of a target, or the photo of a reference.
+        camera: camera with the image's size; None if unknown.
+        depth: rendered z in scene units, 0 where no surface was hit; of any size for references; None if unknown.
+        alpha: rendered opacity; None if unknown.
+        render: the splat's render of a reference's view, of any size; None if unknown.
+        read_fine: reads a reference's 8-bit photo at a higher resolution, of any size; None if not requested.
     """
 
     name: str
@@ -58,15 +58,15 @@ class Pixels:
         return fit_exposure(resize(self.image, *self.render.shape[-2:]), self.render)
 
     def to_device(self, device: torch.device) -> "Pixels":
-        """The view with its images on a device; its camera, of which a few numbers are read, stays."""
+        """The view with its images on a device. Its camera is not moved, since only a few numbers of it are read."""
         return self._map_images(lambda image: image.to(device))
 
     def to_single_precision(self) -> "Pixels":
-        """The view with its images in single precision where they were in half."""
+        """The view with half-precision images converted to single precision."""
         return self._map_images(single_precision)
 
     def _map_images(self, change: Callable[[Tensor], Tensor]) -> "Pixels":
-        """The view with its images changed; the same object, with its cached values, if no image changes."""
+        """Apply a function to the view's images. If no image changes, return the same object with its cached values."""
         images = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in NOT_IMAGES}
         changed = {name: change(image) for name, image in images.items() if image is not None}
         if all(image is images[name] for name, image in changed.items()):
@@ -76,14 +76,14 @@ class Pixels:
 
 @dataclass(frozen=True)
 class Aligned:
-    """References on the target's grid, the most useful first.
+    """References on the target's grid, in order of decreasing usefulness.
 
     Args:
-        references: colours, 0 where nothing is visible.
-        visibility: how surely each shows the target's surface, in [0, 1].
-        names: of the references.
-        renders: the splat's own renders of the references' views on the target's grid; None unless all are known.
-        fine: the references on a grid 4 times as fine; None unless all are known.
+        references: colours, 0 where not visible.
+        visibility: how surely each reference shows the target's surface, in [0, 1].
+        names: names of the references.
+        renders: the splat's renders of the references' views on the target's grid; None unless all are known.
+        fine: the references on a grid 4 times as fine; None unless all have fine photos.
     """
 
     references: Float[Tensor, "r 3 h w"]
@@ -95,53 +95,54 @@ class Aligned:
 
 @runtime_checkable
 class Warp(Protocol):
-    """A method of bringing references to the target's grid."""
+    """A method that aligns references to the target's grid."""
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
-        """Bring at most ``keep`` of the references, given nearest first, to the target's grid."""
+        """Align at most ``keep`` of the references to the target's grid. References are ordered nearest first."""
         ...
 
 
 @dataclass(frozen=True)
 class Unwarped:
-    """No warp: references are only resized to the target's size and count as visible everywhere, as in the paper.
+    """No warp: references are resized to the target's size and count as visible everywhere, as in the paper.
 
-    Half precision is resized in single.
+    Half-precision images are resized in single precision.
     """
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
-        """Take the first ``keep`` references."""
+        """Resize the first ``keep`` references."""
         height, width = target.image.shape[-2:]
-        chosen = [reference.to_single_precision() for reference in references[:keep]]
+        nearest = [reference.to_single_precision() for reference in references[:keep]]
         warped = []
-        for reference in chosen:
+        for reference in nearest:
             image = resize(reference.image, height, width)
             render = None if reference.render is None else resize(reference.render, height, width)
             warped.append(Warped(image, torch.ones_like(image[:1]), render))
-        photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_reads(chosen)]
+        photos = [read_photo().to(target.image.device) / 255 for read_photo in _fine_reads(nearest)]
         fine = torch.stack([resize(photo, 4 * height, 4 * width) for photo in photos]) if photos else None
-        return _stack_aligned(target, warped, [reference.name for reference in chosen], fine)
+        return _stack_aligned(target, warped, [reference.name for reference in nearest], fine)
 
 
 @dataclass(frozen=True)
 class Reprojected:
     """Warp through the target's depth, match colours to the render, and rank references by what they show.
 
-    Where the splat's own render of a reference's view is known, depth is refined and colours are matched by it: what
-    one splat renders twice differs in neither exposure nor blur, and photo and render of one view lie on one grid.
-    Half precision cannot address pixels: views in it are warped in single precision, and autocast stays outside.
+    If the splat's render of a reference's view is known, it is used to refine depth and to match colours: two renders
+    of one splat do not differ in exposure or blur, and photo and render of one view share a pixel grid. Half precision
+    cannot represent pixel coordinates, so half-precision views are warped in single precision, with autocast disabled.
 
     Args:
-        depth: what the target's depth is; says how far it is bettered photometrically before the warp (`refine_depth`).
-        match_colour: bring each reference's exposure to the splat's (`fit_colour`).
-        tolerance: relative depth difference that the occlusion check forgives (`reproject`).
-        softness: mean colour difference, in [0, 1], at which a reference's worth at a pixel falls to 1/e in ranking.
-        photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], beyond which a reference
-            does not count as showing the same: glass that mirrors the sky from one place and not from another, or what
-            the depth check missed. None leaves that unchecked.
-        smooth: fit planes to depth that is the splat's surface before it is searched (`smooth_depth`).
-        consistent: where that is searched, ask photos to agree with each other, not only renders with the target's.
-        interpolation: how photos and renders are read between their pixels; "bicubic" keeps detail that "bilinear"
+        depth: kind of the target's depth; it determines how far depth is refined photometrically before the warp
+            (`refine_depth`).
+        match_colour: match each reference's exposure to the splat's (`fit_colour`).
+        tolerance: relative depth difference that the occlusion check tolerates (`reproject`).
+        softness: mean colour difference, in [0, 1], at which a reference's weight at a pixel falls to 1/e in ranking.
+        photo_consistency: mean colour difference to the render over 7x7 pixels, in [0, 1], above which a reference is
+            treated as not visible. This rejects view-dependent reflections, such as the sky in glass, and errors that
+            the depth check missed. None disables this check.
+        smooth: fit planes to depth of kind "surface" before the depth search (`smooth_depth`).
+        consistent: in the depth search, also compare photos with each other, not only renders with the target's render.
+        interpolation: interpolation of photos and renders between pixels; "bicubic" keeps detail that "bilinear"
             blurs (0.27 dB of a warped photo's error, measured on a converged fit).
     """
 
@@ -167,10 +168,10 @@ class Reprojected:
             raise ValueError(f"photo_consistency is {limit!r}, neither null nor a number from 0 on")
 
     def __call__(self, target: Pixels, references: Sequence[Pixels], keep: int) -> Aligned:
-        """Warp all references and keep those that together show most; no gradient passes through the search of depth.
+        """Warp all references and keep those that together show most. The depth search is not differentiable.
 
         Raises:
-            InputError: a view has no camera, or the target no depth.
+            InputError: a view has no camera, or the target has no depth.
         """
         with torch.autocast(target.image.device.type, enabled=False):
             return self._warp(
@@ -187,28 +188,28 @@ class Reprojected:
         camera, cameras = _camera_of(target), [_camera_of(reference) for reference in references]
         exposures = [reference.exposure if self.match_colour else None for reference in references]
         pairs = zip(references, exposures, strict=True)
-        photos = [one.image if exposure is None else apply_colour(one.image, exposure) for one, exposure in pairs]
+        photos = [view.image if exposure is None else apply_colour(view.image, exposure) for view, exposure in pairs]
         renders = [reference.render for reference in references]
         sources = [Source(*source) for source in zip(cameras, photos, renders, strict=True)]
         with torch.no_grad():
             search_options = self.depth, self.smooth, self.consistent
             depth = refine_depth(camera, target.depth, target.image, sources, *search_options)
         rendered = target.depth
-        if target.alpha is not None:  # says where holes are; they are filled once for all references
+        if target.alpha is not None:  # alpha marks the holes, so they can be filled here once for all references
             depth, rendered = fill_depth(depth), fill_depth(rendered)
-        warped, worth = [], []
-        for i, (other, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
+        warped, weights = [], []
+        for i, (source_camera, reference, photo) in enumerate(zip(cameras, references, photos, strict=True)):
             warp_options = reference.depth, target.alpha, self.tolerance, rendered, reference.render, self.interpolation
-            one = reproject(camera, depth, other, photo, *warp_options)
+            view = reproject(camera, depth, source_camera, photo, *warp_options)
             if self.match_colour and exposures[i] is None:
-                exposures[i] = exposure = fit_colour(one.colour, target.image, one.visibility)
-                one = replace(one, colour=apply_colour(one.colour, exposure) * (one.visibility > 0))
-            difference = photometric_difference(one, target.image)
+                exposures[i] = exposure = fit_colour(view.colour, target.image, view.visibility)
+                view = replace(view, colour=apply_colour(view.colour, exposure) * (view.visibility > 0))
+            difference = photometric_difference(view, target.image)
             if self.photo_consistency is not None:
-                one = hide_inconsistent(one, difference, self.photo_consistency)
-            warped.append(one)
-            worth.append(reference_weight(one, difference, self.softness))
-        order = rank(worth, keep)
+                view = hide_inconsistent(view, difference, self.photo_consistency)
+            warped.append(view)
+            weights.append(reference_weight(view, difference, self.softness))
+        order = rank(weights, keep)
         reads, fine = _fine_reads([references[i] for i in order]), None
         if reads:
             fine = target.image.new_empty(len(order), 3, *(4 * side for side in target.image.shape[-2:]))
@@ -219,7 +220,7 @@ class Reprojected:
 
 
 def _fine_reads(references: Sequence[Pixels]) -> list[Callable[[], UInt8[Tensor, "3 _ _"]]]:
-    """Readers of the references' fine photos; none unless all have one."""
+    """Readers of the references' fine photos; empty unless every reference has one."""
     reads = [reference.read_fine for reference in references if reference.read_fine is not None]
     return reads if len(reads) == len(references) else []
 
@@ -233,33 +234,33 @@ def _warp_finely(
     warped: Warped,
     result: Float[Tensor, "3 H W"],
 ) -> None:
-    """Write the reference's fine photo on a grid 4 times as fine as the target's, with the warp's visibility.
+    """Warp a reference's fine photo to a grid 4 times as fine as the target's, with the visibility of the coarse warp.
 
     Args:
-        camera: the target's.
-        depth: the target's, refined, at its own size; enlarged as inverse depth, in which planes are linear.
-        other: the reference's camera.
-        photo: the reference's fine photo.
+        camera: camera of the target.
+        depth: refined depth of the target at its own size. It is upsampled as inverse depth, which is linear on planes.
+        other: camera of the reference.
+        photo: fine photo of the reference.
         exposure: gain and offset that were applied to the warped reference.
-        warped: the reference on the target's own grid.
-        result: is written.
+        warped: the reference on the target's grid.
+        result: output, written in place.
     """
     height, width = result.shape[-2:]
     colours = torch.tensor([[1 / 255, 0.0]]).expand(3, 2)
-    if exposure is not None:  # of what was read, so that no copy of the photo is made
+    if exposure is not None:  # applied after sampling, which avoids a copy of the photo
         colours = exposure * exposure.new_tensor([1 / 255, 1.0])
     colours = colours.to(result)
     fine = camera.resized(height, width)
     filled = fill_depth(depth)
-    step = footprint_between(camera, filled, other.resized(*photo.shape[-2:])) / 4
+    footprint = footprint_between(camera, filled, other.resized(*photo.shape[-2:])) / 4
     inverse = F.interpolate(1 / filled[None], size=(height, width), mode="bilinear", align_corners=False)[0]
     for top in range(0, height, STRIP):
         rows = slice(top, min(top + STRIP, height))
-        coarse = slice(top // 4, -(-rows.stop // 4))
-        visibility = F.interpolate(warped.visibility[None, :, coarse], scale_factor=4)[0]
+        coarse_rows = slice(top // 4, -(-rows.stop // 4))
+        visibility = F.interpolate(warped.visibility[None, :, coarse_rows], scale_factor=4)[0]
         strip = fine.cut(Region(top, 0, rows.stop, width))
-        finely = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=step)
-        _write_fine_rows(finely, colours, warped.colour, top, result)
+        strip_samples = reproject(strip, 1 / inverse[:, rows], other, photo, alpha=visibility, footprint=footprint)
+        _write_fine_rows(strip_samples, colours, warped.colour, top, result)
 
 
 def _write_fine_rows(
@@ -269,16 +270,16 @@ def _write_fine_rows(
     top: int,
     result: Float[Tensor, "3 H W"],
 ) -> None:
-    """Write rows of a fine reference: its own colours, and those of the coarse reference where only that is visible.
+    """Write rows of a fine reference, with colours of the coarse reference where only that one is visible.
 
-    At the photo's border the coarse grid may see what the fine one does not.
+    At the photo's border, a pixel may be visible on the coarse grid but not on the fine one.
 
     Args:
-        finely: the rows, as they were read.
-        colours: gain and offset that bring them to [0, 1] and to the render's exposure.
-        coarse: the reference on the target's own grid.
-        top: the first of the rows.
-        result: is written.
+        finely: the sampled rows, before gain and offset.
+        colours: gain and offset that convert colours to [0, 1] and to the render's exposure.
+        coarse: the reference on the target's grid.
+        top: index of the first row.
+        result: output, written in place.
     """
     if can_use_kernels(finely.colour, finely.visibility, coarse, result):
         from gaussian_enhancer.align.reproject_kernels import finish_fine
@@ -306,10 +307,10 @@ def _stack_aligned(
     if not warped:
         empty = target.image.new_zeros(0, 4, height, width)
         return Aligned(empty[:, :3], empty[:, 3:], ())
-    renders = [one.render for one in warped if one.render is not None]
+    renders = [view.render for view in warped if view.render is not None]
     return Aligned(
-        torch.stack([one.colour for one in warped]),
-        torch.stack([one.visibility for one in warped]),
+        torch.stack([view.colour for view in warped]),
+        torch.stack([view.visibility for view in warped]),
         tuple(names),
         torch.stack(renders) if len(renders) == len(warped) else None,
         fine,

@@ -1,6 +1,6 @@
-"""Coarse visibility of candidate references, to select those that are warped at full size.
+"""Coarse visibility of candidate references, used to select those that are warped at full size.
 
-The warp is that of the reference configuration, on images of about 64 pixels, at a hundredth of the cost.
+The warp is that of the reference configuration, on images of about 64 pixels, at 1/100 of the cost.
 Axes: h height, w width of the target; p, q of a reference.
 """
 
@@ -18,22 +18,22 @@ EDGE = 64
 
 
 def coarse_visibility(warp: Reprojected, target: Pixels, candidates: Sequence[Pixels]) -> Aligned:
-    """Warp all candidates to the target's coarse grid, in the order in which the full warp takes them.
+    """Warp all candidates to the target's coarse grid, in the order in which the full warp ranks them.
 
     Args:
-        warp: how references will be warped; depth is not searched here.
-        target: with camera and depth, as `coarse` gives it.
-        candidates: with cameras, as `coarse` gives them.
+        warp: the warp of the reference configuration; its depth search is disabled here.
+        target: target with camera and depth, from `coarsen`.
+        candidates: references with cameras, from `coarsen`.
     """
     return replace(warp, depth="exact")(target, candidates, len(candidates))
 
 
 def visible_shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[str, float]:
-    """Share of the target's visible surface that each candidate shows, in [0, 1], best first.
+    """Share of the target's visible surface that each candidate shows, in [0, 1], in the order of ``seen``.
 
     Args:
-        seen: what `coarse_visibility` gives.
-        alpha: the target's opacity on the same grid; None counts every pixel.
+        seen: result of `coarse_visibility`.
+        alpha: opacity of the target on the same grid; None counts each pixel fully.
     """
     height, width = seen.visibility.shape[-2:]
     total = float(height * width if alpha is None else alpha.clamp(0, 1).sum())
@@ -42,7 +42,7 @@ def visible_shares(seen: Aligned, alpha: Float[Tensor, "1 h w"] | None) -> dict[
 
 
 def coarsen(pixels: Pixels, edge: int = EDGE) -> Pixels:
-    """A view on a coarse grid: colours averaged, depth and opacity read at single pixels, which mixes no surfaces."""
+    """A view on a coarse grid. Colours are averaged; depth and opacity are sampled at pixels, so no surfaces mix."""
 
     def sized(image: Float[Tensor, "c _ _"], *, averaged: bool) -> Float[Tensor, "c _ _"]:
         shrink = max(1.0, max(image.shape[-2:]) / edge)

@@ -1,6 +1,6 @@
 """Refinement of rendered depth by a local search that compares references with the render.
 
-Axes: h height, w width of the target; p height, q width of a reference; m hypotheses of depth.
+Axes: h height, w width of the target; p height, q width of a reference; m depth hypotheses.
 """
 
 import math
@@ -31,9 +31,9 @@ from gaussian_enhancer.align.reproject import Warped, fill_depth
 from gaussian_enhancer.types import Camera, usable_depth
 
 TINY = 1e-8
-"""Added to variances of colour, so that rounding where photos are equal does not grow under the root."""
+"""Added to colour variances, since the square root would amplify rounding errors where photos are equal."""
 DEAREST = 4.0
-"""Cost of a hypothesis that no reference sees; larger than any difference of colours."""
+"""Cost of a hypothesis that is visible in no reference; larger than any colour difference."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,13 @@ class Search:
     Args:
         span: largest relative change, > 0.
         hypotheses: number of multipliers, odd.
-        window: side of the square of samples that is compared, odd.
+        window: side in samples of the square over which costs are averaged, odd.
         penalty: cost of the largest change, in colour units.
-        stride: pixels between samples; between them the change is interpolated.
-        inconsistency: what the photos' difference from each other counts beside their renders' from the target's.
-        photo_consistency: mean colour difference to the render over 7x7 samples beyond which a reference, read at the
-            depth that is there, has no say; None lets all speak, as it must be where that depth may be far off.
+        stride: pixels between samples; between samples the change is interpolated.
+        inconsistency: weight of the photos' standard deviation, relative to the renders' difference from the target.
+        photo_consistency: mean colour difference to the render over 7x7 samples above which a reference is ignored at
+            a sample. It is measured at the initial depth. None ignores no reference, which is required where the
+            initial depth may be far off.
     """
 
     span: float
@@ -61,25 +62,26 @@ class Search:
 
 
 DepthKind = Literal["surface", "expected", "exact"]
-"""Kind of a target's depth: the splat's median z, its mean z (between the surfaces that blend), or exact."""
+"""Kind of a target's depth: "surface" is the splat's median z, "expected" its mean z, which lies between the surfaces
+that blend; "exact" is exact depth."""
 
 SEARCHES: dict[DepthKind, tuple[Search, ...]] = {
     "surface": (Search(0.03, 7, window=7, penalty=0.002, stride=2, inconsistency=1.0, photo_consistency=0.1),),
     "expected": (Search(0.15, 25), Search(0.01, 7)),
     "exact": (),
 }
-"""Search range of each kind; a wide search around nearly correct depth finds more wrong matches than right ones."""
+"""Searches of each kind of depth. A wide search around nearly correct depth finds more wrong than right matches."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A reference view that depth hypotheses are compared in.
+    """A reference view in which depth hypotheses are compared.
 
     Args:
-        camera: where it was taken from, of the photo's size.
+        camera: camera of the photo, with its size.
         photo: colours in [0, 1], at any resolution, in the exposure of its render.
-        render: the splat's own of the same view, of any size; None where unknown: then the photo, its colours fitted to
-            the target's, stands in.
+        render: the splat's render of the same view, of any size; None if unknown. Then the photo is used instead, with
+            its colours fitted to the target's.
     """
 
     camera: Camera
@@ -89,14 +91,14 @@ class Source:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A reference, prepared for the search.
+    """A reference prepared for the search.
 
     Args:
-        projection: of the target's samples.
-        photo: of a size that is not finer than the target, in the render's exposure.
-        render: the splat's of the same view, alike; the photo where there is none.
-        colours: gain and offset per channel of both to the target's colours.
-        counts: 1 for samples at which the reference counts, 0 elsewhere.
+        projection: projection of the target's samples into the reference.
+        photo: photo at most as fine as the target, in the render's exposure.
+        render: the splat's render of the same view at the same size; the photo if there is no render.
+        colours: gain and offset per channel from photo and render to the target's colours.
+        counts: 1 for samples at which the reference is used, 0 elsewhere.
     """
 
     projection: ReferenceProjection
@@ -115,70 +117,77 @@ def refine_depth(
     smooth: bool = True,
     consistent: bool = True,
 ) -> Float[Tensor, "1 h w"]:
-    """Depth near the rendered one at which references agree best with the render and with each other.
+    """Find the depth near the rendered one at which references agree best with the render and with each other.
 
-    The splat's surface is smoothed first (`smooth_depth`): median depth jumps from Gaussian to Gaussian.
+    Surface depth is smoothed first (`smooth_depth`), since median depth jumps from Gaussian to Gaussian.
 
-    A plane sweep relative to the rendered surface: for each multiplier m = (1 + span)^k, k in [-1, 1], the cost of a
-    sample is, over the references that see it, the mean absolute difference of their renders to the target's, plus
-    inconsistency x the standard deviation of their photos (where one alone sees it, that difference once more). It is
-    averaged over a window, and penalty x |k| is added; the smallest wins, with a parabola between its neighbours. What
-    the splat blurs its renders cannot place, but photos can. Where no reference sees the surface, depth stays.
+    The search is a plane sweep relative to the rendered surface, with multipliers m = (1 + span)^k, k in [-1, 1]. The
+    cost of a sample is computed over the references in which it is visible. It is the mean absolute difference of
+    their renders to the target's, plus inconsistency x the standard deviation of their photos (if only one reference
+    shows the sample, that difference again). The cost is averaged over a window, and penalty x |k| is added. The
+    smallest cost wins, refined by a parabola through its neighbours. Photos locate detail that the splat blurs in its
+    renders. Depth is unchanged where no reference shows the surface.
 
     Args:
         target: camera of the render.
-        depth: rendered z, scene units; holes are filled from their neighbours, and stay holes.
-        render: the target's colours, [0, 1].
-        sources: the references; without any, depth is not searched.
-        kind: of the depth; decides which searches are made, one after the other, each around the last one's result.
-        smooth: give a surface that is one smoothness; without effect on the other kinds.
-        consistent: let the photos' difference from each other count, as far as the kind's searches say.
+        depth: rendered z in scene units; holes are filled from their neighbours for the search, and remain holes.
+        render: colours of the target, [0, 1].
+        sources: the references; if there are none, depth is not searched.
+        kind: kind of the depth; it determines the searches. Each search starts from the result of the previous one.
+        smooth: smooth depth of kind "surface"; without effect on other kinds.
+        consistent: include the photos' differences from each other, with the weight that the searches define.
     """
     if smooth and kind == "surface":
         valid = usable_depth(depth)
         depth = torch.where(valid, smooth_depth(fill_depth(depth).to(render.dtype), render).to(depth.dtype), depth)
-    for how in SEARCHES[kind] if sources else ():
-        how = how if consistent else replace(how, inconsistency=0.0)
-        z = fill_depth(depth).to(render.dtype)[..., :: how.stride, :: how.stride].contiguous()
-        image = render[..., :: how.stride, :: how.stride].contiguous()
-        source_differences = [_prepare_source(target, z, image, source, how) for source in sources]
-        change = (_search_compiled if can_use_kernels(z, image) else search)(z, image, source_differences, how)
-        change = _interpolate_change(change, how.stride, depth.shape[-2], depth.shape[-1])
-        depth = depth * torch.exp(change * math.log1p(how.span)).to(depth.dtype)
+    for settings in SEARCHES[kind] if sources else ():
+        settings = settings if consistent else replace(settings, inconsistency=0.0)
+        z = fill_depth(depth).to(render.dtype)[..., :: settings.stride, :: settings.stride].contiguous()
+        image = render[..., :: settings.stride, :: settings.stride].contiguous()
+        prepared = [_prepare_source(target, z, image, source, settings) for source in sources]
+        change = (_search_compiled if can_use_kernels(z, image) else search)(z, image, prepared, settings)
+        change = _interpolate_change(change, settings.stride, depth.shape[-2], depth.shape[-1])
+        depth = depth * torch.exp(change * math.log1p(settings.span)).to(depth.dtype)
     return depth
 
 
 def search(
     z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
 ) -> Float[Tensor, "1 h w"]:
-    """The cheapest step k of each sample; readable twin of the compiled kernels, on any device."""
+    """The step k of least cost at each sample; readable twin of the compiled kernels, for any device."""
     steps = torch.linspace(-1, 1, how.hypotheses, dtype=z.dtype, device=z.device)
     multipliers = torch.exp(steps * math.log1p(how.span))[:, None, None]
     count, difference, squares = z.new_zeros(3, how.hypotheses, 1, *z.shape[-2:])
     total = z.new_zeros(how.hypotheses, 3, *z.shape[-2:])
-    for one in seen:
-        landing = land(one.projection, z * multipliers)
-        inside = (landing.inside * one.counts)[:, None]
-        away = (_apply_colours(sample_image(one.photo, landing.x, landing.y), one.colours) - image) * inside
-        count, total, squares = count + inside, total + away, squares + away.square().mean(1, keepdim=True)
-        rendered = (_apply_colours(sample_image(one.render, landing.x, landing.y), one.colours) - image) * inside
+    for reference in seen:
+        landing = land(reference.projection, z * multipliers)
+        inside = (landing.inside * reference.counts)[:, None]
+        deviation = (
+            _apply_colours(sample_image(reference.photo, landing.x, landing.y), reference.colours) - image
+        ) * inside
+        count, total, squares = count + inside, total + deviation, squares + deviation.square().mean(1, keepdim=True)
+        rendered = (
+            _apply_colours(sample_image(reference.render, landing.x, landing.y), reference.colours) - image
+        ) * inside
         difference = difference + rendered.abs().mean(1, keepdim=True)
     n = count.clamp_min(1)
     mean = difference / n
     variance = (squares - total.square().mean(1, keepdim=True) / n).clamp_min(0) / (n - 1).clamp_min(1)
     cost = mean + how.inconsistency * torch.where(count > 1, (variance + TINY).sqrt(), mean)
     weight = (count > 0).to(cost)
-    summed, share = _window_mean((cost * weight)[:, 0], how.window), _window_mean(weight[:, 0], how.window)
-    # A hypothesis that fewer samples see is not cheaper for it: each is judged by the mean of those that do.
-    visible = share > 0.1
-    mean = torch.where(visible, summed / share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], DEAREST)
+    window_cost, window_share = _window_mean((cost * weight)[:, 0], how.window), _window_mean(weight[:, 0], how.window)
+    # Costs are averaged over the visible samples only, so that a hypothesis with fewer of them has no lower cost.
+    visible = window_share > 0.1
+    mean = torch.where(
+        visible, window_cost / window_share.clamp_min(1e-6) + how.penalty * steps.abs()[:, None, None], DEAREST
+    )
     return torch.where(visible[how.hypotheses // 2], _refine_minimum(mean, steps), 0.0)[None]
 
 
 def _search_compiled(
     z: Float[Tensor, "1 h w"], image: Float[Tensor, "3 h w"], seen: Sequence[_Seen], how: Search
 ) -> Float[Tensor, "1 h w"]:
-    """The same by compiled kernels."""
+    """Compiled version of `search`."""
     from gaussian_enhancer.align.depth_search_kernels import find_costs, find_valleys
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -187,33 +196,33 @@ def _search_compiled(
     cost, weight = np.empty((2, *z.shape[-2:], how.hypotheses), np.float32)
     best = np.empty(z.shape[-2:], np.float32)
     matrices, offsets = (
-        np.stack(one) for one in zip(*(kernel_projection(one.projection)[:2] for one in seen), strict=True)
+        np.stack(item) for item in zip(*(kernel_projection(item.projection)[:2] for item in seen), strict=True)
     )
-    sizes = np.array([(one.projection.width, one.projection.height) for one in seen])
+    sizes = np.array([(item.projection.width, item.projection.height) for item in seen])
     with kernel_lock:
         images, starts = _side_by_side(seen)
-        places = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
-        colours = images, kernel_image(torch.cat([one.counts for one in seen])), _interleaved_channels(image)
-        costs = np.float32(how.inconsistency), np.float32(TINY), cost, weight
-        find_costs(kernel_image(z[0]), multipliers, *places, *colours, *costs)
+        geometry = matrices, offsets, sizes, starts, np.float32(IN_FRONT)
+        colours = images, kernel_image(torch.cat([item.counts for item in seen])), _interleaved_channels(image)
+        cost_settings = np.float32(how.inconsistency), np.float32(TINY), cost, weight
+        find_costs(kernel_image(z[0]), multipliers, *geometry, *colours, *cost_settings)
         find_valleys(cost, weight, steps, np.float32(how.penalty), np.float32(DEAREST), how.window // 2, best)
     return torch.from_numpy(best)[None]
 
 
 def _side_by_side(seen: Sequence[_Seen]) -> tuple[np.ndarray, np.ndarray]:
-    """All references' pixels in the target's colours, photo and render side by side, and where each reference begins.
+    """Pack all references' pixels in the target's colours, with photo and render as six channels; return the offsets.
 
-    A spare row and pixel follow each, since the kernel reads the pixels after the last without counting them.
+    Each reference is followed by an extra row and pixel, since the kernel reads them, with weight zero, at the border.
     """
     from gaussian_enhancer.align.depth_search_kernels import pack
 
-    rows = [(one.projection.height + 1) * one.projection.width + 1 for one in seen]
-    starts = np.cumsum([0, *rows[:-1]])
-    images = np.empty((sum(rows), 6), np.float32)
-    for start, length, one in zip(starts, rows, seen, strict=True):
-        count = one.projection.height * one.projection.width
-        pixels = images[start : start + count].reshape(*one.photo.shape[-2:], 6)
-        pack(kernel_image(one.photo), kernel_image(one.render), kernel_image(one.colours), pixels)
+    lengths = [(reference.projection.height + 1) * reference.projection.width + 1 for reference in seen]
+    starts = np.cumsum([0, *lengths[:-1]])
+    images = np.empty((sum(lengths), 6), np.float32)
+    for start, length, reference in zip(starts, lengths, seen, strict=True):
+        count = reference.projection.height * reference.projection.width
+        pixels = images[start : start + count].reshape(*reference.photo.shape[-2:], 6)
+        pack(kernel_image(reference.photo), kernel_image(reference.render), kernel_image(reference.colours), pixels)
         images[start + count : start + length] = 0
     return images, starts
 
@@ -225,7 +234,7 @@ def _prepare_source(
     source: Source,
     how: Search,
 ) -> _Seen:
-    """Prepare a reference: resized to at most the target's resolution, colours fitted through the rendered depth."""
+    """Prepare a reference: resize it to at most the target's resolution, and fit its colours at the rendered depth."""
     ratio = float(source.camera.resized(*source.photo.shape[-2:]).K[0, 0] / target.K[0, 0])
     height, width = (max(1, round(side / max(1.0, ratio))) for side in source.photo.shape[-2:])
     photo = _resized(source.photo.to(image.dtype), height, width)
@@ -248,7 +257,7 @@ def _apply_colours(image: Float[Tensor, "*m 3 _ _"], colours: Float[Tensor, "3 2
 def _interpolate_change(
     change: Float[Tensor, "1 p q"], stride: int, height: int, width: int
 ) -> Float[Tensor, "1 {height} {width}"]:
-    """The change of every pixel, linear between samples; beyond the last, the last one's."""
+    """Interpolate the change linearly between samples; pixels after the last sample take its value."""
     if stride == 1:
         return change
     for axis, side in ((1, height), (2, width)):
@@ -261,7 +270,7 @@ def _interpolate_change(
 
 
 def _refine_minimum(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) -> Float[Tensor, "h w"]:
-    """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
+    """The step of least cost, refined to the minimum of a parabola through it and its neighbours."""
     index = cost.argmin(0, keepdim=True).clamp(1, len(steps) - 2)
     before, centre, after = (cost.gather(0, index + k)[0] for k in (-1, 0, 1))
     curvature = before - 2 * centre + after
@@ -270,17 +279,17 @@ def _refine_minimum(cost: Float[Tensor, "m h w"], steps: Float[Tensor, " m"]) ->
 
 
 def _window_mean(value: Float[Tensor, "m h w"], side: int) -> Float[Tensor, "m h w"]:
-    """Mean over a square window, smaller at the border."""
+    """Mean over a square window, which is cropped at the border."""
     return F.avg_pool2d(value[None], side, stride=1, padding=side // 2, count_include_pad=False)[0]
 
 
 def _resized(image: Float[Tensor, "c _ _"], height: int, width: int) -> Float[Tensor, "c {height} {width}"]:
-    """The image on another grid, antialiased."""
+    """The image resized with antialiasing."""
     if image.shape[-2:] == (height, width):
         return image
     return F.interpolate(image[None], size=(height, width), mode="bilinear", antialias=True, align_corners=False)[0]
 
 
 def _interleaved_channels(image: Float[Tensor, "c h w"]) -> np.ndarray:
-    """A pixel's channels side by side, as the kernels read them."""
+    """The image with channels last, as a contiguous array for the kernels."""
     return np.ascontiguousarray(image.permute(1, 2, 0).numpy())

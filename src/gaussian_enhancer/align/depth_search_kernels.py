@@ -1,7 +1,7 @@
-"""Compiled depth search around a rendered surface: the same as `depth_search.search` with less memory traffic.
+"""Compiled depth search around a rendered surface: the same as `depth_search.search`, with less memory traffic.
 
-Axes: h height, w width, m multipliers of depth. Images are (h, w, channels) float32 here; costs (h, w, m), so that a
-pixel's hypotheses lie together and are worked on as one vector.
+Axes: h height, w width, m multipliers of depth. Images are (h, w, channels) float32 here. Costs are (h, w, m), so that
+the hypotheses of a pixel are contiguous and processed as one vector.
 """
 
 from typing import no_type_check
@@ -21,7 +21,7 @@ _ZERO, _ONE, _THREE, _HALF = _F(0), _F(1), _F(3), _F(0.5)
 @kernel
 @no_type_check
 def pack(photo, render, colours, result):
-    """Write a photo's and a render's pixels side by side, (h, w, 6), each gain x colour + offset."""
+    """Write the pixels of a photo and a render as six channels, (h, w, 6), each gain x colour + offset."""
     _, height, width = photo.shape
     for y in prange(height):
         for x in range(width):
@@ -49,11 +49,11 @@ def find_costs(
     cost,
     weight,
 ):
-    """Write each hypothesis's cost and its weight: 1 where a view sees it, 0 elsewhere.
+    """Write the cost of each hypothesis and its weight: 1 if it is visible in a view, else 0.
 
-    ``images`` holds all views' pixels one after the other, photo and render side by side; view r begins at pixel
-    starts[r], has sizes[r] = (width, height) and a spare row. All views of a hypothesis are read at once, so that its
-    sums stay in registers.
+    ``images`` holds the pixels of all views one after the other, with photo and render as six channels. View r begins
+    at pixel starts[r], has sizes[r] = (width, height) and an extra row. All views of a hypothesis are read in one loop,
+    so that its sums stay in registers.
     """
     height, width, hypotheses = cost.shape
     views = len(starts)
@@ -77,12 +77,12 @@ def find_costs(
                         continue
                     p, fx, fy = np.uint64(pixel[r, k]), across[r, k], down[r, k]
                     q = p + np.uint64(sizes[r, 0])
-                    away0 = _interpolate_channel(images, p, q, 0, fx, fy) - red
-                    away1 = _interpolate_channel(images, p, q, 1, fx, fy) - green
-                    away2 = _interpolate_channel(images, p, q, 2, fx, fy) - blue
+                    deviation0 = _interpolate_channel(images, p, q, 0, fx, fy) - red
+                    deviation1 = _interpolate_channel(images, p, q, 1, fx, fy) - green
+                    deviation2 = _interpolate_channel(images, p, q, 2, fx, fy) - blue
                     n += _ONE
-                    total0, total1, total2 = total0 + away0, total1 + away1, total2 + away2
-                    squares += away0 * away0 + away1 * away1 + away2 * away2
+                    total0, total1, total2 = total0 + deviation0, total1 + deviation1, total2 + deviation2
+                    squares += deviation0 * deviation0 + deviation1 * deviation1 + deviation2 * deviation2
                     difference += abs(_interpolate_channel(images, p, q, 3, fx, fy) - red)
                     difference += abs(_interpolate_channel(images, p, q, 4, fx, fy) - green)
                     difference += abs(_interpolate_channel(images, p, q, 5, fx, fy) - blue)
@@ -101,7 +101,7 @@ def find_costs(
 def _write_landings(
     depth, multipliers, matrix, offset, position, size, start, in_front, counts, pixel, across, down, inside
 ):
-    """Write each hypothesis's projection: pixel above and to the left, fraction beyond it, and whether inside."""
+    """Write the projection of each hypothesis: upper left pixel, fractional offset from it, and whether inside."""
     a, b = position
     width, height = _F(size[0]), _F(size[1])
     across_slope = matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2]
@@ -113,17 +113,17 @@ def _write_landings(
         ahead = far > in_front * z
         share = _ONE / (far if ahead else _ONE)
         u, v = (z * across_slope + offset[0]) * share, (z * down_slope + offset[1]) * share
-        seen = ahead and u >= _ZERO and u <= width and v >= _ZERO and v <= height and counts > _ZERO
+        visible = ahead and u >= _ZERO and u <= width and v >= _ZERO and v <= height and counts > _ZERO
         u, v = min(max(u - _HALF, _ZERO), width - _ONE), min(max(v - _HALF, _ZERO), height - _ONE)
         column, row = np.int32(u), np.int32(v)
-        across[k], down[k], inside[k] = u - _F(column), v - _F(row), _ONE if seen else _ZERO
+        across[k], down[k], inside[k] = u - _F(column), v - _F(row), _ONE if visible else _ZERO
         pixel[k] = start + row * size[0] + column
 
 
 @inner
 @no_type_check
 def _interpolate_channel(images, p, q, channel, fx, fy):
-    """One channel between the four pixels at and after p and q; beyond the border the share of the rest is zero."""
+    """Interpolate one channel between four pixels: p, q and their right neighbours. Outside pixels have weight zero."""
     above, below = images[p, channel], images[q, channel]
     top = above + fx * (images[p + _NEXT, channel] - above)
     bottom = below + fx * (images[q + _NEXT, channel] - below)
@@ -133,7 +133,7 @@ def _interpolate_channel(images, p, q, channel, fx, fy):
 @kernel
 @no_type_check
 def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
-    """Sum costs over windows; write each pixel's step of least cost, refined by a parabola; 0 where no view sees it."""
+    """Average costs over windows; write each pixel's step of least cost, refined by a parabola; 0 if not visible."""
     height, width, count = cost.shape
     for y in prange(height):
         above, below = max(0, y - radius), min(height, y + radius + 1)
@@ -148,14 +148,14 @@ def find_valleys(cost, weight, steps, penalty, dearest, radius, best):
         for x in range(width):
             left, right = max(0, x - radius), min(width, x + radius + 1)
             area = _F((below - above) * (right - left))
-            seen = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share)
-            best[y, x] = _refine_minimum(mean, steps) if seen else _F(0)
+            visible = _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share)
+            best[y, x] = _refine_minimum(mean, steps) if visible else _F(0)
 
 
 @inner
 @no_type_check
 def _window_costs(column_cost, column_weight, left, right, area, steps, penalty, dearest, mean, share):
-    """Mean cost of each hypothesis over a window plus its penalty; whether the rendered depth itself is seen."""
+    """Mean cost of each hypothesis over a window plus its penalty; return whether the rendered depth is visible."""
     count = len(steps)
     mean[:], share[:] = 0, 0
     for i in range(left, right):
@@ -171,7 +171,7 @@ def _window_costs(column_cost, column_weight, left, right, area, steps, penalty,
 @inner
 @no_type_check
 def _refine_minimum(mean, steps):
-    """The step of least cost, moved to the minimum of the parabola through it and its neighbours."""
+    """The step of least cost, refined to the minimum of a parabola through it and its neighbours."""
     index = min(max(int(np.argmin(mean)), 1), len(steps) - 2)
     before, centre, after = mean[index - 1], mean[index], mean[index + 1]
     curvature = before - _F(2) * centre + after

@@ -14,29 +14,32 @@ from torch import Tensor
 from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 
 STEPS = (4, 2)
-"""Pixels between the 5x5 samples of each pass, as in the a-trous transform; the widest pass is first."""
+"""Pixels between the 5x5 samples of each pass, as in the a-trous transform, from the widest pass to the narrowest."""
 REACH = 2
-"""Samples to each side."""
+"""Number of samples on each side of a pixel."""
 SPREAD = 0.03
-"""Relative difference of inverse depth at which a sample's weight falls to a quarter; much more is another surface."""
+"""Relative difference of inverse depth at which a sample's weight falls to 1/4; larger ones mean another surface."""
 CONTRAST = 0.1
-"""Mean colour difference, in [0, 1], at which a sample's weight falls to a half."""
+"""Mean colour difference, in [0, 1], at which a sample's weight falls to 1/2."""
 FURTHEST = 1e6
-"""Samples nearer than the pixel by more than this factor weigh nothing; the bound keeps their products finite."""
+"""Samples closer to the camera than the pixel by more than this factor have almost no weight; clamping keeps products
+finite."""
 RIDGE = 1e-3
-"""Added to the slopes' part of the normal equations, in samples: where one pixel alone counts, its depth stays."""
+"""Added to the slopes' diagonal of the normal equations, in samples, so that a pixel without similar samples keeps its
+depth."""
 
 
 def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """Depth of the plane that fits inverse depth best around each pixel.
+    """Smooth depth by fitting a plane to the inverse depth around each pixel.
 
-    Planes are linear in inverse depth. Each pass fits one per pixel to 5x5 samples by least squares; a sample weighs
-    1 / ((1 + (p / SPREAD)^2)^2 (1 + (c / CONTRAST)^2)), p being its inverse depth beyond the pixel's, relative to that,
-    and c its mean colour difference: edges of depth and of colour stay. Scene units cancel.
+    Planes are linear in inverse depth. Each pass fits one plane per pixel to 5x5 samples by least squares. A sample has
+    the weight 1 / ((1 + (p / SPREAD)^2)^2 (1 + (c / CONTRAST)^2)). Here p is the difference of its inverse depth from
+    the pixel's, relative to the pixel's, and c is its mean colour difference. This preserves edges of depth and of
+    colour. The result does not depend on scene units.
 
     Args:
-        depth: z, > 0 and finite.
-        render: the colours that belong to it, [0, 1].
+        depth: z, positive and finite.
+        render: colours of the same view, [0, 1].
     """
     for step in STEPS:
         margin = (REACH * step,) * 4
@@ -49,7 +52,7 @@ def smooth_depth(depth: Float[Tensor, "1 h w"], render: Float[Tensor, "3 h w"]) 
 def fit_planes_torch(
     depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int
 ) -> Float[Tensor, "1 h w"]:
-    """Distance of each pixel's fitted plane beyond it, as a share of its inverse depth; readable twin of the kernel.
+    """Offset of each pixel's fitted plane from its inverse depth, relative to that; readable twin of the kernel.
 
     Args:
         depth: z, with a margin of ``REACH`` samples on every side.
@@ -67,23 +70,23 @@ def fit_planes_torch(
     sums = [torch.zeros_like(centre) for _ in range(9)]
     for dy in range(-REACH, REACH + 1):
         for dx in range(-REACH, REACH + 1):
-            beyond = (centre / at(depth, dy, dx) - 1).clamp_max(FURTHEST)
+            offset = (centre / at(depth, dy, dx) - 1).clamp_max(FURTHEST)
             contrast = (at(render, dy, dx) - colour).abs().mean(0, keepdim=True) / CONTRAST
-            weight = 1 / ((1 + (beyond / SPREAD) ** 2) ** 2 * (1 + contrast**2))
-            terms: tuple[Any, ...] = (1, dx, dy, dx * dx, dx * dy, dy * dy, beyond, dx * beyond, dy * beyond)
+            weight = 1 / ((1 + (offset / SPREAD) ** 2) ** 2 * (1 + contrast**2))
+            terms: tuple[Any, ...] = (1, dx, dy, dx * dx, dx * dy, dy * dy, offset, dx * offset, dy * offset)
             sums = [total + weight * term for total, term in zip(sums, terms, strict=True)]
-    one, x, y, xx, xy, yy, p, xp, yp = sums
+    count, x, y, xx, xy, yy, p, xp, yp = sums
     xx, yy = xx + RIDGE, yy + RIDGE
     area = xx * yy - xy * xy
-    # The slopes are eliminated: what remains is one equation for the plane's height at the pixel.
+    # With the slopes eliminated, one equation remains for the plane's offset at the pixel.
     across, down = (x * yy - y * xy) / area, (y * xx - x * xy) / area
-    return (p - across * xp - down * yp) / (one - across * x - down * y)
+    return (p - across * xp - down * yp) / (count - across * x - down * y)
 
 
 def _fit_planes_compiled(
     depth: Float[Tensor, "1 _ _"], render: Float[Tensor, "3 _ _"], step: int
 ) -> Float[Tensor, "1 h w"]:
-    """The same by a compiled kernel."""
+    """Compiled version of `fit_planes_torch`."""
     from gaussian_enhancer.align.depth_smoothing_kernels import fit_planes
     from gaussian_enhancer.splat.compiled import kernel_lock
 

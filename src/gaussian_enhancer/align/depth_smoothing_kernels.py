@@ -1,4 +1,4 @@
-"""Compiled fit of planes to depth: the same as `depth_smoothing.fit_planes_torch`, row by row so that loops vectorise.
+"""Compiled fit of planes to depth: the same as `depth_smoothing.fit_planes_torch`, by rows so that loops vectorise.
 
 Axes: h height, w width; images are (channels, height, width) float32.
 """
@@ -17,7 +17,7 @@ _ONE = _F(1)
 @kernel
 @no_type_check
 def fit_planes(depth, render, step, reach, sharpness, contrast, ridge, furthest, result):
-    """Write the distance of each pixel's fitted plane beyond it; depth and render have ``reach`` samples of margin."""
+    """Write the relative offset of each pixel's fitted plane; depth and render have a margin of ``reach`` samples."""
     for y in prange(result.shape[0]):
         _fit_row(depth, render, y + reach * step, step, reach, sharpness, contrast, ridge, furthest, result[y])
 
@@ -25,7 +25,7 @@ def fit_planes(depth, render, step, reach, sharpness, contrast, ridge, furthest,
 @inner
 @no_type_check
 def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthest, result):
-    """The same for one row, by loops that LLVM vectorises: over slices, few at a time, with plain counters."""
+    """Compute one row with loops that LLVM vectorises: over slices, with few arrays at a time and simple counters."""
     width, margin = len(result), reach * step
     here, end = depth[row, margin : margin + width], margin + width
     contrasts, weight, beyond = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -56,18 +56,18 @@ def _fit_row(depth, render, row, step, reach, sharpness, contrast, ridge, furthe
             _add_scaled(sums[5], sums_of_row[0], dy * dy)
             _add_scaled(sums[8], sums_of_row[3], dy)
     for x in range(width):
-        one, sx, sy = sums[0, x], sums[1, x], sums[2, x]
+        count, sx, sy = sums[0, x], sums[1, x], sums[2, x]
         xx, xy, yy = sums[3, x] + ridge, sums[4, x], sums[5, x] + ridge
         area = xx * yy - xy * xy
         across, down = (sx * yy - sy * xy) / area, (sy * xx - sx * xy) / area
-        rest = one - across * sx - down * sy
+        rest = count - across * sx - down * sy
         result[x] = (sums[6, x] - across * sums[7, x] - down * sums[8, x]) / rest
 
 
 @inner
 @no_type_check
 def _add_contrast(total, one, other, scale):
-    """Add absolute differences times a scale."""
+    """Add scaled absolute differences to a total."""
     for x in range(len(total)):
         total[x] += scale * abs(one[x] - other[x])
 
@@ -75,19 +75,19 @@ def _add_contrast(total, one, other, scale):
 @inner
 @no_type_check
 def _sample_weights(here, there, contrasts, sharpness, furthest, weight, beyond):
-    """Write each sample's weight, and its inverse depth beyond the pixel's times that."""
+    """Write each sample's weight, and the weight times the sample's relative offset of inverse depth."""
     for x in range(len(weight)):
-        ahead = min(here[x] / there[x] - _ONE, furthest)
-        far = ahead * sharpness
-        far = _ONE + far * far
-        share = _ONE / (far * far * (_ONE + contrasts[x] * contrasts[x]))
+        offset = min(here[x] / there[x] - _ONE, furthest)
+        scaled = offset * sharpness
+        scaled = _ONE + scaled * scaled
+        share = _ONE / (scaled * scaled * (_ONE + contrasts[x] * contrasts[x]))
         weight[x] = share
-        beyond[x] = share * ahead
+        beyond[x] = share * offset
 
 
 @inner
 @no_type_check
 def _add_scaled(total, values, factor):
-    """Add values times a factor."""
+    """Add scaled values to a total."""
     for x in range(len(total)):
         total[x] += factor * values[x]

@@ -1,4 +1,4 @@
-"""Colour matching of references to the render: photos of a capture differ in exposure and white balance.
+"""Colour matching of references to the render, since photos of a capture differ in exposure and white balance.
 
 Axes: h height, w width.
 """
@@ -13,7 +13,7 @@ from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.types import single_precision
 
 LEAST_MASS = 1e-3
-"""Visible blocks below which no colours are fitted: gain 1 and offset 0."""
+"""Sum of the blocks' visibilities below which colours are not fitted; then the gain is 1 and the offset 0."""
 
 
 def fit_colour(
@@ -27,16 +27,16 @@ def fit_colour(
     """Least-squares gain and offset per channel from one image to another.
 
     Minimises sum_i w_i rho(g s_i + o - t_i) + prior sum_i w_i ((g - 1)^2 / 4 + o^2) by iteratively reweighted least
-    squares with Geman-McClure weights, 1 / (1 + (r / robustness)^2)^2, so that what is misaligned or occluded has
-    no say. Images are averaged over 4x4 blocks first, which forgives small misalignment.
+    squares with Geman-McClure weights, 1 / (1 + (r / robustness)^2)^2, so that misaligned and occluded pixels have
+    little influence. Images are averaged over 4x4 blocks first, which tolerates small misalignment.
 
     Args:
         source: the reference's colours, [0, 1].
         target: the render's colours, [0, 1].
-        weight: visibility in [0, 1]; all zero gives gain 1 and offset 0.
-        robustness: difference, in colour units, at which a pixel counts a quarter.
-        prior: pull towards the identity, relative to the data.
-        iterations: reweightings.
+        weight: visibility in [0, 1]; if it is zero everywhere, the gain is 1 and the offset 0.
+        robustness: residual, in colour units, at which a pixel's weight falls to 1/4.
+        prior: weight of the regularisation towards the identity, relative to the data.
+        iterations: number of reweightings.
 
     Returns:
         Gain and offset of each channel; gains lie in [1/3, 3].
@@ -71,7 +71,7 @@ def _fit_compiled(
     prior: float,
     iterations: int,
 ) -> Float[Tensor, "3 2"]:
-    """The same by compiled kernels."""
+    """Compiled version of `fit_colour`."""
     from gaussian_enhancer.align.exposure_kernels import block_means, fit_channels
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -90,7 +90,7 @@ def fit_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) 
 
     Args:
         photo: colours in [0, 1].
-        render: of the photo's camera.
+        render: render from the photo's camera.
 
     Returns:
         See `fit_colour`.
@@ -99,16 +99,16 @@ def fit_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) 
 
 
 def apply_colour(image: Float[Tensor, "3 h w"], transform: Float[Tensor, "3 2"]) -> Float[Tensor, "3 h w"]:
-    """Apply gain and offset per channel and keep the result in [0, 1].
+    """Apply gain and offset per channel and clamp the result to [0, 1].
 
     Args:
         image: colours in [0, 1].
-        transform: what `fit_colour` returns.
+        transform: gain and offset of each channel, from `fit_colour`.
     """
     transform = transform.to(image.dtype)
     return (image * transform[:, :1, None]).add_(transform[:, 1:, None]).clamp_(0, 1)
 
 
 def match_exposure(photo: Float[Tensor, "3 h w"], render: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
-    """A photo brought to the exposure of the render of its view (`fit_exposure`)."""
+    """A photo with the exposure of the render of its view (`fit_exposure`)."""
     return apply_colour(photo, fit_exposure(photo, render))

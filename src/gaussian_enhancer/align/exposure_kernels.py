@@ -1,4 +1,4 @@
-"""Compiled colour matching of references: the twin of `exposure.fit_colour` on the CPU.
+"""Compiled colour matching of references: the CPU version of `exposure.fit_colour`.
 
 Axes: c channels, h height, w width, n blocks.
 """
@@ -22,10 +22,10 @@ def block_means(source, target, weight, step, mass, means):
     Args:
         source: colours, (c, h, w).
         target: colours, (c, h, w).
-        weight: (h, w).
-        step: side of a block in pixels; what is left over at the right and at the bottom is not read.
-        mass: is written, (n) with blocks row by row.
-        means: is written, (2, c, n): source, then target.
+        weight: weights, (h, w).
+        step: side of a block in pixels; incomplete blocks at the right and at the bottom are ignored.
+        mass: output, (n), with blocks row by row.
+        means: output, (2, c, n): source, then target.
     """
     channels, height, width = source.shape
     rows, columns = height // step, width // step
@@ -51,7 +51,7 @@ def block_means(source, target, weight, step, mass, means):
 @inner
 @no_type_check
 def _add_up(row, step, share, result):
-    """Write the sums of `step` neighbours each, times a share."""
+    """Write the sum of each group of ``step`` neighbours, times ``share``."""
     for j in range(len(result)):
         total = _ZERO
         for x in range(j * step, (j + 1) * step):
@@ -69,13 +69,13 @@ def fit_channels(mass, means, robustness, prior, iterations, result):
         means: colours of source and target, (2, c, n).
         robustness: see `exposure.fit_colour`.
         prior: see `exposure.fit_colour`.
-        iterations: reweightings.
-        result: is written, (c, 2), float64.
+        iterations: number of reweightings.
+        result: output, (c, 2), float64.
     """
-    whole = 0.0
+    total_mass = 0.0
     for k in range(len(mass)):
-        whole += mass[k]
-    pull = prior * whole
+        total_mass += mass[k]
+    pull = prior * total_mass
     for c in prange(means.shape[1]):
         weights = np.empty(len(mass), np.float64)
         gain, offset = 1.0, 0.0

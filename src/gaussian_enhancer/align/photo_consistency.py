@@ -15,43 +15,43 @@ from gaussian_enhancer.align.projection import can_use_kernels, kernel_image
 from gaussian_enhancer.align.reproject import Warped
 
 WINDOW = 7
-"""Side of the squares over which references are compared with the render, in pixels."""
+"""Side in pixels of the squares over which references are compared with the render."""
 
 
 def rank(worth: Sequence[Float[Tensor, "1 h w"]], keep: int) -> list[int]:
     """Indices of the references that together show most of the target, best first.
 
-    The next one is always that which adds most to the best worth so far, counting a tenth of its own worth so that
-    agreement decides among those that show the same.
+    References are selected greedily: the next one is that which increases the maximum weight so far the most. A tenth
+    of its mean weight is added, so that photo-consistency decides between references that show the same.
 
     Args:
-        worth: of each reference at each pixel, at least 0 (`reference_weight`).
-        keep: how many to return at most.
+        worth: weight of each reference at each pixel, at least 0 (`reference_weight`).
+        keep: maximum number of returned indices.
     """
     if not worth:
         return []
-    shown = [one.flatten() for one in worth]
-    mean = torch.stack([one.mean() for one in shown])
+    flat_weights = [weight.flatten() for weight in worth]
+    mean = torch.stack([weight.mean() for weight in flat_weights])
     order: list[int] = []
-    left, added, best = list(range(len(shown))), mean, torch.zeros_like(shown[0])
-    while left and len(order) < keep:
+    candidates, increase, maximum = list(range(len(flat_weights))), mean, torch.zeros_like(flat_weights[0])
+    while candidates and len(order) < keep:
         if order:
-            best = torch.maximum(best, shown[order[-1]])
-            added = torch.stack([(shown[i] - best).clamp_min(0).mean() for i in left])
-        gain = added + 0.1 * mean[left]
-        order.append(left.pop(int(gain.argmax()) if len(left) > 1 else 0))
+            maximum = torch.maximum(maximum, flat_weights[order[-1]])
+            increase = torch.stack([(flat_weights[i] - maximum).clamp_min(0).mean() for i in candidates])
+        gain = increase + 0.1 * mean[candidates]
+        order.append(candidates.pop(int(gain.argmax()) if len(candidates) > 1 else 0))
     return order
 
 
 def reference_weight(
     warped: Warped, difference: Float[Tensor, "1 h w"], softness: float = 0.08
 ) -> Float[Tensor, "1 h w"]:
-    """A reference's worth at each pixel: visibility x exp(-difference / softness).
+    """Weight of a reference at each pixel: visibility x exp(-difference / softness).
 
     Args:
-        warped: the reference.
-        difference: from the render (`photometric_difference`).
-        softness: colour difference at which worth falls to 1/e.
+        warped: the reference on the render's grid.
+        difference: difference from the render (`photometric_difference`).
+        softness: colour difference at which the weight falls to 1/e.
     """
     return warped.visibility * torch.exp(difference * (-1 / softness))
 
@@ -63,18 +63,18 @@ def photometric_difference(warped: Warped, image: Float[Tensor, "3 h w"]) -> Flo
         warped: the reference on the render's grid.
         image: the render.
     """
-    seen = warped.visibility
-    if can_use_kernels(warped.colour, image, seen):
+    visibility = warped.visibility
+    if can_use_kernels(warped.colour, image, visibility):
         return _rank_compiled(warped, image)
     difference = (warped.colour - image).abs().mean(0, keepdim=True)
     weighted, total = F.avg_pool2d(
-        torch.cat([difference * seen, seen]), WINDOW, 1, WINDOW // 2, count_include_pad=False
+        torch.cat([difference * visibility, visibility]), WINDOW, 1, WINDOW // 2, count_include_pad=False
     ).split(1)
     return weighted / total.clamp_min(1e-6)
 
 
 def _rank_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
-    """The same by a compiled kernel."""
+    """Compiled version of `photometric_difference`."""
     from gaussian_enhancer.align.reproject_kernels import window_difference
     from gaussian_enhancer.splat.compiled import kernel_lock
 
@@ -91,13 +91,13 @@ def _rank_compiled(warped: Warped, image: Float[Tensor, "3 h w"]) -> Float[Tenso
 
 
 def hide_inconsistent(warped: Warped, difference: Float[Tensor, "1 h w"], limit: float) -> Warped:
-    """Set the reference's visibility to 0 where it differs from the render by more than a limit.
+    """Set a reference's visibility to 0 where it differs from the render by more than a limit.
 
     Args:
         warped: the reference on the render's grid.
-        difference: from the render (`photometric_difference`).
-        limit: of the difference, in [0, 1].
+        difference: difference from the render (`photometric_difference`).
+        limit: largest accepted difference, in [0, 1].
     """
-    kept = (difference <= limit).to(difference.dtype)
-    render = None if warped.render is None else warped.render * kept
-    return replace(warped, colour=warped.colour * kept, visibility=warped.visibility * kept, render=render)
+    mask = (difference <= limit).to(difference.dtype)
+    render = None if warped.render is None else warped.render * mask
+    return replace(warped, colour=warped.colour * mask, visibility=warped.visibility * mask, render=render)

@@ -1,7 +1,7 @@
-"""Projection of one camera's pixels into another, and bilinear sampling there.
+"""Projection of one camera's pixels into another camera, and sampling of images at the projected positions.
 
-Each of these has a readable form on tensors, for every device, precision and gradient, and a compiled one for single
-precision on a processor, where it saves nine tenths of the time.
+Each operation has a readable version on tensors, for any device and precision and with gradients, and a compiled
+version for single precision on the CPU, which saves 90% of the time.
 
 Axes: h height, w width of the target; p height, q width of a reference's image; m hypotheses of depth.
 Coordinates are in pixels with the first pixel's centre at (0.5, 0.5).
@@ -19,24 +19,24 @@ from torch import Tensor
 from gaussian_enhancer.types import Camera
 
 IN_FRONT = 1e-6
-"""Least z before a reference, as a share of the depth in the target: scenes have no common unit."""
+"""Least z in a reference's camera, relative to the depth in the target, since scenes have no common unit."""
 
 
 Interpolation = Literal["bilinear", "bicubic"]
-"""How an image is read between its pixels."""
+"""Interpolation of an image between its pixels."""
 
 
 @dataclass(frozen=True)
 class ReferenceProjection:
     """The affine map from a target pixel's depth to homogeneous pixels of a reference.
 
-    A point at depth z on the ray of pixel x lands at K' (z R' R^T K^-1 x + t'), that is at z (matrix x) + offset.
+    A pixel x of the target at depth z projects to K' (z R' R^T K^-1 x + t'), which is z (matrix x) + offset.
 
     Args:
-        matrix: from homogeneous pixels of the target; computed in double precision whatever it is kept in.
-        offset: of the reference's own camera.
-        height: of the reference, in pixels.
-        width: of the reference, in pixels.
+        matrix: applied to homogeneous pixels of the target; always computed in double precision.
+        offset: K' t', the part that does not depend on the pixel.
+        height: height of the reference in pixels.
+        width: width of the reference in pixels.
     """
 
     matrix: Float[Tensor, "3 3"]
@@ -46,22 +46,23 @@ class ReferenceProjection:
 
     @classmethod
     def between(cls, target: Camera, reference: Camera, like: Tensor) -> "ReferenceProjection":
-        """The map from one camera's pixels to another's.
+        """Build the map from the pixels of one camera to those of another.
 
         Args:
-            target: camera whose pixels are asked for.
-            reference: camera that they are looked up in.
-            like: a tensor of the device and type of the result; single or double, since half cannot address pixels.
+            target: camera whose pixels are projected.
+            reference: camera into which they are projected.
+            like: a tensor with the device and type of the result; single or double precision, since half precision
+                cannot represent pixel coordinates.
         """
-        pose, other = target.world_to_camera.double(), reference.world_to_camera.double()
-        rotation = other[:3, :3] @ pose[:3, :3].T
-        translation = other[:3, 3] - rotation @ pose[:3, 3]
+        target_pose, reference_pose = target.world_to_camera.double(), reference.world_to_camera.double()
+        rotation = reference_pose[:3, :3] @ target_pose[:3, :3].T
+        translation = reference_pose[:3, 3] - rotation @ target_pose[:3, 3]
         K = reference.K.double()
         matrix, offset = K @ rotation @ torch.linalg.inv(target.K.double()), K @ translation
         return cls(matrix.to(like), offset.to(like), reference.height, reference.width)
 
     def with_stride(self, step: int) -> "ReferenceProjection":
-        """The map of every ``step``-th pixel of each row and column, from the first."""
+        """The map for every ``step``-th pixel of each row and column, starting with the first."""
         shift = (1 - step) / 2
         corner = self.matrix[:, 2] + shift * (self.matrix[:, 0] + self.matrix[:, 1])
         matrix = torch.stack([step * self.matrix[:, 0], step * self.matrix[:, 1], corner], dim=1)
@@ -76,12 +77,12 @@ class ReferenceProjection:
 
 @dataclass(frozen=True)
 class Landing:
-    """Where pixels land in a reference.
+    """Positions of projected pixels in a reference.
 
     Args:
         x: columns in pixels of the reference.
         y: rows in pixels of the reference.
-        inside: 1 within its image and in front of it, 0 elsewhere.
+        inside: 1 inside the image and in front of the camera, 0 elsewhere.
     """
 
     x: Float[Tensor, "m h w"]
@@ -90,11 +91,11 @@ class Landing:
 
 
 def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Landing:
-    """Where pixels at a depth, or at several, land.
+    """Project pixels at one depth, or at several depths.
 
     Args:
-        projection: from the target to the reference.
-        depth: z of the target, > 0 and finite.
+        projection: projection from the target to the reference.
+        depth: z of the target, positive and finite.
     """
     if len(depth) != 1 or not can_use_kernels(depth):
         x, y, _, inside = _landing(projection, depth)
@@ -111,12 +112,12 @@ def land(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> Land
 def depth_consistency(
     projection: ReferenceProjection, depth: Float[Tensor, "1 h w"], seen: Float[Tensor, "1 _ _"], tolerance: float
 ) -> Float[Tensor, "1 h w"]:
-    """exp(-((z - z') / (tolerance z))^2 / 2), z being a point's depth in the reference and z' what that renders there.
+    """exp(-((z - z') / (tolerance z))^2 / 2) for a point's depth z in the reference and the rendered depth z' there.
 
     Args:
-        projection: from the target to the reference.
-        depth: z of the target, > 0 and finite.
-        seen: z that the reference renders, of any size, read at the nearest pixel; where it is 0 the result is 1.
+        projection: projection from the target to the reference.
+        depth: z of the target, positive and finite.
+        seen: rendered z of the reference, of any size, sampled at the nearest pixel; where it is 0 the result is 1.
         tolerance: relative depth difference of one standard deviation, > 0.
     """
     if not can_use_kernels(depth, seen):
@@ -150,10 +151,10 @@ def read_both(
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
 ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
-    """`read_at` of two images; where they are of one size, cubic convolution reads them together."""
+    """Apply `read_at` to two images; images of the same size are sampled together by bicubic interpolation."""
     together = interpolation == "bicubic" and image.shape == other.shape
     if not (together and can_use_kernels(image, other, landing.x, where)):
-        first, second = (read_at(one, landing, size, where, interpolation) for one in (image, other))
+        first, second = (read_at(source, landing, size, where, interpolation) for source in (image, other))
         return first, second
     from gaussian_enhancer.align.reproject_kernels import read_cubic_pair
     from gaussian_enhancer.splat.compiled import kernel_lock
@@ -173,14 +174,14 @@ def read_at(
     where: Float[Tensor, "1 h w"],
     interpolation: Interpolation = "bilinear",
 ) -> Float[Tensor, "c h w"]:
-    """Read an image where pixels land; beyond it the border's colours, and 0 where they do not count.
+    """Sample an image at projected pixels: border colours outside the image, 0 where ``where`` is not positive.
 
     Args:
-        image: what is read; what is read bilinearly may have 8 bits, whose values stay in [0, 255].
-        landing: positions, in pixels of the reference.
-        size: height and width of the reference, in those pixels; the image may be of another size.
-        where: > 0 where pixels count.
-        interpolation: "bilinear", or "bicubic" (cubic convolution, kept within [0, 1]), which blurs less.
+        image: the image; for bilinear interpolation it may be 8-bit, and values stay in [0, 255].
+        landing: positions in pixels of the reference.
+        size: height and width of the reference in those pixels; the image may have another size.
+        where: positive at pixels that are sampled.
+        interpolation: "bilinear", or "bicubic" (cubic convolution, clamped to [0, 1]), which blurs less.
     """
     down, across = image.shape[-2] / size[0], image.shape[-1] / size[1]
     eight_bit = image.dtype == torch.uint8
@@ -204,10 +205,10 @@ def read_at(
 def sample_image(
     image: Float[Tensor, "c p q"], x: Float[Tensor, "m h w"], y: Float[Tensor, "m h w"], mode: str = "bilinear"
 ) -> Float[Tensor, "m c h w"]:
-    """Read an image at pixel positions; outside, the border's colours.
+    """Sample an image at pixel positions, with the border's colours outside the image.
 
     Args:
-        image: what is read.
+        image: the image.
         x: columns in pixels of the image.
         y: rows in pixels of the image.
         mode: "bilinear", "bicubic" or "nearest".
@@ -220,7 +221,7 @@ def sample_image(
 
 
 def can_use_kernels(*images: Tensor) -> bool:
-    """Whether the compiled kernels can be used: single precision, on the CPU, and no gradient needed."""
+    """Whether the compiled kernels can be used: single precision, on the CPU, and no gradient required."""
     return all(
         image.device.type == "cpu"
         and image.dtype == torch.float32
@@ -230,24 +231,24 @@ def can_use_kernels(*images: Tensor) -> bool:
 
 
 def kernel_image(image: Tensor) -> np.ndarray:
-    """An image as kernels read it."""
+    """An image as a contiguous array for the kernels."""
     return image.detach().contiguous().numpy()
 
 
 def kernel_projection(
     projection: ReferenceProjection,
 ) -> tuple[np.ndarray, np.ndarray, np.float32, np.float32, np.float32]:
-    """A projection as kernels read it: matrix, offset, width and height of the reference, and least z before it."""
+    """Arguments of the kernels: matrix, offset, width and height of the reference, and least z relative to depth."""
     matrix, offset = (value.detach().float().contiguous().numpy() for value in (projection.matrix, projection.offset))
     return matrix, offset, np.float32(projection.width), np.float32(projection.height), np.float32(IN_FRONT)
 
 
 def _landing(projection: ReferenceProjection, depth: Float[Tensor, "m h w"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Where pixels at a depth land in the reference: columns, rows, z there, and whether inside and in front."""
+    """Project pixels at a depth: columns, rows and z in the reference, and whether inside and in front."""
     slopes, offset = projection.slopes(*depth.shape[-2:]), projection.offset
     z = depth * slopes[2] + offset[2]
     in_front = z > IN_FRONT * depth
-    safe = torch.where(in_front, z, torch.ones_like(z))
-    x, y = ((depth * slopes[axis] + offset[axis]) / safe for axis in (0, 1))
+    divisor = torch.where(in_front, z, torch.ones_like(z))
+    x, y = ((depth * slopes[axis] + offset[axis]) / divisor for axis in (0, 1))
     inside = (x >= 0) & (x <= projection.width) & (y >= 0) & (y <= projection.height) & in_front
     return x, y, z, inside

@@ -1,4 +1,4 @@
-"""Choosing, reading and aligning references for the network.
+"""Selection, reading and alignment of references for the network.
 
 Axes: r references, h height, w width.
 """
@@ -24,10 +24,10 @@ class ReferenceConfig:
     """How references are chosen and aligned. Stored with the weights, so that training and inference agree.
 
     Args:
-        warp: how references reach the target's grid.
-        references: how many the network gets at most, 0 to 8.
-        candidates: how many near views are considered for them, at least as many.
-        fine: bring the references' photos to a grid 4 times as fine as well, for super-resolution.
+        warp: method that aligns references to the target's grid.
+        references: maximum number of references for the network, 0 to 8.
+        candidates: number of nearby views that are considered, at least ``references``.
+        fine: also align the references' photos to a grid 4 times as fine, for super-resolution.
     """
 
     warp: Warp = field(default_factory=Reprojected)
@@ -44,7 +44,7 @@ class ReferenceConfig:
             )
 
     def can_align(self, view: RenderedView) -> bool:
-        """Whether references can be brought to a target: to warp them takes its camera and its depth."""
+        """Whether references can be aligned to a target. Warping requires the target's camera and depth."""
         return not isinstance(self.warp, Reprojected) or (view.camera is not None and view.read_depth is not None)
 
     def nearest(self, target: Pixels, view: RenderedView, pool: "Pool") -> tuple[int, ...]:
@@ -56,25 +56,25 @@ class ReferenceConfig:
     def align(
         self, target: Pixels, view: RenderedView, pool: "Pool", candidates: Sequence[int] | None = None
     ) -> Aligned:
-        """The best references of a pool on the target's grid, computed on the target's device.
+        """Align the best references of a pool to the target's grid, on the target's device.
 
         Args:
-            target: the target's pixels.
-            view: the target, which is never its own reference.
-            pool: where references come from.
-            candidates: those of the pool that come into question, nearest first; None looks for them.
+            target: pixels of the target.
+            view: the target, which is never used as its own reference.
+            pool: pool of references.
+            candidates: indices of the candidates in the pool, nearest first; None selects them by `nearest`.
         """
-        chosen = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
+        indices = self.nearest(target, view, pool) if candidates is None else tuple(candidates)
         device = target.image.device
-        return self.warp(target, [pool.read(index, self.fine).to_device(device) for index in chosen], self.references)
+        return self.warp(target, [pool.read(index, self.fine).to_device(device) for index in indices], self.references)
 
 
 class Pool:
-    """The references of a set. Pixels of recently read ones stay in memory, because targets share references.
+    """The references of a set, with a cache of the pixels read last, since targets share references.
 
     Args:
         views: training views with photos.
-        capacity: how many stay in memory.
+        capacity: number of cached references.
     """
 
     def __init__(self, views: Sequence[RenderedView], capacity: int = 24) -> None:
@@ -83,12 +83,12 @@ class Pool:
         self._kept_fine: Callable[[int], Tensor] = lru_cache(maxsize=-(-capacity // 4))(self._read_fine)
 
     def read(self, index: int, fine: bool = False) -> Pixels:
-        """The pixels of a reference; with ``fine`` it can read its finer photo, too.
+        """Read the pixels of a reference; with ``fine``, its finer photo can be read as well.
 
-        Finer photos are rounded to 8 bits; a quarter as many stay in memory.
+        Finer photos are rounded to 8 bits; the cache holds a quarter as many of them.
 
         Raises:
-            InputError: there is no photo, or no finer one, or a file is damaged.
+            InputError: there is no photo, or no finer photo, or a file is damaged.
         """
         return self._kept(index, fine)
 
@@ -111,30 +111,30 @@ class Pool:
 
 
 def read_target(view: RenderedView) -> Pixels:
-    """The pixels of a target.
+    """Read the pixels of a target.
 
     Raises:
-        InputError: the view has no render, or its depth or opacity is of another size.
+        InputError: the view has no render, or its depth or opacity has another size.
     """
     if view.read is None:
         raise InputError(view.name, "has no render to enhance", "render it first")
     image = view.read()
     depth = view.read_depth() if view.read_depth is not None else None
     alpha = view.read_alpha() if view.read_alpha is not None else None
-    for what, plane in (("depth", depth), ("alpha", alpha)):
+    for plane_name, plane in (("depth", depth), ("alpha", alpha)):
         if plane is not None and plane.shape[-2:] != image.shape[-2:]:
             sizes = [f"{p.shape[-1]}x{p.shape[-2]}" for p in (plane, image)]
-            raise InputError(view.name, f"has {what} of {sizes[0]} for a render of {sizes[1]}", "render it again")
+            raise InputError(view.name, f"has {plane_name} of {sizes[0]} for a render of {sizes[1]}", "render it again")
     return Pixels(view.name, image, view.camera, depth, alpha)
 
 
 def join(target: Pixels, aligned: Aligned, unit: Float[Tensor, "1"] | None = None) -> NetworkInput:
-    """A batch of one for the network.
+    """Build a batch of one for the network.
 
     Args:
         target: pixels of the target, or of a part of it.
-        aligned: references on its grid.
-        unit: the length that counts as 1 in depth; None takes that of the target's own depth.
+        aligned: references on the target's grid.
+        unit: the length that counts as 1 in depth; None uses the unit of the target's own depth.
     """
     depth = None if target.depth is None else target.depth[None]
     return NetworkInput(

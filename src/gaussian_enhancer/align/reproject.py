@@ -24,9 +24,9 @@ from gaussian_enhancer.types import FARTHEST_DEPTH, Camera, usable_depth
 
 FAINTEST = 1 / 255
 FINER = 1.2
-"""Pixels of a photo between two of the target from which on it is shrunk before it is read."""
+"""Footprint in photo pixels of a target pixel from which on a photo is downsampled before it is sampled."""
 SAMPLED = 2**12
-"""Pixels by which it is judged how finely a photo is read."""
+"""Approximate number of pixels from which the footprint is estimated."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Warped:
     """A reference on the target's grid.
 
     Args:
-        colour: the photo's colours, 0 where nothing is visible.
+        colour: colours of the photo, 0 where not visible.
         visibility: how surely the reference shows the target's surface, in [0, 1].
-        render: the splat's own render of the reference's view, warped alike; None where unknown.
+        render: the splat's render of the reference's view, warped in the same way; None if unknown.
     """
 
     colour: Float[Tensor, "3 h w"]
@@ -45,15 +45,15 @@ class Warped:
 
 
 def fill_depth(depth: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
-    """Close the holes of a depth map: each takes the nearest scale's average of its valid neighbours.
+    """Fill the holes of a depth map with averages of valid neighbours from the finest pyramid level that has any.
 
-    Push and pull over a pyramid (Gortler et al., SIGGRAPH 1996) on inverse depth, so that a hole at the border of
-    near and far leans to neither by scale. A map without any valid depth becomes 1 everywhere.
+    Push and pull over a pyramid (Gortler et al., SIGGRAPH 1996) on inverse depth, so that a hole between near and far
+    surfaces is not biased by the scale of their depths. A map without any valid depth becomes 1 everywhere.
 
     Args:
-        depth: z in scene units; what is not `usable_depth` is a hole.
+        depth: z in scene units; pixels that are not `usable_depth` are holes.
     """
-    least, most = depth.aminmax()  # not a number where one value is none
+    least, most = depth.aminmax()  # both are NaN if any value is NaN
     if bool((least > 0) & (most < torch.inf) & (most <= FARTHEST_DEPTH)):
         return depth
     valid = usable_depth(depth)
@@ -87,23 +87,23 @@ def reproject(
 ) -> Warped:
     """Warp a photo backwards into the target view through the target's depth.
 
-    visibility = inside the photo x in front of it x alpha x exp(-((z - z') / (tolerance z))^2 / 2), where z is the
-    point's depth in the reference and z' the depth that the reference itself renders there. The photo is first shrunk
-    with antialiasing where it is finer than the target.
+    visibility = inside the photo x in front of the camera x alpha x exp(-((z - z') / (tolerance z))^2 / 2), where z is
+    the point's depth in the reference and z' the depth that the reference itself renders there. A photo finer than the
+    target is first downsampled with antialiasing.
 
     Args:
         target: camera of the grid to fill.
-        depth: rendered z of the target, scene units; holes are filled from their neighbours for the warp.
-        reference: camera of the photo; scaled to the photo's size where the two differ.
-        photo: reference colours at any resolution, [0, 1]; those of 8 bits are warped as they are, [0, 255].
-        reference_depth: rendered z of the reference at any resolution; None leaves occlusion unchecked.
+        depth: rendered z of the target in scene units; holes are filled from their neighbours for the warp.
+        reference: camera of the photo; scaled to the photo's size if the sizes differ.
+        photo: reference colours at any resolution, [0, 1]; 8-bit colours are warped unchanged, [0, 255].
+        reference_depth: rendered z of the reference at any resolution; None disables the occlusion check.
         alpha: rendered opacity of the target; None counts holes of the depth as invisible.
         tolerance: relative depth difference of one standard deviation, > 0.
-        rendered_depth: the target's depth before it was refined, which alone compares with what the reference
-            renders; None means ``depth``.
-        render: the splat's own render of the reference's view, at any resolution, to be warped alike.
-        interpolation: how photo and render are read between their pixels.
-        footprint: distance in the photo between pixels that are neighbours in the target; None measures it.
+        rendered_depth: the target's depth before refinement, which is compared with the reference's rendered depth;
+            None means ``depth``.
+        render: the splat's render of the reference's view, at any resolution, to be warped in the same way.
+        interpolation: interpolation of photo and render between pixels.
+        footprint: distance in photo pixels between projections of neighbouring target pixels; None measures it.
     """
     dtype = depth.dtype if depth.dtype in (torch.float32, torch.float64) else torch.float32
     depth = depth.to(dtype)
@@ -116,9 +116,9 @@ def reproject(
     else:
         visibility = visibility * alpha.to(dtype).clamp(0, 1)
     if reference_depth is not None:
-        checked = fill_depth(depth if rendered_depth is None else rendered_depth.to(dtype))
-        visibility = visibility * depth_consistency(projection, checked, reference_depth.to(dtype), tolerance)
-    # What 8 bits cannot tell from nothing is nothing; left in, numbers near zero compute tens of times slower.
+        compared_depth = fill_depth(depth if rendered_depth is None else rendered_depth.to(dtype))
+        visibility = visibility * depth_consistency(projection, compared_depth, reference_depth.to(dtype), tolerance)
+    # Visibility below one 8-bit step is set to 0: arithmetic on denormal numbers is tens of times slower.
     visibility = torch.where(visibility < FAINTEST, 0.0, visibility)
     footprint = _median_footprint(landing) if footprint is None else footprint
     photo = _shrink_photo(photo, footprint, dtype)
@@ -130,20 +130,20 @@ def reproject(
 
 
 def footprint_between(target: Camera, depth: Float[Tensor, "1 h w"], reference: Camera) -> float:
-    """The median distance in a reference, in its pixels, between pixels that are neighbours in the target.
+    """Median distance, in pixels of a reference, between the projections of neighbouring target pixels.
 
     Args:
         target: camera of the grid.
-        depth: z of the target, > 0 and finite.
-        reference: camera of the photo, of its size.
+        depth: z of the target, positive and finite.
+        reference: camera of the photo, with its size.
     """
     return _median_footprint(land(ReferenceProjection.between(target, reference, depth), depth))
 
 
 def _median_footprint(landing: Landing) -> float:
-    """The median distance in the reference between pixels that are neighbours in the target, in the reference's pixels.
+    """Median distance, in pixels of the reference, between the projections of neighbouring target pixels.
 
-    It is taken over some 4,000 pixels, evenly spread.
+    The median is taken over some 4,000 evenly spread pixels.
     """
     height, width = landing.x.shape[-2:]
     if min(height, width) < 2:
@@ -159,7 +159,7 @@ def _median_footprint(landing: Landing) -> float:
 def _shrink_photo(
     photo: Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"], footprint: float, dtype: torch.dtype
 ) -> Float[Tensor, "3 _ _"] | UInt8[Tensor, "3 _ _"]:
-    """The photo at the resolution at which it is read, antialiased. Where that is about its own, 8 bits stay."""
+    """The photo, downsampled with antialiasing to the resolution of sampling; else 8-bit photos stay 8-bit."""
     if footprint < FINER:
         return photo if photo.dtype == torch.uint8 else photo.to(dtype)
     size = [max(1, round(side / footprint)) for side in photo.shape[-2:]]

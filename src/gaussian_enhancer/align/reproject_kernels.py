@@ -1,4 +1,4 @@
-"""Compiled warp of references: the same as `projection` and `alignment` per pixel, with less memory traffic.
+"""Compiled warp of references: the per-pixel operations of `projection` and `alignment`, with less memory traffic.
 
 Axes: h height, w width of the target; p, q of a reference's image. Images are (channels, height, width) float32.
 """
@@ -19,7 +19,7 @@ _TINY = _F(np.finfo(np.float32).tiny)
 @kernel
 @no_type_check
 def land(depth, matrix, offset, width, height, in_front, columns, rows, inside):
-    """Write where each pixel lands in a reference of ``width`` x ``height`` pixels, and 1 where that is inside."""
+    """Write the projection of each pixel into a reference of ``width`` x ``height`` pixels, and 1 where inside."""
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
             u, v, _, ok = _landing(x, y, depth[y, x], matrix, offset, width, height, in_front)
@@ -29,7 +29,7 @@ def land(depth, matrix, offset, width, height, in_front, columns, rows, inside):
 @kernel
 @no_type_check
 def check(depth, matrix, offset, width, height, in_front, seen, tolerance, result):
-    """Write exp(-((z - z') / (tolerance z))^2 / 2), z' being ``seen`` at the nearest pixel; 1 where that is 0."""
+    """Write exp(-((z - z') / (tolerance z))^2 / 2), where z' is ``seen`` at the nearest pixel; 1 where z' is 0."""
     high, wide = seen.shape
     for y in prange(depth.shape[0]):
         for x in range(depth.shape[1]):
@@ -38,14 +38,15 @@ def check(depth, matrix, offset, width, height, in_front, seen, tolerance, resul
             row = _nearest_pixel(v * (_F(high) / height), high)
             expected_depth = seen[row, column]
             difference = (z - expected_depth) / (tolerance * max(z, _TINY))
-            agrees = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)  # rounded up, it exceeds 1
-            result[y, x] = agrees if expected_depth > _ZERO else _ONE
+            # Rounding may exceed 1.
+            consistency = min(exp2_nonpositive(-_HALF * _LOG2E * difference * difference), _ONE)
+            result[y, x] = consistency if expected_depth > _ZERO else _ONE
 
 
 @inner
 @no_type_check
 def _landing(x, y, depth, matrix, offset, width, height, in_front):
-    """Column, row and z in the reference of a target's pixel at a depth, and whether inside and in front."""
+    """Column, row and z in the reference of a target pixel at a depth, and whether it is inside and in front."""
     a, b = _F(x) + _HALF, _F(y) + _HALF
     z = depth * (matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2]) + offset[2]
     ahead = z > in_front * depth
@@ -58,14 +59,14 @@ def _landing(x, y, depth, matrix, offset, width, height, in_front):
 @inner
 @no_type_check
 def _nearest_pixel(position, count):
-    """The pixel that a position in pixels lies in, the outermost beyond the border."""
+    """Index of the pixel that contains a position in pixels, clamped to the border."""
     return int(np.rint(min(max(position - _HALF, _ZERO), _F(count - 1))))
 
 
 @kernel
 @no_type_check
 def read(image, columns, rows, across, down, where, result):
-    """Read an image bilinearly at (columns x across, rows x down); write 0 where ``where`` is not positive."""
+    """Sample an image bilinearly at (columns x across, rows x down); write 0 where ``where`` is not positive."""
     channels, high, wide = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
@@ -87,7 +88,7 @@ def read(image, columns, rows, across, down, where, result):
 @inner
 @no_type_check
 def _cubic_weights(f):
-    """Weights of Keys' cubic convolution (1981) with a = -3/4 for the four samples around a fraction ``f``."""
+    """Weights of Keys' cubic convolution (1981), a = -3/4, for the four samples around a fractional position ``f``."""
     g = _ONE - f
     a = _F(-0.75)
     far = a * f * g * g
@@ -99,7 +100,7 @@ def _cubic_weights(f):
 @inner
 @no_type_check
 def _four_samples(position, count):
-    """The four samples around a position, unsigned so that no index counts from the end, and their weights."""
+    """Indices of the four samples around a position, unsigned to avoid negative indexing, and their weights."""
     position = min(max(position, -_ONE), _F(count))
     first = int(np.floor(position))
     far, near, next_, last = _cubic_weights(position - _F(first))
@@ -118,7 +119,7 @@ def _four_samples(position, count):
 @kernel
 @no_type_check
 def read_cubic(image, columns, rows, across, down, where, result):
-    """The same by cubic convolution, kept within [0, 1]; samples beyond the border are the border's."""
+    """As `read`, by cubic convolution clamped to [0, 1]; samples outside the image take the border's values."""
     channels, high, wide = image.shape
     for y in prange(where.shape[0]):
         for x in range(where.shape[1]):
@@ -140,7 +141,7 @@ def read_cubic(image, columns, rows, across, down, where, result):
 @kernel
 @no_type_check
 def read_cubic_pair(first, second, columns, rows, across, down, where, one, other):
-    """`read_cubic` of two images of one size; their channels lie side by side while they are read, as one vector."""
+    """`read_cubic` of two images of the same size, whose channels are interleaved and processed as one vector."""
     channels, high, wide = first.shape
     pixels = np.zeros((high, wide, 8), np.float32)
     for y in prange(high):
@@ -211,12 +212,12 @@ def finish_fine(colour, visibility, colours, coarse, top, result):
     """Write rows of a fine image: gain x colour + offset within [0, 1] where visible, else the coarse image's colour.
 
     Args:
-        colour: of the rows, (3, s, 4 w).
-        visibility: of the rows, (s, 4 w).
+        colour: colours of the rows, (3, s, 4 w).
+        visibility: visibility of the rows, (s, 4 w).
         colours: gain and offset of each channel.
-        coarse: (3, h, w).
-        top: the first row in the fine image, a multiple of 4.
-        result: is written from row ``top`` on, (3, 4 h, 4 w).
+        coarse: colours of the coarse image, (3, h, w).
+        top: index of the first row in the fine image, a multiple of 4.
+        result: output, written from row ``top`` on, (3, 4 h, 4 w).
     """
     channels, height, _ = colour.shape
     for y in prange(height):

@@ -1,6 +1,6 @@
 """`Enhancer`: enhance renders from Python, in a notebook or a trainer's render loop.
 
-Axes: b batch, h height, w width, H, W the same times the weights' scale.
+Axes: b batch, h height, w width; H, W: height and width times the weights' scale.
 """
 
 import warnings
@@ -34,20 +34,19 @@ REASONS = ("depth", "references", "fine photos")
 class Enhancer:
     """Enhances renders of a splat with the help of photos of the same scene.
 
-    It does what ``gaussian-enhancer enhance`` does, and gives the same images for the same input. Images are numpy
-    (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8, one or a batch. Cameras follow OpenCV's convention
+    The result is the same as that of ``gaussian-enhancer enhance`` for the same input. Images are numpy (h, w, 3) or
+    torch (3, h, w), float in [0, 1] or uint8, one or a batch. Cameras follow OpenCV's convention
     (`Camera.from_matrices`). All inputs are moved to the CPU, where references are chosen; warps and the network run on
-    ``device``. Gradients do not propagate through it.
+    ``device``. Gradients are not propagated.
 
     Args:
-        pretrained: weights, as `load_weights` reads them.
-        device: where the network runs: "cpu", "cuda", "cuda:1", ...; None takes CUDA where there is one.
-        background: colour behind the scene, in [0, 1]. Parts of a render that show nothing but this colour are passed
-            through.
-        options: how renders are enhanced.
+        pretrained: weights from `load_weights`.
+        device: device of the network: "cpu", "cuda", "cuda:1", ...; None selects CUDA if it is available.
+        background: background colour in [0, 1]. Regions of a render that show only this colour are passed through.
+        options: options of the enhancement.
 
     Raises:
-        InputError: an option is out of range, or there is no such device.
+        InputError: an option is out of range, or the device does not exist.
 
     Example:
         >>> import torch
@@ -83,16 +82,16 @@ class Enhancer:
         background: Sequence[int | float] = (0.0, 0.0, 0.0),
         **options: Any,
     ) -> "Enhancer":
-        """An enhancer with weights of the package or from a file.
+        """Create an enhancer with weights of the package or from a file.
 
         Args:
             weights: a name ("lr_tiny", "lr_base", "sr_tiny", "sr_base") or the path of a ``.safetensors`` file.
-            device: where the network runs; None takes CUDA where there is one.
-            background: colour behind the scene, in [0, 1].
+            device: device of the network; None selects CUDA if it is available.
+            background: background colour in [0, 1].
             **options: fields of `EnhancementOptions`, for instance ``strength=0.5`` or ``depth_kind="surface"``.
 
         Raises:
-            InputError: there are no such weights, the file is damaged, or an option is out of range.
+            InputError: the weights do not exist, the file is damaged, or an option is out of range.
         """
         return cls(load_weights(weights), device, background, EnhancementOptions(**options))
 
@@ -103,11 +102,11 @@ class Enhancer:
 
     @property
     def references(self) -> tuple[Reference, ...]:
-        """The references that were added, which are kept between calls."""
+        """The references added so far, which are kept between calls."""
         return self._kept.references
 
     def add_reference(self, reference: Reference) -> None:
-        """Add a reference for all later calls that are not given references.
+        """Add a reference for all later calls without an argument ``references``.
 
         Its converted pixels, and data computed from them, are cached.
 
@@ -115,12 +114,12 @@ class Enhancer:
             reference: a photo, and optionally the camera, render and depth of its view.
 
         Raises:
-            InputError: it is no reference, or its name is taken.
+            InputError: the argument is not a `Reference`, or its name is taken.
         """
         self._kept = KnownReferences.of((*self._kept.references, reference), self.reference_config.fine)
 
     def clear_references(self) -> None:
-        """Remove all added references, and what is cached of any references."""
+        """Remove all added references, and all cached data of references."""
         self._kept = self._given = KnownReferences.of((), False)
 
     def __call__(
@@ -136,27 +135,27 @@ class Enhancer:
         """Enhance one render or a batch.
 
         Args:
-            render: numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8; a batch has one axis more in front.
-            camera: camera of the render; a list for a batch. References that are reprojected need it.
-            depth: rendered z depth in scene units, 0 where nothing was hit: (h, w), for a batch (b, h, w). References
-                that are reprojected need it.
+            render: numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8; a batch has an additional first axis.
+            camera: camera of the render; a list for a batch. Required if references are reprojected.
+            depth: rendered z depth in scene units, 0 where no surface was hit: (h, w), for a batch (b, h, w). Required
+                if references are reprojected.
             references: references for this call; None uses the references that were added, an empty list uses none.
-                Where the next call gives the same objects, data computed from them is reused.
-            alpha: rendered opacity in [0, 1], (h, w) or (b, h, w); it is optional and tells where holes are.
+                If the next call passes the same objects, data computed from them is reused.
+            alpha: rendered opacity in [0, 1], (h, w) or (b, h, w); optional, shows where the render has holes.
             name: name of the render; a list for a batch. A reference of that name is left out, for instance the photo
                 of the same view.
 
         Returns:
-            The enhanced image, of the render's library, type, device and size (4 times the size for super-resolution).
-            Without references it is made from the render alone.
+            The enhanced image, with the render's library, type, device and size (4 times the size at super-resolution).
+            Without references it is computed from the render alone.
 
         Raises:
             InputError: a shape or type is wrong, sizes differ, values are not finite, or references were given without
-                the camera or depth that they are reprojected by.
+                the camera or depth that reprojecting them requires.
 
         Warns:
-            UserWarning: references, or their photos at super-resolution, are not used. The text says why, for instance
-                that the depth does not fit the renders.
+            UserWarning: references, or their photos at super-resolution, are not used. The text states the reason, for
+                instance that the depth does not fit the renders.
         """
         images, kind = read_images("render", render)
         known = self._known_references(references)
@@ -180,7 +179,7 @@ class Enhancer:
         return kind.restore_kind(result)
 
     def _known_references(self, references: Sequence[Reference] | None) -> KnownReferences:
-        """References of a call: those that were added, or given ones, cached while calls give the same objects."""
+        """The references of a call: those added, or the given ones, cached as long as calls pass the same objects."""
         if references is None:
             return self._kept
         if isinstance(references, Reference):
@@ -194,13 +193,13 @@ class Enhancer:
     ) -> tuple[RenderedView, ...]:
         """Validate the renders of a call and return them as views."""
         count, height, width = len(images), *images.shape[-2:]
-        planes = {
-            what: None if array is None else read_planes(what, array, batch)
-            for what, array in (("depth", depth), ("alpha", alpha))
+        depth_and_alpha = {
+            plane_name: None if array is None else read_planes(plane_name, array, batch)
+            for plane_name, array in (("depth", depth), ("alpha", alpha))
         }
-        for what, plane in planes.items():
+        for plane_name, plane in depth_and_alpha.items():
             if plane is not None:
-                check_same_size(what, plane, "render", images)
+                check_same_size(plane_name, plane, "render", images)
         cameras = one_per_image("camera", camera, count, batch)
         names = [label or f"render {i}" for i, label in enumerate(one_per_image("name", name, count, batch))]
         if len(set(names)) < count:
@@ -210,8 +209,8 @@ class Enhancer:
                 names[i],
                 lambda i=i: images[i],  # type: ignore[misc]
                 None if cameras[i] is None else sized_camera(cameras[i], height, width, "camera"),
-                _reader(planes["depth"], i),
-                _reader(planes["alpha"], i),
+                _reader(depth_and_alpha["depth"], i),
+                _reader(depth_and_alpha["alpha"], i),
             )
             for i in range(count)
         )
@@ -237,7 +236,7 @@ class Enhancer:
     def _cache_references(self, known: KnownReferences, found: ValidatedInputs) -> None:
         """Cache what later calls with the same references can reuse."""
         if found.pool is not known.pool:
-            known.planner = None  # for this call, depth was refused, that of the references included
+            known.planner = None  # depth was refused in this call, including that of the references
             return
         known.depth_fits = bool(known.views) and self.options.rules.depth == "auto"
         if known.planner is None and not self.options.rules.full:
@@ -253,10 +252,10 @@ def _reader(planes: Tensor | None, index: int) -> Any:
 
 
 def _device(device: str | torch.device | None) -> torch.device:
-    """The device of an argument ``device``.
+    """Convert an argument ``device`` to a device.
 
     Raises:
-        InputError: there is no such device.
+        InputError: the device does not exist.
     """
     if device is None:
         return choose_device("auto")

@@ -44,30 +44,31 @@ def enhance_folder(
     recover_geometry: bool = True,
     **options: Any,
 ) -> tuple[Path, ...]:
-    """Enhance a folder of renders, a fitted run, or a splat with its capture; write images of the same names.
+    """Enhance a folder of renders, a fitted run, or a splat with its capture; images keep the names of the renders.
 
-    It writes the same images as ``gaussian-enhancer enhance output=FOLDER``. All input is read before the first image
-    is written, so that a damaged file leaves no incomplete folder.
+    The images are the same as those of ``gaussian-enhancer enhance output=FOLDER``. All input is read before the first
+    image is written, so that a damaged file leaves no incomplete folder.
 
     Args:
         renders: folder of renders. Give this, or ``run``, or ``gaussians`` with ``scene``.
         photos: folder of photos. A photo with a render's name is its ground truth; the others are references.
         cameras: ``cameras.json`` in 3DGS's list format, of renders and references.
-        depth: folder of z depth under the renders' names: ``.npy``, ``.npz`` or 16-bit ``.png``.
-        output: folder that is written.
+        depth: folder of z-depth maps with the names of the renders: ``.npy``, ``.npz`` or 16-bit ``.png``.
+        output: output folder.
         references: folder of reference photos, where ``photos`` holds only ground truth.
         depth_scale: scene units per stored unit of depth.
         run: folder of a fitted run, this project's or original 3DGS output.
-        step: for a run: the training step whose renders are enhanced; None takes the latest.
+        step: for a run: the training step whose renders are enhanced; None selects the latest.
         gaussians: file of a splat.
         scene: the capture: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
         method: for a splat: rendering method, "auto", "3dgs", "2dgs" or "mip_splatting".
         views: for a splat: the cameras that it is rendered from, "test", "train" or "all".
         weights: a name of the package's weights, or the path of a ``.safetensors`` file.
-        device: "cpu" or "cuda"; None takes CUDA where there is one.
-        recover_geometry: find cameras and depth that are not given, by structure from motion of renders and photos, and
-            by plane sweep. They are kept in the folder ``geometry`` of the output. Without them no photo can be used.
+        device: "cpu" or "cuda"; None selects CUDA if it is available.
+        recover_geometry: recover cameras and depth that are not given, by structure from motion of renders and photos,
+            and by plane sweep. They are kept in the folder ``geometry`` of the output. Without them no photo can be
+            used.
         **options: fields of `EnhancementOptions`, for instance ``strength=0.5``.
 
     Returns:
@@ -77,7 +78,7 @@ def enhance_folder(
         InputError: the input, the weights or an option cannot be used, or an image cannot be written.
 
     Warns:
-        UserWarning: references, or their photos at super-resolution, are not used; the text says why.
+        UserWarning: references, or their photos at super-resolution, are not used; the text states the reason.
     """
     if Path(output).is_file():
         raise InputError(output, "cannot be written: it is a file", "name a folder")
@@ -116,7 +117,7 @@ def enhance_folder(
 def _fine_photos(
     run: str | Path | None, scene: str | Path | Scene | None, downscale: int | float
 ) -> Callable[[RenderedSet], RenderedSet] | None:
-    """Function that attaches photos 4 times as fine as the renders; None where their source is not known."""
+    """A function that attaches photos at 4 times the renders' resolution; None if their source is not known."""
     if isinstance(scene, str | Path):
         return partial(_attach_from_capture, scene, downscale)
     if run is not None and scene is None:

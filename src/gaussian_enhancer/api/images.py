@@ -16,16 +16,16 @@ from gaussian_enhancer.errors import InputError
 
 Array = np.ndarray | Tensor
 BRIGHTEST = 8.0
-"""Largest permitted value of a float image. Renders exceed 1 a little; images not divided by 255 exceed this value."""
+"""Largest permitted value of a float image. Renders may slightly exceed 1; images not divided by 255 exceed this."""
 
 
 @dataclass(frozen=True)
 class ImageKind:
-    """Library, type, device and axes of a given image, so that the result has the same.
+    """Library, type, device and axes of an input image, which the result shall have as well.
 
     Args:
-        like: an array of its library, type and device; its values are not used.
-        batch: whether it had a batch axis.
+        like: an empty array with the library, type and device of the input.
+        batch: whether the input has a batch axis.
     """
 
     like: Array
@@ -47,15 +47,15 @@ class ImageKind:
 
 
 def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageKind]:
-    """One image or a batch as float32 on the CPU, in [0, 1].
+    """Convert one image or a batch to float32 in [0, 1] on the CPU.
 
     Args:
-        name: what the image is, for messages.
+        name: name of the image, for messages.
         image: numpy (h, w, 3) or (b, h, w, 3), torch (3, h, w) or (b, 3, h, w); float in [0, 1] or uint8. Floats
             outside of [0, 1] are clamped.
 
     Raises:
-        InputError: it is no such array, is empty, or holds values that are not finite or exceed `BRIGHTEST`.
+        InputError: it is not such an array, is empty, or holds values that are not finite or exceed `BRIGHTEST`.
     """
     _check_type(name, image)
     channels = -3 if isinstance(image, Tensor) else -1
@@ -74,15 +74,15 @@ def read_images(name: str, image: Any) -> tuple[Float[Tensor, "b 3 h w"], ImageK
 
 
 def read_planes(name: str, planes: Any, batch: bool) -> Float[Tensor, "b 1 h w"]:
-    """One map of depth or opacity, or a batch, as float32 on the CPU. Values that are not finite become 0.
+    """Convert one map of depth or opacity, or a batch, to float32 on the CPU. Values that are not finite become 0.
 
     Args:
-        name: what the map is, for messages.
+        name: name of the map, for messages.
         planes: (h, w), numpy (h, w, 1) or torch (1, h, w), float; with a leading batch axis where ``batch`` is true.
         batch: whether there is a batch axis.
 
     Raises:
-        InputError: it is no such array, or holds negative values.
+        InputError: it is not such an array, or holds negative values.
     """
     _check_type(name, planes)
     if not _is_float(planes):
@@ -106,7 +106,7 @@ def check_same_size(name: str, image: Tensor, other_name: str, other: Tensor) ->
     """Refuse two maps of one view that differ in size or number.
 
     Raises:
-        InputError: they differ.
+        InputError: size or number differ.
     """
     size, other_size = (tuple(tensor.shape[i] for i in (0, -2, -1)) for tensor in (image, other))
     if size != other_size:
@@ -131,7 +131,7 @@ def _is_float(image: Array) -> bool:
 
 
 def _tensor(image: Array) -> Tensor:
-    """The values as a tensor on the CPU, detached from the graph of gradients."""
+    """Convert an array to a tensor on the CPU that is detached from the autograd graph."""
     if isinstance(image, Tensor):
         return image.detach().cpu()
     return torch.from_numpy(np.ascontiguousarray(image if image.flags.writeable else image.copy()))
@@ -148,11 +148,11 @@ def _in_range(name: str, values: Tensor) -> Tensor:
 
 
 def one_per_image(name: str, values: Any, count: int, batch: bool) -> Sequence[Any]:
-    """One value per image.
+    """Return one value for each image.
 
     Args:
-        name: what the values are, for messages.
-        values: a sequence for a batch, one value otherwise; None where there is none.
+        name: name of the values, for messages.
+        values: a sequence for a batch, a single value otherwise; None if there are no values.
         count: number of images.
         batch: whether there is a batch axis.
 

@@ -21,23 +21,22 @@ from gaussian_enhancer.types import Camera
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A photo of the scene that an enhancement may take detail from.
+    """A photo of the scene, used to enhance renders of other views.
 
     Images are numpy (h, w, 3) or torch (3, h, w), float in [0, 1] or uint8. They may differ in size as long as their
-    aspect is the same.
+    aspect ratio is the same.
 
     Args:
-        photo: the photo, without lens distortion: its camera is a pinhole camera.
-        camera: the photo's camera; weights that reproject photos need it.
-        render: the splat's render of the same view. It is optional; with it, the enhancement sees the splat's errors,
-            corrects exposure better, and gains more.
-        depth: the splat's z depth of the same view in scene units, (h, w), 0 where nothing was hit. It is optional;
-            with it, occlusions between the photo's view and the enhanced view are detected.
-        name: unique name. A reference that has the name of the render that is enhanced is left out, since it is the
-            ground truth.
+        photo: the photo, without lens distortion, as an ideal pinhole camera would take it.
+        camera: the photo's camera; required by weights that reproject photos.
+        render: the splat's render of the same view (optional). It shows the network the splat's errors, improves the
+            exposure correction, and increases the gain.
+        depth: the splat's z depth of the same view in scene units, (h, w), 0 where no surface was hit (optional). It
+            allows occlusions between the photo's view and the enhanced view to be detected.
+        name: unique name. A reference with the name of the enhanced render is left out, since it is the ground truth.
 
     Raises:
-        InputError: an image has a wrong shape or type, or another aspect than the photo, or depth is negative.
+        InputError: an image has a wrong shape or type, or another aspect ratio than the photo, or depth is negative.
     """
 
     photo: np.ndarray | Tensor
@@ -62,15 +61,15 @@ class Reference:
 
 @dataclass
 class KnownReferences:
-    """References in use, and the data that earlier calls computed from them.
+    """References in use, and data that earlier calls computed from them.
 
     Args:
         references: the references as the user gave them.
         views: the references as views, whose pixels are converted when they are read.
         pool: cache of the pixels of the views that were read last.
-        planner: planner that caches views on a coarse grid; None where nothing is planned.
-        features: the network's features of references that are not warped; None where they are warped.
-        depth_fits: whether depth was found to fit the renders.
+        planner: planner that caches views on a coarse grid; None if the plan leaves nothing out.
+        features: cached network features of references that are not warped; None if references are warped.
+        depth_fits: whether validation accepted the depth of the renders.
     """
 
     references: tuple[Reference, ...]
@@ -85,14 +84,14 @@ class KnownReferences:
 
     @classmethod
     def of(cls, references: Sequence[Reference], fine: bool) -> "KnownReferences":
-        """Create views of references, with nothing computed from them yet.
+        """Create views of references, without any cached data.
 
         Args:
             references: references with unique names; those without a name get one.
-            fine: read the photos at their own resolution, too, for super-resolution.
+            fine: also read the photos at their original resolution, for super-resolution.
 
         Raises:
-            InputError: a name occurs twice, or an item is no `Reference`.
+            InputError: a name occurs twice, or an item is not a `Reference`.
         """
         views: dict[str, RenderedView] = {}
         for number, reference in enumerate(references):
@@ -113,10 +112,10 @@ class KnownReferences:
 
 
 def sized_camera(camera: Camera, height: int, width: int, name: str) -> Camera:
-    """The camera scaled to an image's size, on the CPU; the image may be a uniformly resized copy.
+    """The camera scaled to an image's size, on the CPU. The image may be a uniformly resized version.
 
     Raises:
-        InputError: it is no camera, or the aspects differ by more than rounding explains.
+        InputError: the value is not a camera, or the aspect ratios differ by more than rounding explains.
     """
     if not isinstance(camera, Camera):
         remedy = "give gaussian_enhancer.Camera.from_matrices(K, world_to_camera, height, width)"
@@ -137,7 +136,7 @@ def _view(reference: Reference, name: str, fine: bool) -> RenderedView:
     def depth() -> Tensor:
         return read_planes(f"depth of {name}", reference.depth, batch=False)[0]
 
-    shape = reference.photo.shape  # checked when the reference was made
+    shape = reference.photo.shape  # validated when the reference was created
     height, width = shape[-2:] if isinstance(reference.photo, Tensor) else shape[:2]
     camera = None if reference.camera is None else sized_camera(reference.camera, height, width, f"camera of {name}")
     return RenderedView(
@@ -164,6 +163,6 @@ def _size(image: Any, what: str, name: str) -> tuple[int, int]:
 
 
 def _same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sizes (height, width) have the same aspect, up to rounding."""
-    shrink = min(size[0] / other[0], size[1] / other[1])
-    return abs(size[0] - other[0] * shrink) <= 1 and abs(size[1] - other[1] * shrink) <= 1
+    """Whether two sizes (height, width) have the same aspect ratio, up to rounding."""
+    ratio = min(size[0] / other[0], size[1] / other[1])
+    return abs(size[0] - other[0] * ratio) <= 1 and abs(size[1] - other[1] * ratio) <= 1

@@ -15,20 +15,21 @@ def render(
     background: Sequence[int | float] = (0.0, 0.0, 0.0),
     near: int | float = 0.01,
 ) -> Render:
-    """Render a splat, differentiable with respect to its tensors.
+    """Render a splat; the result is differentiable with respect to the splat's tensors.
 
-    On the CPU it runs this project's rasteriser, on CUDA gsplat (``pip install gaussian-enhancer[cuda]``).
+    On the CPU it uses this project's rasteriser, on CUDA gsplat (``pip install gaussian-enhancer[cuda]``).
 
     Args:
-        splat: Gaussians, as `read_splat` reads them.
-        camera: the camera; its size is the image's.
-        method: "3dgs", "2dgs", "mip_splatting", or "auto", which takes what the splat was made for (`choose_method`).
-        background: colour behind the scene, in [0, 1].
-        near: near plane: smallest z that is drawn, in scene units.
+        splat: the Gaussians, for instance from `read_splat`.
+        camera: the camera; it determines the image's size.
+        method: "3dgs", "2dgs", "mip_splatting", or "auto" for the method that the splat was fitted with
+            (`choose_method`).
+        background: background colour in [0, 1].
+        near: near plane: smallest rendered z, in scene units.
 
     Returns:
         ``colour`` (3, h, w), not clamped; ``depth`` and ``median_depth`` (1, h, w), z in scene units; ``alpha``
-        (1, h, w); ``surface`` is the depth to enhance with ``depth_kind="surface"``.
+        (1, h, w); ``surface``, the depth for enhancement with ``depth_kind="surface"``.
 
     Raises:
         InputError: the method is unknown or does not suit the splat, or the camera cannot be used.

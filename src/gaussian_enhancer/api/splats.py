@@ -35,29 +35,29 @@ def distil_splat(
 ) -> Path:
     """Train a splat on its enhanced views, so that it contains what enhancement adds; write a ``.ply`` for any viewer.
 
-    The result is that of ``gaussian-enhancer distil``, where the method is documented. A call that was killed resumes
-    when it is repeated with the same arguments.
+    The result is the same as that of ``gaussian-enhancer distil``, whose documentation describes the method. A killed
+    call resumes when it is repeated with the same arguments.
 
     Args:
         run: folder of a fitted run, this project's or original 3DGS output. Give this, or ``gaussians`` with ``scene``.
         gaussians: file of a splat.
-        scene: its capture: the folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
-        output: folder that is written; it must not hold a splat yet.
+        scene: the capture of the splat: its folder (COLMAP, nerfstudio, NeRF-Synthetic, OpenSfM), or an opened `Scene`.
+        output: output folder; it must not hold a splat yet.
         downscale: for a capture's folder: factor by which width and height of its photos are divided.
-        method: how the splat is rendered: "auto", "3dgs", "2dgs" or "mip_splatting".
+        method: rendering method: "auto", "3dgs", "2dgs" or "mip_splatting".
         weights: a name of the package's weights, or the path of a ``.safetensors`` file.
-        device: "cpu" or "cuda"; None takes CUDA where there is one.
-        settings: steps, rounds, views and rates; None takes the defaults of `DistilSettings`.
-        prune: settings by which floaters are removed first; None removes none.
+        device: "cpu" or "cuda"; None selects CUDA if it is available.
+        settings: steps, rounds, views and learning rates; None uses the defaults of `DistilSettings`.
+        prune: settings for the removal of floaters before training; None skips it.
         progress: show progress bars.
-        **options: fields of `EnhancementOptions`, which control how the new views are enhanced.
+        **options: fields of `EnhancementOptions` for the enhancement of the new views.
 
     Returns:
         The path of ``splat.ply`` in the folder.
 
     Raises:
-        InputError: the input, the weights or an option cannot be used, or the folder holds a splat already or cannot
-            be written.
+        InputError: the input, the weights or an option cannot be used, or the folder already holds a splat or cannot be
+            written.
     """
     folder = Path(output)
     if folder.is_file() or (folder / "splat.ply").exists():
@@ -69,11 +69,11 @@ def distil_splat(
         scene = open_capture(scene, downscale=downscale)
     splat, capture = read_given_splat(run, gaussians, scene if isinstance(scene, Scene) else None)
     task = distil_task(splat, capture, distil_settings, prune, method=method, device=target_device)
-    enhancer, inputs = None, f"{file_digest(splat)}, {prune}"
+    enhancer, provenance = None, f"{file_digest(splat)}, {prune}"
     if task.makes_views:
         enhancer = enhancer_of_new_views(task, weights, enhancement_options, target_device)
-        inputs += f", {file_digest(find_checkpoint(weights))}, {enhancement_options}"
-    distilled = improve_splat(task, enhancer, folder, progress=progress, made_of=inputs)
+        provenance += f", {file_digest(find_checkpoint(weights))}, {enhancement_options}"
+    distilled = improve_splat(task, enhancer, folder, progress=progress, made_of=provenance)
     export_splat(folder, capture, distilled)
     discard_checkpoint(folder)
     shutil.rmtree(folder / "rounds", ignore_errors=True)

@@ -39,9 +39,9 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def distil_run(cfg: DictConfig) -> Run:
-    """Return the finished run, which is made where it is missing.
+    """Return the finished run; compute it if it does not exist.
 
-    Its folder has the layout of a fit's folder. Step 0 is the splat that was given.
+    Its folder has the layout of a fit's folder. Step 0 is the input splat.
 
     Args:
         cfg: see ``conf/distil.yaml``.

@@ -1,4 +1,4 @@
-"""Enhance the views of a set in several processes, each of which takes a part, by Lightning's prediction loop."""
+"""Enhances a set's views in several processes, each for a part of the views, with Lightning's prediction loop."""
 
 import os
 from dataclasses import replace
@@ -51,7 +51,7 @@ class Prediction(LightningModule):
         view = replace(self.rendered, targets=(self.rendered.targets[int(batch)],))
         (enhanced,) = self.enhancer(view, self.planner, self.pool)
         write_one(enhanced, self.folder, view.targets[0], self.enhancer.network.scale)
-        # Keep no inference tensors, and no more than a pipe holds: no pixels, and no plans, which the caller has.
+        # Keep no inference tensors, and little enough for a pipe: no pixels, and no plans, which the caller has.
         self.written.append(replace(enhanced, image=torch.empty(3, 0, 0), plan=None))
 
 

@@ -20,7 +20,7 @@ from gaussian_enhancer.scene.wanted import Wanted, checksum_note, listing, neede
 
 
 def output_path(cfg: DictConfig) -> Path | None:
-    """The folder of archives and scenes; None where they are only listed."""
+    """The folder of archives and scenes; None if they are only listed."""
     return None if cfg.dry_run else Path(cfg.folder).expanduser()
 
 

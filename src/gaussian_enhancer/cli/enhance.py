@@ -25,15 +25,15 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def output_path(cfg: DictConfig) -> Path | None:
-    """The folder ``output``, which is no run; None where a run's folder is made, or nothing is written."""
+    """The folder ``output``, which is not a run; None if a run's folder is created, or nothing is written."""
     return Path(cfg.output) if cfg.output and not cfg.dry_run else None
 
 
 def run(cfg: DictConfig) -> float | None:
     """Enhance renders and write the images under the renders' names.
 
-    With ``output``, only the images are written, to that folder. Otherwise a run's folder is made in the layout that
-    ``measure run=`` reads: renders, enhanced images and photos side by side, the cost in records, and the plan.
+    With ``output``, only the images are written, to that folder. Otherwise a run's folder is created in the layout that
+    ``measure run=`` reads: renders, enhanced images and photos in parallel folders, the cost in records, and the plan.
 
     Args:
         cfg: see ``conf/enhance.yaml``.
@@ -54,9 +54,9 @@ def run(cfg: DictConfig) -> float | None:
     enhancer, task, validated = load_enhancement(cfg, start(cfg.runtime))
     rules = build(cfg.plan)
     planner = validated.planner(rules)
-    hidden = hides_progress(cfg, console)
+    progress_hidden = hides_progress(cfg, console)
     reads = file_reads(validated, not cfg.output, planner, cfg.dry_run)
-    for read_file in track(reads, "reading", console=console, disable=hidden):
+    for read_file in track(reads, "reading", console=console, disable=progress_hidden):
         read_file()
     plan = Plan(task.rendered.name, rules, validated.parts, () if planner is None else tuple(planner.known.values()))
     notes = validated.missing_references if rules.full and not cfg.dry_run else (plan.table(),)
@@ -73,7 +73,7 @@ def run(cfg: DictConfig) -> float | None:
 
             return enhance_in_processes(folder, plan, cfg, enhancer.device.type, min(count, total))
         images = enhancer(task.rendered, planner, validated.pool)
-        tracked = track(images, "enhancing", total=total, console=console, disable=hidden)
+        tracked = track(images, "enhancing", total=total, console=console, disable=progress_hidden)
         return write_enhanced(tracked, folder, task.rendered, enhancer.network.scale)
 
     if cfg.output:
@@ -92,7 +92,7 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def _with_distilled_splat(cfg: DictConfig) -> DictConfig:
-    """Distil the splat of a configuration where that is not done yet, and return the configuration with the result.
+    """Distil the splat of a configuration, or reuse a finished result; return the configuration with the new splat.
 
     Raises:
         InputError: there is no splat to distil, options contradict ``distil``, or the splat cannot be distilled.

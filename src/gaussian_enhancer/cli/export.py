@@ -1,4 +1,4 @@
-"""The job ``export``: export weights as a program for other runtimes."""
+"""The job ``export``: export a network with its weights as a program for other runtimes."""
 
 import logging
 from pathlib import Path
@@ -12,7 +12,7 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Export the network as a program, and compare the program's output with the network's.
+    """Export the network as a program, and compare the outputs of the two.
 
     Args:
         cfg: see ``conf/export.yaml``.

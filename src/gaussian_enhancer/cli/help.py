@@ -1,4 +1,4 @@
-"""Help text of a job: every option with its default and its comment, taken from the configuration files."""
+"""Help text of a job: each option with its default and its comment, read from the configuration files."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ def help_text(job: str, words: Sequence[str], conf: Path) -> str:
 
     Args:
         job: the job's name.
-        words: its other command-line arguments; ``splat=2dgs`` among them shows the options of that choice.
+        words: the other command-line arguments; ``splat=2dgs`` among them shows the options of that choice.
         conf: the folder of configurations.
     """
     head, defaults, body = _parts((conf / f"{job}.yaml").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Conversion of Hydra's errors about a command line to messages of one line."""
+"""Conversion of Hydra's errors about a command line to one-line messages."""
 
 import io
 import traceback
@@ -9,7 +9,7 @@ from gaussian_enhancer.errors import InputError
 
 
 class WithoutOverrides:
-    """A stream that drops one line of Hydra: the list of all overrides, written before a job's error is raised.
+    """A stream that drops one line of Hydra: the list of all overrides, which precedes the error of a job.
 
     Args:
         stream: standard error.
@@ -19,7 +19,7 @@ class WithoutOverrides:
         self.stream = stream
 
     def write(self, text: str) -> int:
-        """Write a text, unless it is that line."""
+        """Write a text unless it is that line."""
         if text.startswith("Error executing job with overrides:"):
             return len(text)
         return self.stream.write(text)

@@ -88,7 +88,7 @@ BENCHMARKS = {
 JOBS |= SCRIPTS | BENCHMARKS
 
 NEEDING = (*LAB, "demo")
-"""Jobs that make runs of other jobs. Where another process is making one of these runs, they wait for it."""
+"""Jobs that start runs of other jobs. If another process is computing such a run, they wait for it."""
 
 DISK_REFUSES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.ENAMETOOLONG)
 """Numbers of system errors on writing: full disk, quota, file-size limit, read-only file system, a name too long."""
@@ -166,12 +166,12 @@ def usage() -> str:
 
 
 def let_idle_threads_sleep() -> None:
-    """Set OpenMP's waiting policy for this process, unless the user has set it.
+    """Set OpenMP's waiting policy for this process unless the user has set it.
 
-    OpenMP reads it once, when torch loads it. Only the command line sets it; importing the package does not. Idle
-    OpenMP threads spin by default. On a machine that others use too, a fit then takes 20 times as long (28 against
-    450-740 ms per step, measured). Threads that sleep at once take longer to wake than most parallel loops of an
-    enhancement take (250 against 140 ms per view, measured). So they spin briefly before they sleep.
+    OpenMP reads the policy once, when torch loads it. Only the command line sets it; importing the package does not.
+    Idle OpenMP threads spin by default. On a machine that others use as well, a fit then takes 20 times as long (28
+    against 450-740 ms per step, measured). Threads that sleep at once take longer to wake than most parallel loops of
+    an enhancement take (250 against 140 ms per view, measured). They therefore spin briefly before they sleep.
     """
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
@@ -182,7 +182,7 @@ def launch(job: str, arguments: Sequence[str]) -> None:
     """Run a job by Hydra with the remaining command-line arguments.
 
     Raises:
-        InputError: the arguments are no overrides of the job's configuration, or the job refuses its input.
+        InputError: the arguments are not overrides of the job's configuration, or the job refuses its input.
         LostProcessError: a process of a sweep was killed.
     """
     import hydra

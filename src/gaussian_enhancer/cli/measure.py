@@ -38,8 +38,8 @@ def run(cfg: DictConfig) -> float | None:
         cfg: see ``conf/measure.yaml``.
 
     Returns:
-        In dB, the mean gain in colour-aligned PSNR where two variants were measured, else mean colour-aligned PSNR;
-        None where no view has a finite value.
+        The mean gain in colour-aligned PSNR if two variants were measured, else the mean colour-aligned PSNR, in dB;
+        None if no view has a finite value.
 
     Raises:
         InputError: images and photos differ in names or sizes, or a file cannot be read or written.
@@ -102,8 +102,8 @@ def _measure(
 ) -> tuple[Record, ...]:
     steps = measure_files(files, distances, background_colour(cfg.background))
     console = Console(stderr=True)
-    hidden = hides_progress(cfg, console)
-    return tuple(track(steps, "measuring", total=len(files), console=console, disable=hidden))
+    progress_hidden = hides_progress(cfg, console)
+    return tuple(track(steps, "measuring", total=len(files), console=console, disable=progress_hidden))
 
 
 def _tables(records: Sequence[Record], pairs: Sequence[VariantPair]) -> dict[str, Table]:

@@ -1,4 +1,4 @@
-"""Types and bounds of every job's own options, which are checked before the job starts.
+"""Types and bounds of the options of each job, which are checked before the job starts.
 
 Groups (scene, splat, fusion, ...) are checked against the signatures of the objects that they build (`runs.arguments`).
 """
@@ -328,7 +328,7 @@ OPTIONS: Mapping[str, type[Shared]] = {
     "report": Report,
     "download": Download,
 }
-"""The options by job."""
+"""The class of options of each job."""
 
 
 def options_of(job: str) -> type[Shared]:

@@ -18,11 +18,11 @@ from gaussian_enhancer.runs.run import Run, find_run
 
 
 def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
-    """Return the finished run of a fit, which is made where it is missing.
+    """Return the finished run of a fit; compute it if it does not exist.
 
     Args:
         job: configuration of the job ``fit``.
-        refusal: raised where the run is missing and must not be made; None makes the run.
+        refusal: raised if the run does not exist and must not be computed; None computes it.
 
     Raises:
         InputError: the refusal, or an error of the job.
@@ -40,7 +40,7 @@ def fit_run(job: DictConfig, refusal: InputError | None = None) -> Run:
 def enhance_run(job: DictConfig) -> Path:
     """Enhance a run, unless a finished enhancement of the same configuration exists.
 
-    The digest of the weights enters the run's hash, so that a file with new content makes a new run.
+    The digest of the weights is part of the run's hash, so that a file with new content leads to a new run.
 
     Args:
         job: configuration of the job ``enhance``.
@@ -49,7 +49,7 @@ def enhance_run(job: DictConfig) -> Path:
         The folder with renders, enhanced images and photos.
 
     Raises:
-        InputError: there are no such weights, or they cannot be used.
+        InputError: the weights do not exist or cannot be used.
     """
     with open_dict(job):
         job.weights_digest = checkpoint_digest(find_checkpoint(job.weights))

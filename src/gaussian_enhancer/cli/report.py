@@ -1,4 +1,4 @@
-"""The job ``report``: make an HTML page from a measured run."""
+"""The job ``report``: create an HTML page from a measured run."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def output_path(cfg: DictConfig) -> Path:
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Write ``report.html``, and ``contact_sheet.png`` where it is asked for.
+    """Write ``report.html``, and ``contact_sheet.png`` if it is requested.
 
     Args:
         cfg: see ``conf/report.yaml``.

@@ -32,11 +32,11 @@ from gaussian_enhancer.runs.simulation import (
 )
 
 PICTURED = 20
-"""Most samples that the page shows; all samples are written."""
+"""Maximum number of samples shown on the page; all samples are written."""
 
 
 def run(cfg: DictConfig) -> float | None:
-    """Simulate renders of one photo; write samples, sheets, a page and a record of what was drawn.
+    """Simulate renders of one photo; write samples, sheets, a page and a record of the random draws.
 
     Nothing is written before all input is read and stage 2 has run once.
 
@@ -69,10 +69,10 @@ def run(cfg: DictConfig) -> float | None:
     if isinstance(gate, AdaptiveGate):
         console.print(gate.table(), highlight=False)
     job = open_run(cfg, "simulate", photo.name)
-    hidden = hides_progress(cfg, console)
+    progress_hidden = hides_progress(cfg, console)
     samples, pictures = [], []
     generators = spawn(draws, torch.Generator().manual_seed(seed))
-    for number, generator in enumerate(track(generators, "simulating", console=console, disable=hidden)):
+    for number, generator in enumerate(track(generators, "simulating", console=console, disable=progress_hidden)):
         sample, view = draw_sample(simulator, photo, generator, f"samples/{number:03d}.png")
         write_sample(job.folder / sample.file, view)
         samples.append(sample)

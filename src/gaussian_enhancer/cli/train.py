@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 def run(cfg: DictConfig) -> float | None:
     """Train, or resume a killed training; write ``weights.safetensors`` and its card.
 
-    With ``trainer.devices=2``, two processes train together and do what one would do alone: each takes half of every
-    batch.
+    With ``trainer.devices=2``, two processes train together, each on half of every batch. The result is that of one
+    process.
 
     Returns:
         The mean gain in PSNR over the raw renders of the validation runs, in dB; None where the training was stopped.
@@ -51,7 +51,7 @@ def run(cfg: DictConfig) -> float | None:
         return float(json.loads((job.folder / "card.json").read_text())["validation"]["gain/psnr"])
     quieten()
     require_saveable(_network(cfg))
-    if count > 1:  # prepare all samples, however long that takes, before the processes that wait for them are started
+    if count > 1:  # prepare all samples first: it may take long, and the other processes would wait for them
         _data(cfg).prepare_data()
     gain: float | None = launch(_train, cfg, cfg.trainer.accelerator, count, job)
     return gain
@@ -111,10 +111,10 @@ def _train(cfg: DictConfig, job: Run) -> float | None:
 
 
 def _network(cfg: DictConfig) -> "Network":
-    """The network to train: untrained, or with the values of the weights ``initial``.
+    """Build the network to train, untrained or with the values of the weights ``initial``.
 
     Raises:
-        InputError: those weights cannot be read, or are of another design than the configuration's network.
+        InputError: the initial weights cannot be read, or their design differs from the configuration's network.
     """
     network: Network = build(cfg.fusion)
     if cfg.get("faithful") and not type(network).__module__.startswith("gaussian_enhancer.network.paper."):
@@ -132,7 +132,7 @@ def _network(cfg: DictConfig) -> "Network":
 
 
 def _begun_with(cfg: DictConfig) -> dict[str, str]:
-    """Initial weights by the name of the network's part that they are for; an empty name is the whole network."""
+    """Initial weights by the name of the part of the network that they initialise; "" stands for the whole network."""
     initial = cfg.get("initial")
     if initial is None:
         return {}
@@ -141,7 +141,7 @@ def _begun_with(cfg: DictConfig) -> dict[str, str]:
 
 
 def _initial_weights_entry(cfg: DictConfig) -> dict[str, Any]:
-    """The card's entry on the initial weights: entries of their cards, which may nest those of earlier weights."""
+    """The card's entry on the initial weights: selected entries of their cards, which may nest earlier weights."""
     kept_keys = ("run", "seed", "steps", "train", "minutes", "initial")
     cards = {name: load_weights(weights).card for name, weights in _begun_with(cfg).items()}
     entries = {name: {key: card[key] for key in kept_keys if key in card} for name, card in cards.items()}
@@ -161,9 +161,9 @@ def _data(cfg: DictConfig) -> "RunsData":
 
 
 def _bad_share(cfg: DictConfig) -> float:
-    """Share of samples that may be dropped for not being finite.
+    """Share of samples that may be dropped because they are not finite.
 
-    It is no part of a run's address, so a configuration that was reduced to the address lacks it.
+    The option is not part of a run's hash, so a configuration reduced to the hashed keys lacks it.
     """
     from gaussian_enhancer.train.non_finite import BAD_SHARE
 
@@ -174,7 +174,7 @@ def with_effect(cfg: DictConfig) -> DictConfig:
     """The part of the configuration that determines the trained network; its hash names the run.
 
     Args:
-        cfg: the job's whole configuration.
+        cfg: the complete configuration of the job.
 
     Raises:
         InputError: the initial weights cannot be read.
@@ -183,12 +183,12 @@ def with_effect(cfg: DictConfig) -> DictConfig:
 
 
 def _naming_configuration(cfg: DictConfig) -> DictConfig:
-    """The configuration that names the run, from one without keys of no effect (`_without_idle`)."""
+    """The configuration whose hash names the run, from one without keys of no effect (`_without_idle`)."""
     run_configuration = result_configuration(cfg)
     digests = {
         name: checkpoint_digest(find_checkpoint(weights)) for name, weights in _begun_with(run_configuration).items()
     }
-    if digests:  # the content of the weights, not their path
+    if digests:  # the run depends on the content of the weights, not on their path
         run_configuration.initial = digests.get("", digests)
     if run_configuration.get("generator") and run_configuration.generator.get("weights"):
         run_configuration.generator.weights = _second_stage_digest(str(run_configuration.generator.weights))
@@ -196,15 +196,15 @@ def _naming_configuration(cfg: DictConfig) -> DictConfig:
 
 
 def _second_stage_digest(weights: str) -> str:
-    """Identify the weights of a second stage: by the run that makes them, which may not exist yet, or by a digest."""
+    """Identifier of a second stage's weights: the run that produces them, which may not exist yet, or their digest."""
     run = Path(weights).parent
     return run.name if run.parent.name == "train_generator" else checkpoint_digest(find_checkpoint(weights))
 
 
 def _without_idle(cfg: DictConfig) -> DictConfig:
-    """The configuration without keys of no effect, which are then not built and do not change the run's name.
+    """The configuration without keys of no effect, which are then neither built nor part of the run's name.
 
-    These are the simulator with its gate and generator where nothing is simulated, and ``initial`` where it is null.
+    These keys are the simulator with its gate and generator if nothing is simulated, and ``initial`` if it is null.
     """
     reduced = copy.deepcopy(cfg)
     with open_dict(reduced):

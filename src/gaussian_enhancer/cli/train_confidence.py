@@ -29,7 +29,7 @@ def run(cfg: DictConfig) -> None:
         cfg: see ``conf/train_confidence.yaml``.
 
     Raises:
-        InputError: weights or fits cannot be used, a scene must not be trained on, or a file cannot be written.
+        InputError: weights or fits cannot be used, training on a scene is not allowed, or a file cannot be written.
     """
     refuse_untrained(cfg.fits)
     job = open_run(cfg, "train_confidence", Path(cfg.weights).stem)
@@ -78,7 +78,7 @@ def _warped_by(config: ReferenceConfig, options: dict[str, Any]) -> ReferenceCon
     """The reference configuration with some options of its warp replaced.
 
     Raises:
-        InputError: its warp has no such option, or refuses the value.
+        InputError: the warp has no such option, or refuses the value.
     """
     values = reference_config_of(config)
     refuse_unknown("warp", options, values["warp"].keys() - {"kind"})

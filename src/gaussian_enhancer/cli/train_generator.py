@@ -26,8 +26,8 @@ def run(cfg: DictConfig) -> float | None:
     """Train, or resume a killed training; write ``weights.safetensors`` and its card.
 
     Returns:
-        Gain in PSNR against real renders of sampled views of the validation runs over stage 1's output, in dB; None
-        where the training was stopped.
+        Gain in PSNR over stage 1's output, in dB, against real renders of sampled views of the validation runs; None
+        if the training was stopped.
     """
     require(cfg)
     start(cfg.runtime)
@@ -79,7 +79,7 @@ def run(cfg: DictConfig) -> float | None:
 
 
 def _train(cfg: DictConfig, job: Run, step: str, design: FactorDesign, data: Any) -> dict[str, float] | None:
-    """Train one step, save the EMA of its weights, and return its validation; None where training was stopped."""
+    """Train one step, save the EMA of its weights, and return its validation; None if the training was stopped."""
     from gaussian_enhancer.train.generator import DiffusedModule, PairedModule
     from gaussian_enhancer.train.loggers import finish_wandb_run
 

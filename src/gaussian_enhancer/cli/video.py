@@ -31,7 +31,7 @@ from gaussian_enhancer.video.layout import Layout
 
 
 def run(cfg: DictConfig) -> None:
-    """Make a video, or a folder of frames. Enhanced frames are kept in the run's folder, so that none is made twice.
+    """Write a video or a folder of frames. Enhanced frames are kept in the run's folder and reused.
 
     Args:
         cfg: see ``conf/video.yaml``.
@@ -53,9 +53,9 @@ def run(cfg: DictConfig) -> None:
     planner = filmed.found.planner(build(cfg.plan))
     folder = FrameFolder(job.folder / "frames")
     frames = Film(filmed.enhancer, rendered, planner, filmed.found.pool, folder, output.layout.needs_render)
-    hidden = hides_progress(cfg, console)
+    progress_hidden = hides_progress(cfg, console)
     try:
-        written = _write(frames, filmed.path, output, job.folder, console, hidden)
+        written = _write(frames, filmed.path, output, job.folder, console, progress_hidden)
     except KeyboardInterrupt:
         frame_count = sum(folder.has(index) for index in range(len(rendered.targets)))
         message = (
@@ -74,7 +74,7 @@ def run(cfg: DictConfig) -> None:
 
 
 def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, console: Console, hidden: bool) -> Path:
-    """Write all frames as they are made, and return the video, or the folder of images."""
+    """Write each frame as soon as it is computed, and return the path of the video or of the folder of images."""
     layout = output.layout
     images = _video_images(frames, path, layout, console, hidden)
     if output.encoding is None:
@@ -95,7 +95,7 @@ def _write(frames: Film, path: CameraPath, output: VideoOutput, folder: Path, co
 def _video_images(
     frames: Film, path: CameraPath, layout: Layout, console: Console, hidden: bool
 ) -> Iterator[Float[Tensor, "3 h w"]]:
-    """Images of the video: every frame of the path, then the clip's frames that have no camera, not enhanced."""
+    """Images of the video: each frame of the path, then the clip's frames without a camera, which are not enhanced."""
     for frame in _enhanced_frames(frames, console, hidden):
         yield layout(frames.shown_render(frame), frame.enhanced, frame.index / path.count)
     for index in range(len(path.cameras), path.count):
@@ -104,12 +104,12 @@ def _video_images(
 
 
 def _enhanced_frames(frames: Film, console: Console, hidden: bool) -> Iterator[Frame]:
-    """Yield the frames with a progress bar. Further frames are made while earlier ones are encoded."""
+    """Yield the frames with a progress bar. Later frames are computed while earlier ones are encoded."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     new_count = frames.stored.count(False)
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=hidden) as progress:
         task = progress.add_task("enhancing" if new_count else "encoding", total=new_count or len(frames.stored))
         for frame in frames:
             yield frame
-            if not (new_count and frame.stored):  # the bar's remaining time is that of frames still to be made
+            if not (new_count and frame.stored):  # so that the remaining time refers to frames not yet computed
                 progress.advance(task)

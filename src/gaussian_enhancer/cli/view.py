@@ -18,7 +18,7 @@ from gaussian_enhancer.viewer.source import open_session
 
 
 def run(cfg: DictConfig) -> None:
-    """Serve the viewer's page until Ctrl-C. Only what the user saves on the page is written.
+    """Serve the viewer's page until Ctrl-C. Only files that the user saves on the page are written.
 
     Args:
         cfg: see ``conf/view.yaml``.

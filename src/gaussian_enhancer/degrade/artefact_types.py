@@ -1,6 +1,6 @@
-"""The types of artefact that stage 1 knows: each module of `degrade.artefacts` with a function of the module's name.
+"""The types of artefact of stage 1: each module of `degrade.artefacts` that has a function of the module's name.
 
-A new type is a new file there, and one line in ``conf/artefacts/all.yaml``, which lets a command line switch it off.
+A new type needs a new file there, and a line in ``conf/artefacts/all.yaml`` that allows the command line to disable it.
 """
 
 import importlib
@@ -12,16 +12,16 @@ from gaussian_enhancer.degrade.artefacts.view import Artefact
 
 
 def find_artefacts() -> dict[str, Artefact]:
-    """The function of each type, in alphabetical order."""
-    found = {}
+    """The function of each type, in alphabetical order of the types."""
+    functions = {}
     for name in sorted(module.name for module in pkgutil.iter_modules(artefacts.__path__)):
         function = getattr(importlib.import_module(f"{artefacts.__name__}.{name}"), name, None)
         if function is not None:
-            found[name] = function
-    return found
+            functions[name] = function
+    return functions
 
 
 ARTEFACTS: Mapping[str, Artefact] = find_artefacts()
 """The function of each type."""
 TYPES = tuple(ARTEFACTS)
-"""Every type of stage 1."""
+"""Names of all types."""

@@ -1,4 +1,4 @@
-"""Stage 1 of the simulator: the steps that a gate chose, applied to a batch.
+"""Stage 1 of the simulator: applies the artefacts that a gate chose to a batch.
 
 Axes: b batch, h height, w width.
 """
@@ -17,32 +17,32 @@ from gaussian_enhancer.degrade.gates.gate import ArtefactStep
 def degrade(view: View, steps: Sequence[Sequence[ArtefactStep]], generators: Sequence[torch.Generator]) -> View:
     """Apply to each sample its own steps in its own order.
 
-    Samples that take the same type in the same place of their order are computed together. What is drawn for a step
-    follows from its sample and its type: it does not depend on which other steps there are.
+    Samples with the same type at the same position of their order are processed as one batch. The random numbers of a
+    step depend only on its sample and its type, not on the other steps.
 
     Args:
         view: photos.
-        steps: of each sample, as a gate drew them.
+        steps: steps of each sample, as drawn by a gate.
         generators: one source of randomness for each sample.
     """
     seeds = [int(torch.randint(2**62, (), generator=generator)) for generator in generators]
-    for position in range(max((len(one) for one in steps), default=0)):
-        current = [one[position] if position < len(one) else None for one in steps]
+    for position in range(max((len(sample_steps) for sample_steps in steps), default=0)):
+        current = [sample_steps[position] if position < len(sample_steps) else None for sample_steps in steps]
         for name in dict.fromkeys(step.type for step in current if step is not None):
-            chosen = [i for i, step in enumerate(current) if step is not None and step.type == name]
-            same_type = [step for step in current if step is not None and step.type == name]
-            view = _apply(view, chosen, same_type, [named_generator(name, seeds[i]) for i in chosen])
+            indices = [i for i, step in enumerate(current) if step is not None and step.type == name]
+            type_steps = [step for step in current if step is not None and step.type == name]
+            view = _apply(view, indices, type_steps, [named_generator(name, seeds[i]) for i in indices])
     return view
 
 
 def _apply(view: View, chosen: list[int], steps: Sequence[ArtefactStep], generators: Sequence[torch.Generator]) -> View:
     index = torch.tensor(chosen, device=view.image.device)
-    before = view[index]
+    selected = view[index]
     strength = torch.tensor([step.strength for step in steps]).to(view.image)
-    after = ARTEFACTS[steps[0].type](before, strength, generators)
+    degraded = ARTEFACTS[steps[0].type](selected, strength, generators)
     height, width = view.image.shape[-2:]
     regions = soft_region(height, width, generators, view.image)
-    whole = torch.tensor([not step.regional for step in steps], device=view.image.device)[:, None, None, None]
+    is_global = torch.tensor([not step.regional for step in steps], device=view.image.device)[:, None, None, None]
     return view.with_samples(
-        index, blend_in_region(before, after, torch.where(whole, torch.ones_like(regions), regions))
+        index, blend_in_region(selected, degraded, torch.where(is_global, torch.ones_like(regions), regions))
     )

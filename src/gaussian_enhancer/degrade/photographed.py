@@ -21,13 +21,13 @@ from gaussian_enhancer.types import Movable
 
 @dataclass(frozen=True)
 class Photographed(Movable):
-    """A photo as the simulator takes it.
+    """Input of the simulator: one photo with its depth and opacity.
 
     Args:
-        name: short, for folders.
-        view: one sample.
-        real: the splat's render of the same view, where there is one.
-        origin: where each part came from, in words.
+        name: short name, used for folders.
+        view: the photo with depth and opacity, as a batch of one.
+        real: the splat's render of the same view; None if there is none.
+        origin: description of where each part comes from.
     """
 
     name: str
@@ -43,18 +43,18 @@ def read_image(
     depth_scale: float | int = 1.0,
     background: Sequence[object] = (0.0, 0.0, 0.0),
 ) -> Photographed:
-    """A photo from a file, with its depth from another.
+    """Read a photo from a file, and its depth from another file.
 
     Args:
-        image: 8 or 16 bits a channel. An alpha channel is kept as opacity, and colours are laid over the background,
-            as renders are.
-        depth: z depth of the same size.
-        depth_scale: scene units of one stored unit of depth.
+        image: image file of 8 or 16 bits per channel. An alpha channel is kept as opacity, and colours are composited
+            over the background, as in renders.
+        depth: file of z depth of the same size; None if unknown.
+        depth_scale: scene units per stored unit of depth.
         background: colour under transparent parts.
 
     Raises:
-        InputError: a file is missing or damaged, has pixels without a defined white, sizes differ, or the background
-            is no colour or the scale not positive.
+        InputError: a file is missing or damaged, its pixel format has no defined white, sizes differ, the background is
+            no colour, or the scale is not positive.
     """
     colour = _colour(background)
     if not isinstance(depth_scale, int | float) or not depth_scale > 0:
@@ -68,21 +68,21 @@ def read_image(
     if z is not None and tuple(z.shape[1:]) != size:
         received = f"is {z.shape[2]}x{z.shape[1]} but {path.name} is {size[1]}x{size[0]}"
         raise InputError(depth, received, "bring both to the same size")
-    laid = f"from the alpha channel; colours laid over {colour}"
+    alpha_origin = f"from the alpha channel; colours laid over {colour}"
     origin = {
         "Photo": str(path),
         "Depth": "unknown" if depth is None else f"{depth}, times {depth_scale:g}",
-        "Opacity": "unknown" if alpha is None else laid,
+        "Opacity": "unknown" if alpha is None else alpha_origin,
     }
     return Photographed(path.stem, _view(photo, z, alpha), origin=origin)
 
 
 def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographed:
-    """The photo of a held-out view of a splat with what was rendered of it: depth, opacity and colours.
+    """The photo of a held-out view of a splat, with the rendered depth, opacity and colours of the same view.
 
     Args:
         rendered: the splat's renders.
-        name: the view's file name, with or without ending; the first view's where None.
+        name: the view's file name, with or without ending; None takes the first view.
 
     Raises:
         InputError: there is no such view, or it has no photo.
@@ -105,10 +105,10 @@ def read_held_out(rendered: RenderedSet, name: str | None = None) -> Photographe
 
 
 def _colour(values: Sequence[object]) -> tuple[float, float, float]:
-    shares = [float(v) for v in values if isinstance(v, int | float)] if isinstance(values, Sequence) else []
-    if len(shares) != 3 or len(values) != 3 or not all(0 <= share <= 1 for share in shares):
+    channels = [float(v) for v in values if isinstance(v, int | float)] if isinstance(values, Sequence) else []
+    if len(channels) != 3 or len(values) != 3 or not all(0 <= channel <= 1 for channel in channels):
         raise InputError("background", f"is {values}", "give three numbers from 0 to 1")
-    red, green, blue = shares
+    red, green, blue = channels
     return red, green, blue
 
 

@@ -1,4 +1,4 @@
-"""The two-stage degradation simulator: photos in, views that look like splat renders out.
+"""The two-stage degradation simulator (TSDS), which makes simulated splat renders from photos.
 
 Axes: b batch, h height, w width.
 """
@@ -30,7 +30,7 @@ class SecondStage(Protocol):
         Args:
             manual: stage 1's output M.
             generators: one source of randomness for each sample, on the CPU.
-            real: real renders R of the same views, for those second stages that learn their factors from them.
+            real: real renders R of the same views, for second stages that extract their factors from them.
 
         Raises:
             InputError: the second stage needs real renders and there are none.
@@ -39,12 +39,12 @@ class SecondStage(Protocol):
 
 
 class NoSecondStage:
-    """Stage 1's output as it is."""
+    """No stage 2: returns stage 1's output unchanged."""
 
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
     ) -> View:
-        """Return the views."""
+        """Return the views unchanged."""
         return manual
 
 
@@ -52,8 +52,8 @@ class Simulator:
     """TSDS (paper, algorithm 1): M = stage 1 (G), L = stage 2 (M).
 
     Args:
-        gate: which artefacts stage 1 applies.
-        generator: stage 2.
+        gate: decides which artefacts stage 1 applies.
+        generator: stage 2; None for none.
     """
 
     def __init__(self, gate: Gate, generator: SecondStage | None = None) -> None:
@@ -66,15 +66,15 @@ class Simulator:
         generators: torch.Generator | Sequence[torch.Generator],
         real: Float[Tensor, "b 3 h w"] | None = None,
     ) -> View:
-        """Simulate splat renders of photographed views; colours in [0, 1], rounded to 8 bits as renders on disk are.
+        """Simulate splat renders of photographed views; colours are in [0, 1], rounded to 8 bits like renders on disk.
 
-        Artefacts are computed in float32 at least, outside autocast: half precision holds neither pixels' positions nor
-        the steps of 8 bits. Views in half precision come back in float32.
+        Artefacts are computed at least in float32, outside autocast, because half precision can represent neither pixel
+        positions nor 8-bit steps. Views in half precision are returned in float32.
 
         Args:
-            view: photos, with depth and opacity where they are known.
-            generators: one source of randomness for each sample, or one to seed them all from; on the CPU.
-            real: real renders of the same views, for the stage 2 that needs them.
+            view: photos, with depth and opacity if known.
+            generators: one source of randomness for each sample, or one that all are seeded from; on the CPU.
+            real: real renders of the same views, for second stages that need them.
 
         Raises:
             InputError: a photo is not finite.
@@ -83,8 +83,8 @@ class Simulator:
             raise InputError("photo", "has colours that are not finite", "give colours in [0, 1]")
         if view.image.dtype in (torch.float16, torch.bfloat16):
             view, real = view.to(torch.float32), None if real is None else real.float()
-        each = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
-        steps = [self.gate.draw(one) for one in each]
+        sources = spawn(len(view), generators) if isinstance(generators, torch.Generator) else generators
+        steps = [self.gate.draw(source) for source in sources]
         with torch.autocast(view.image.device.type, enabled=False):
-            refined = self.second(degrade(view, steps, each), each, real)
+            refined = self.second(degrade(view, steps, sources), sources, real)
         return View(quantise_8_bit(refined.image), refined.depth, refined.alpha)

@@ -1,7 +1,7 @@
-"""Loss terms, unreduced: what each pixel costs.
+"""Loss terms without reduction: a cost per pixel.
 
-Axes: b batch, c channels, h height, w width. Every term takes the enhanced view, the photo and the render it started
-from, in that order, and returns a cost per pixel, so that a caller may mask or weigh before it averages.
+Axes: b batch, c channels, h height, w width. Every term takes the enhanced view, the photo and the render that was
+enhanced, in that order. It returns a cost per pixel, so that a caller can apply masks or weights before averaging.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ Images = Float[Tensor, "b c h w"]
 
 @runtime_checkable
 class Term(Protocol):
-    """Cost per pixel of an enhanced view against the photo, knowing the render it started from."""
+    """Cost per pixel of an enhanced view, given the photo and the render that was enhanced."""
 
     def __call__(self, enhanced: Tensor, photo: Tensor, render: Tensor) -> Tensor:
-        """Return unreduced costs."""
+        """Return the costs without reduction."""
         ...
 
 
@@ -43,7 +43,7 @@ class Charbonnier:
 
 @dataclass(frozen=True)
 class SquaredError:
-    """Term: squared difference; its mean is what PSNR is the logarithm of."""
+    """Term: squared difference, whose mean PSNR is computed from."""
 
     def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per pixel."""
@@ -70,20 +70,20 @@ def dssim(enhanced: Images, photo: Images) -> Images:
 
 
 def _window_means(images: Float[Tensor, "*n h w"]) -> Float[Tensor, "*n h w"]:
-    """Images under SSIM's window: on crops, a product with band matrices costs a fifth of a convolution."""
+    """Local means under SSIM's window, as products with band matrices: on crops a fifth of a convolution's cost."""
     rows, columns = (_window_band(length, images) for length in images.shape[-2:])
     return rows @ (images @ columns)
 
 
 def _window_band(length: int, like: Tensor) -> Float[Tensor, "{length} {length}"]:
-    """SSIM's window along an axis as a symmetric band matrix, zeros outside."""
+    """SSIM's window along one axis as a symmetric band matrix; equals zero padding at the borders."""
     offsets = torch.arange(length, dtype=like.dtype, device=like.device)
     return gaussian(offsets[:, None] - offsets)
 
 
 @dataclass(frozen=True)
 class GradientDifference:
-    """Term: absolute difference of the forward differences along x and y: punishes blur more than a shift of tone."""
+    """Term: absolute difference of the forward differences along x and y. Penalises blur more than a shift of tone."""
 
     def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
         """Cost per pixel."""
@@ -97,8 +97,8 @@ class GradientDifference:
 class FrequencyDifference:
     """Term: absolute difference of the orthonormal Fourier spectra, |F(d)|, laid out as `torch.fft.fft2` gives it.
 
-    The L1 form of the spectral losses in image restoration (Cho et al., ICCV 2021); the orthonormal transform keeps
-    its size independent of the image's.
+    The L1 form of the spectral losses in image restoration (Cho et al., ICCV 2021). With the orthonormal transform the
+    magnitude of the loss does not depend on the size of the image.
     """
 
     def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
@@ -108,10 +108,12 @@ class FrequencyDifference:
 
 @dataclass(frozen=True)
 class Harm:
-    """Term: how much worse than the render a neighbourhood became, max(0, mean |e - p| - mean |r - p|) over a window.
+    """Term: increase of the mean error over a window, max(0, mean |e - p| - mean |r - p|).
+
+    Here e is the enhanced view, p the photo and r the render.
 
     Args:
-        window: side of the neighbourhood, odd: single pixels may lose where their surroundings win.
+        window: side of the window in pixels, odd. A single pixel may become worse if its window improves.
     """
 
     window: int = 9
@@ -125,17 +127,17 @@ class Harm:
 
 @dataclass(frozen=True)
 class Relative:
-    """Another term in units of what the render costs: term(enhanced) / (mean term(render) + floor), image by image.
+    """Another term relative to the render's cost: term(enhanced) / (mean unit(render) + floor), for each image.
 
-    An absolute cost is ruled by the worst renders, where there is most to gain, and hardly notices when a good render
-    is made worse. Relative to the render, one per cent of a good render's error weighs as much as one of a bad one's,
-    as in a gain measured in dB.
+    An absolute cost is dominated by the worst renders, where most can be gained, and changes little when a good render
+    is made worse. Relative to the render, one per cent of a good render's error weighs as much as one per cent of a bad
+    one's, as in a gain in dB.
 
     Args:
-        term: what is measured.
-        floor: render's cost below which nothing more is asked for, > 0.
-        unit: what the render's cost is measured by; None means by ``term``. `Harm`, of which a render has none, needs
-            one.
+        term: the term that is made relative.
+        floor: added to the render's cost, > 0; limits the weight of renders whose cost is below it.
+        unit: the term that measures the render's cost; None takes ``term``. `Harm` requires one, since it is 0 for the
+            render itself.
     """
 
     term: Term
@@ -143,8 +145,8 @@ class Relative:
     unit: Term | None = None
 
     def __call__(self, enhanced: Images, photo: Images, render: Images) -> Images:
-        """Cost per pixel; 1 on average where nothing was changed and the floor is far."""
+        """Cost per pixel; with the default unit, its mean is about 1 for an unchanged render far above the floor."""
         with torch.no_grad():
-            unit = self.term if self.unit is None else self.unit
-            before = unit(render, photo, render).mean(dim=(1, 2, 3), keepdim=True)
-        return self.term(enhanced, photo, render) / (before + self.floor)
+            unit_term = self.term if self.unit is None else self.unit
+            render_cost = unit_term(render, photo, render).mean(dim=(1, 2, 3), keepdim=True)
+        return self.term(enhanced, photo, render) / (render_cost + self.floor)

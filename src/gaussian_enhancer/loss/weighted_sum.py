@@ -27,7 +27,7 @@ class WeightedLoss:
     """total = sum_k weight_k mean(term_k(enhanced, photo, render)).
 
     Args:
-        terms: term and weight by name; the names appear in logs. A None entry is a term that was switched off.
+        terms: term and weight by name; the names appear in logs. None switches a term off.
 
     Raises:
         InputError: no term is left, or a weight is negative.
@@ -47,12 +47,12 @@ class WeightedLoss:
         photo: Float[Tensor, "b 3 h w"],
         render: Float[Tensor, "b 3 h w"],
     ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
-        """Return the total and each term's unweighted mean, detached; images in half precision count as single.
+        """Return the total, and each term's unweighted mean, detached. Half-precision images are converted to single.
 
         Args:
             enhanced: the network's output.
-            photo: what it should have been, [0, 1].
-            render: what it started from, [0, 1].
+            photo: the ground truth, [0, 1].
+            render: the render that was enhanced, [0, 1].
         """
         enhanced, photo, render = single_precision(enhanced), single_precision(photo), single_precision(render)
         means = {name: entry.term(enhanced, photo, render).mean() for name, entry in self.terms.items()}

@@ -1,4 +1,4 @@
-"""Paired comparison of two variants from records, and plain tables of it."""
+"""Paired comparison of two variants from records, and its tables."""
 
 import csv
 import io
@@ -11,7 +11,7 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER, Record
 
 View = tuple[str, str, str]
-"""Scene, splat and image that two variants share."""
+"""Scene, splat and image name, by which the records of two variants are matched."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class VariantPair:
     variant: Record
 
     def gain(self, metric: str) -> float | None:
-        """Variant minus baseline in the metric's own unit; None where one is missing, NaN where both are infinite."""
+        """Variant minus baseline in the metric's unit; None if either is missing, NaN if both are infinite."""
         before, after = self.baseline.metrics.get(metric), self.variant.metrics.get(metric)
         return None if before is None or after is None else after - before
 
@@ -33,14 +33,14 @@ class Comparison:
 
     Args:
         metric: its name.
-        baseline: mean of the baseline over the views that count.
+        baseline: mean of the baseline over the views with a finite gain.
         variant: mean of the variant over the same views.
         gain: mean of variant minus baseline.
-        deviation: standard deviation of that difference over views (ddof=1); NaN below two views.
-        count: views with a finite difference.
-        left_out: views without one, each with its reason.
-        worst: the view that fared worst; empty where neither direction is better or no view counts.
-        worst_gain: its difference; NaN where there is none.
+        deviation: standard deviation of the gain over views (ddof=1); NaN below two views.
+        count: number of views with a finite gain.
+        left_out: the other views, each with its reason.
+        worst: the view with the worst gain; empty if the metric has no better direction or no view has a finite gain.
+        worst_gain: the gain of that view; NaN if there is none.
     """
 
     metric: str
@@ -56,7 +56,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Table:
-    """A plain table; numbers are written as they are given."""
+    """A table of formatted cells."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -79,32 +79,34 @@ def pair_records(
     """Match the records of two variants by scene, splat and view.
 
     Raises:
-        InputError: a view has one variant only, or the same one twice, or no view has them at all.
+        InputError: a view has only one of the variants, or one of them twice, or no view has either.
     """
-    found: dict[str, dict[View, Record]] = {baseline: {}, variant: {}}
+    by_variant: dict[str, dict[View, Record]] = {baseline: {}, variant: {}}
     for record in records:
         key = (record.scene, record.splat, record.view)
-        if record.kind != "quality" or record.variant not in found:
+        if record.kind != "quality" or record.variant not in by_variant:
             continue
-        if key in found[record.variant]:
+        if key in by_variant[record.variant]:
             raise InputError(_named_row(key), f"was measured twice as {record.variant!r}", "give one record of each")
-        found[record.variant][key] = record
-    lonely = sorted(set(found[baseline]) ^ set(found[variant]))
-    if lonely:
-        has, lacks = (baseline, variant) if lonely[0] in found[baseline] else (variant, baseline)
-        raise InputError(_named_row(lonely[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
-    if not found[baseline]:
+        by_variant[record.variant][key] = record
+    unpaired = sorted(set(by_variant[baseline]) ^ set(by_variant[variant]))
+    if unpaired:
+        has, lacks = (baseline, variant) if unpaired[0] in by_variant[baseline] else (variant, baseline)
+        raise InputError(_named_row(unpaired[0]), f"was measured as {has!r} but not as {lacks!r}", "measure both")
+    if not by_variant[baseline]:
         raise InputError("records", f"hold no view measured as {baseline!r} and {variant!r}", "measure both first")
-    return tuple(VariantPair(found[baseline][key], found[variant][key]) for key in sorted(found[baseline]))
+    return tuple(
+        VariantPair(by_variant[baseline][key], by_variant[variant][key]) for key in sorted(by_variant[baseline])
+    )
 
 
 def metrics_of(pairs: Sequence[VariantPair]) -> tuple[str, ...]:
-    """The metrics that occur: those with a known direction in their order, then others by name."""
+    """The metrics of the records: first those in `HIGHER_IS_BETTER`, in its order, then the others by name."""
     return _in_order({name for pair in pairs for name in (*pair.baseline.metrics, *pair.variant.metrics)})
 
 
 def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
-    """Mean gain, spread and worst view of one metric; views without a finite gain are named, not skipped."""
+    """Mean gain, deviation and worst view of one metric; views without a finite gain are listed with their reasons."""
     gains = {i: gain for i, pair in enumerate(pairs) if math.isfinite(gain := _known_values(pair.gain(metric)))}
     values = list(gains.values())
     better = HIGHER_IS_BETTER.get(metric)
@@ -123,25 +125,29 @@ def compare(pairs: Sequence[VariantPair], metric: str) -> Comparison:
 
 
 def gain_table(pairs: Sequence[VariantPair]) -> Table:
-    """One row a scene, splat and metric: baseline, variant, gain, its deviation, views, worst view."""
+    """One row per scene, splat and metric: baseline, variant, gain, its deviation, views, worst view."""
     groups: dict[tuple[str, str], list[VariantPair]] = {}
     for pair in pairs:
         groups.setdefault((pair.baseline.scene, pair.baseline.splat), []).append(pair)
     rows = []
     for (scene, splat), members in groups.items():
         for metric in metrics_of(members):
-            found = compare(members, metric)
-            numbers = (found.baseline, found.variant, found.gain, found.deviation)
-            worst = f"{found.worst} ({format_value(metric, found.worst_gain, signed=True)})" if found.worst else ""
+            comparison = compare(members, metric)
+            numbers = (comparison.baseline, comparison.variant, comparison.gain, comparison.deviation)
+            worst = (
+                f"{comparison.worst} ({format_value(metric, comparison.worst_gain, signed=True)})"
+                if comparison.worst
+                else ""
+            )
             cells = [format_value(metric, value, signed=i == 2) for i, value in enumerate(numbers)]
-            note = "; ".join(sorted(set(found.left_out.values())))
-            rows.append((scene, splat, metric, *cells, f"{found.count} of {len(members)}", worst, note))
+            note = "; ".join(sorted(set(comparison.left_out.values())))
+            rows.append((scene, splat, metric, *cells, f"{comparison.count} of {len(members)}", worst, note))
     columns = ("scene", "splat", "metric", "baseline", "variant", "gain", "sd", "n", "worst view", "left out")
     return Table(columns, tuple(rows))
 
 
 def mean_table(records: Sequence[Record]) -> Table:
-    """One row a scene, splat, variant and metric: mean, its deviation over views, number of views."""
+    """One row per scene, splat, variant and metric: mean, standard deviation over views, number of views."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
     for record in records:
         groups.setdefault((record.scene, record.splat, record.variant), []).append(record)
@@ -151,9 +157,9 @@ def mean_table(records: Sequence[Record]) -> Table:
             values = [_known_values(record.metrics.get(metric)) for record in members]
             finite = [value for value in values if math.isfinite(value)]
             deviation = statistics.stdev(finite) if len(finite) > 1 else math.nan
-            equal = sum(value == math.inf for value in values)
+            equal_count = sum(value == math.inf for value in values)
             notes = {record.reasons.get(metric, "") for record in members} - {""}
-            notes |= {f"{equal} equal to the photo"} if equal else set()
+            notes |= {f"{equal_count} equal to the photo"} if equal_count else set()
             note = "; ".join(sorted(notes))
             cells = (
                 format_value(metric, _mean(finite)),
@@ -165,7 +171,7 @@ def mean_table(records: Sequence[Record]) -> Table:
 
 
 def record_table(records: Sequence[Record]) -> Table:
-    """One row a record, one column a metric."""
+    """One row per record, one column per metric."""
     names = _in_order({name for record in records for name in record.metrics})
     rows = [
         (r.scene, r.splat, r.variant, r.view, *(format_value(name, r.metrics.get(name)) for name in names))
@@ -175,7 +181,7 @@ def record_table(records: Sequence[Record]) -> Table:
 
 
 def view_table(pairs: Sequence[VariantPair]) -> Table:
-    """One row a view: for each metric baseline, variant and gain."""
+    """One row per view: for each metric baseline, variant and gain."""
     names = metrics_of(pairs)
     rows = []
     for pair in pairs:
@@ -188,12 +194,12 @@ def view_table(pairs: Sequence[VariantPair]) -> Table:
                 format_value(name, pair.gain(name), signed=True),
             ]
         rows.append((pair.baseline.scene, pair.baseline.splat, pair.baseline.view, *cells))
-    triples = [column for name in names for column in (f"{name} baseline", f"{name} variant", f"{name} gain")]
-    return Table(("scene", "splat", "view", *triples), tuple(rows))
+    metric_columns = [column for name in names for column in (f"{name} baseline", f"{name} variant", f"{name} gain")]
+    return Table(("scene", "splat", "view", *metric_columns), tuple(rows))
 
 
 def format_value(metric: str, value: float | None, signed: bool = False) -> str:
-    """Format a number for a table: two digits for dB and times, four for the rest; empty for None."""
+    """Format a number: two decimals for PSNR, time and memory, four for other metrics; empty for None and NaN."""
     if value is None or math.isnan(value):
         return ""
     digits = 2 if metric.startswith(("psnr", "milliseconds", "peak_memory")) else 4

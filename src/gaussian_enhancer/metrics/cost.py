@@ -15,7 +15,7 @@ import torch
 from gaussian_enhancer import memory
 
 Call = Callable[[], object]
-RESET_SLACK = 16 * 2**20  # bytes by which a mark that was just reset may lie above what is held
+RESET_SLACK = 16 * 2**20  # bytes by which a just reset high-water mark may exceed the resident memory
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Timing:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation over repeats (ddof=1), milliseconds; 0 for a single one."""
+        """Standard deviation over repeats (ddof=1), in milliseconds; 0 for a single repeat."""
         return statistics.stdev(self.repeats) if len(self.repeats) > 1 else 0.0
 
     @property
@@ -44,37 +44,38 @@ class Timing:
         return low, high
 
     def times_faster(self, other: "Timing") -> tuple[float, float, float]:
-        """Speed-up over a computation that was timed in turn with this one, with its interval.
+        """Speed-up over a computation whose timing was interleaved with this one, with its 95% interval.
 
-        Returns the median of the rounds' ratios, which cancels slow-downs of the machine that last longer than a round,
-        and the order statistics that enclose the median in 95 % of all cases; with fewer than six rounds, the range.
+        Returns the median of the ratios of corresponding repeats, which cancels slow-downs of the machine that last
+        longer than a repeat of both, and the order statistics that enclose the median with a probability of 95%. With
+        fewer than six repeats these are the smallest and largest ratio.
         """
-        ratios = sorted(their_time / our_time for our_time, their_time in zip(self.repeats, other.repeats, strict=True))
+        ratios = sorted(other_time / own_time for own_time, other_time in zip(self.repeats, other.repeats, strict=True))
         count, below = len(ratios), 0
         while sum(math.comb(count, k) for k in range(below + 1)) <= 0.025 * 2**count:
             below += 1
-        outside = max(0, below - 1)
-        return statistics.median(ratios), ratios[outside], ratios[count - 1 - outside]
+        lower = max(0, below - 1)
+        return statistics.median(ratios), ratios[lower], ratios[count - 1 - lower]
 
 
 def device_description(device: torch.device) -> str:
-    """What a protocol says of the device that times were measured on, threads of the CPU included."""
+    """Text for a protocol that describes the device of a timing, with the number of CPU threads."""
     return "GPU" if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
 
 
 def time_interleaved(
     calls: Mapping[str, Call], repeats: int = 9, warm_up: int = 2, device: torch.device | str = "cpu"
 ) -> dict[str, Timing]:
-    """Time several computations against each other, one repeat of each in turn, in alternating order.
+    """Time several computations with interleaved repeats, whose order is reversed each time.
 
-    Interleaving lets a slow spell of the machine strike all of them alike; the median ignores single hiccups; the
-    warm-up takes compilation, caches and autotuning out.
+    With interleaving, a temporary slow-down of the machine affects all computations alike. The median ignores single
+    outliers. The warm-up excludes compilation, cache misses and autotuning.
 
     Args:
         calls: computations by name, without arguments.
         repeats: measured repeats of each, at least 1.
-        warm_up: unmeasured repeats of each before that.
-        device: where they compute; on CUDA the device is waited for.
+        warm_up: unmeasured repeats of each, run first.
+        device: device of the computations; a CUDA device is synchronised before and after each.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
@@ -82,24 +83,24 @@ def time_interleaved(
         for call in calls.values():
             call()
     times: dict[str, list[float]] = {name: [] for name in calls}
-    turns = list(calls.items())
+    order = list(calls.items())
     for _ in range(repeats):
-        for name, call in turns:
+        for name, call in order:
             times[name].append(_time_once(call, torch.device(device)))
-        turns.reverse()  # what comes second finds another machine
+        order.reverse()  # the position in a round affects the time, through caches for instance
     return {name: Timing(statistics.median(values), tuple(values)) for name, values in times.items()}
 
 
 def peak_memory(call: Call, device: torch.device | str = "cpu") -> int:
-    """Largest memory in bytes while a computation runs.
+    """Peak memory in bytes while a computation runs.
 
-    On CUDA the peak of allocated device memory; on the CPU the peak of the whole process's resident memory. Where the
-    system does not let a process reset its high-water mark (outside Linux, in some containers), resident memory is read
-    every millisecond instead, which can miss a shorter peak.
+    On CUDA this is the peak of allocated device memory, on the CPU the peak resident memory of the whole process. Where
+    the system does not let a process reset its high-water mark (outside Linux, in some containers), resident memory is
+    read every millisecond instead, which can miss shorter peaks.
 
     Args:
         call: the computation.
-        device: where it computes.
+        device: device of the computation.
     """
     device = torch.device(device)
     gc.collect()
@@ -131,24 +132,24 @@ def _wait(device: torch.device) -> None:
 
 def _reset_high_water_mark() -> bool:
     """Reset the process's recorded peak memory to its present use; return whether the system did so."""
-    switch = Path("/proc/self/clear_refs")
-    if not switch.exists():
+    clear_refs = Path("/proc/self/clear_refs")
+    if not clear_refs.exists():
         return False
     try:
-        switch.write_text("5")
+        clear_refs.write_text("5")
     except OSError:
         return False
     return _resident("VmHWM") - _resident("VmRSS") < RESET_SLACK
 
 
 def _resident(field: str) -> int:
-    """Resident memory in bytes, now (VmRSS) or at its highest (VmHWM), as Linux counts it."""
+    """Resident memory in bytes as counted by Linux: current (VmRSS) or peak (VmHWM)."""
     line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(field))
     return int(line.split()[1]) * 1024
 
 
 def _watched_peak(call: Call) -> int:
-    """Highest resident memory that a watching thread sees while a computation runs."""
+    """Peak resident memory while a computation runs, polled by a thread."""
     process = psutil.Process()
     highest = process.memory_info().rss
     done = threading.Event()

@@ -1,6 +1,6 @@
-"""Matching of images on disk with their photos, and measuring them as records.
+"""Matching of images on disk with their photos, and measurement of their quality as records.
 
-Everything that can be known from names and file headers is checked before the first pixel is read.
+File names and sizes are checked, from the file headers, before any pixels are read.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,7 +17,7 @@ from gaussian_enhancer.scene.renders import run_steps
 
 @dataclass(frozen=True)
 class Label:
-    """A record's description of the images that it measures.
+    """Description of a set of images, for their records.
 
     Args:
         run: the run's name.
@@ -37,10 +37,10 @@ class ImageFiles:
     """An image on disk with the photo that it is compared with.
 
     Args:
-        label: what the record says of it.
-        image: what is judged.
-        photo: the truth.
-        mask: coverage of the object: the alpha channel of an image, or a grey image; None for the whole image.
+        label: description of the image in the record.
+        image: the image to measure.
+        photo: the ground truth.
+        mask: coverage of the object, from an image's alpha channel or a grey image; None for the whole image.
     """
 
     label: Label
@@ -59,13 +59,13 @@ def pair_folders(
 ) -> tuple[ImageFiles, ...]:
     """Match a folder of images with a folder of photos by file name without ending.
 
-    Photos without an image are left alone: a capture holds more photos than those that were held out.
+    Photos without an image are ignored, because a capture has more photos than the held-out ones.
 
     Args:
-        images: folder of images to judge.
+        images: folder of images to measure.
         photos: folder of their photos.
-        label: what the records say.
-        masks: folder of the object's coverage, by the same names.
+        label: description of the images in the records.
+        masks: folder of masks of the object's coverage, with the same file names.
         unmatched: what to do with an image that has no photo: "refuse" or "drop".
 
     Raises:
@@ -73,21 +73,21 @@ def pair_folders(
     """
     if unmatched not in ("refuse", "drop"):
         raise InputError("unmatched", f"is {unmatched!r}", "use refuse or drop")
-    files, truths = _by_stem(images), _by_stem(photos)
-    coverage = _by_stem(masks) if masks is not None else {}
-    lonely = [path for stem, path in files.items() if stem not in truths]
-    if len(lonely) == len(files):
+    image_files, photo_files = _by_stem(images), _by_stem(photos)
+    mask_files = _by_stem(masks) if masks is not None else {}
+    without_photo = [path for stem, path in image_files.items() if stem not in photo_files]
+    if len(without_photo) == len(image_files):
         raise InputError(images, f"shares no file name with {photos}", "name the folder of these images' photos")
-    if lonely and unmatched == "refuse":
-        received = f"has no photo in {photos} ({len(lonely)} of {len(files)} images have none)"
-        raise InputError(lonely[0], received, "add the photo, or pass unmatched=drop")
-    found = []
-    for stem in sorted(files.keys() & truths.keys()):
-        if masks is not None and stem not in coverage:
-            raise InputError(masks, f"has no mask for {files[stem].name}", "add it or leave masks out")
-        _check_sizes(files[stem], truths[stem], coverage.get(stem))
-        found.append(ImageFiles(label, files[stem], truths[stem], coverage.get(stem)))
-    return tuple(found)
+    if without_photo and unmatched == "refuse":
+        received = f"has no photo in {photos} ({len(without_photo)} of {len(image_files)} images have none)"
+        raise InputError(without_photo[0], received, "add the photo, or pass unmatched=drop")
+    pairs = []
+    for stem in sorted(image_files.keys() & photo_files.keys()):
+        if masks is not None and stem not in mask_files:
+            raise InputError(masks, f"has no mask for {image_files[stem].name}", "add it or leave masks out")
+        _check_sizes(image_files[stem], photo_files[stem], mask_files.get(stem))
+        pairs.append(ImageFiles(label, image_files[stem], photo_files[stem], mask_files.get(stem)))
+    return tuple(pairs)
 
 
 def pair_run(
@@ -97,12 +97,12 @@ def pair_run(
 
     Args:
         folder: the run's folder.
-        step: training step of the renders; the latest where None.
-        scene: the scene's name in the records; the folder's name where empty.
-        splat: how the renders were made; ``ours_<step>`` where empty.
+        step: training step of the renders; None takes the latest.
+        scene: the scene's name in the records; if empty, the folder's name.
+        splat: how the renders were made; if empty, ``ours_<step>``.
 
     Raises:
-        InputError: the folder has no such renders or no photos, or what `pair_folders` raises.
+        InputError: the folder has no such renders or no photos, or `pair_folders` raises it.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -112,17 +112,17 @@ def pair_run(
         raise InputError(root, "holds no test/ours_<step>/renders", "name a run's folder with held-out renders")
     if step is not None and step not in steps:
         raise InputError(root, f"has no renders of step {step}", f"choose one of {', '.join(map(str, steps))}")
-    chosen = steps[-1] if step is None else step
-    side = root / "test" / f"ours_{chosen}"
-    if not (side / "gt").is_dir():
-        raise InputError(side, "has no gt photos to measure against", "render the run again with its photos")
+    chosen_step = steps[-1] if step is None else step
+    step_folder = root / "test" / f"ours_{chosen_step}"
+    if not (step_folder / "gt").is_dir():
+        raise InputError(step_folder, "has no gt photos to measure against", "render the run again with its photos")
     name = root.resolve().name
-    found: list[ImageFiles] = []
+    files: list[ImageFiles] = []
     for part, variant in (("renders", "raw"), ("enhanced", "enhanced")):
-        if (side / part).is_dir():
-            label = Label(name, scene or name, splat or f"ours_{chosen}", variant)
-            found += pair_folders(side / part, side / "gt", label)
-    return tuple(found)
+        if (step_folder / part).is_dir():
+            label = Label(name, scene or name, splat or f"ours_{chosen_step}", variant)
+            files += pair_folders(step_folder / part, step_folder / "gt", label)
+    return tuple(files)
 
 
 def measure_files(
@@ -130,7 +130,7 @@ def measure_files(
     distances: Sequence[PerceptualDistance] = (),
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Iterator[Record]:
-    """Measure images one after the other, a record each.
+    """Measure images one after the other, and yield a record for each.
 
     Args:
         files: images and their photos.
@@ -159,13 +159,13 @@ def measure_files(
 
 
 def _by_stem(folder: str | Path) -> dict[str, Path]:
-    """A folder's images by name without ending, which must be unique."""
-    found: dict[str, Path] = {}
+    """A folder's images by file name without ending, which must be unique."""
+    by_stem: dict[str, Path] = {}
     for path in list_images(Path(folder)):
-        if path.stem in found:
-            raise InputError(path, f"has the name of {found[path.stem].name}", "keep one image of each name")
-        found[path.stem] = path
-    return found
+        if path.stem in by_stem:
+            raise InputError(path, f"has the name of {by_stem[path.stem].name}", "keep one image of each name")
+        by_stem[path.stem] = path
+    return by_stem
 
 
 def _check_sizes(image: Path, photo: Path, mask: Path | None) -> None:

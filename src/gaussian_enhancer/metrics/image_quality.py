@@ -1,7 +1,7 @@
 """Image quality: PSNR, SSIM, colour-aligned PSNR and PSNR within a mask.
 
-Axes: c channels, h height, w width. Images are in [0, 1]. The pinned protocol first rounds them to the 8 bits of a PNG
-(`types.quantise_8_bit`), since 3DGS's and NerfBaselines' evaluations read 8-bit files.
+Axes: c channels, h height, w width, n pixels. Images are in [0, 1]. The fixed protocol first rounds them to the 8 bits
+of a PNG (`types.quantise_8_bit`), since 3DGS's and NerfBaselines' evaluations read 8-bit files.
 """
 
 import math
@@ -19,12 +19,12 @@ def psnr(
     """Peak signal-to-noise ratio in dB, -10 log10 of the mean squared error; infinite for equal images.
 
     Args:
-        image: what is judged, [0, 1].
-        photo: the truth, [0, 1].
-        mask: weight of each pixel in [0, 1], for the PSNR of an object before an empty background.
+        image: the image to measure, [0, 1].
+        photo: the ground truth, [0, 1].
+        mask: weight of each pixel in [0, 1], for the PSNR of an object in front of an empty background.
 
     Returns:
-        dB; NaN where the mask is empty.
+        PSNR in dB; NaN if the mask is empty.
     """
     error = (image.double() - photo.double()).square()
     if mask is None:
@@ -36,24 +36,24 @@ def psnr(
 
 
 def ssim(image: Float[Tensor, "c h w"], photo: Float[Tensor, "c h w"]) -> float:
-    """Structural similarity, mean over channels and pixels, with the details of 3DGS's evaluation (`ssim_map`).
+    """Structural similarity, mean over channels and pixels, computed as in 3DGS's evaluation (`ssim_map`).
 
     Args:
-        image: what is judged, [0, 1].
-        photo: the truth, [0, 1].
+        image: the image to measure, [0, 1].
+        photo: the ground truth, [0, 1].
     """
     return ssim_map(image.double(), photo.double()).mean().item()
 
 
 def align_colours(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
-    """The image after the affine colour map (3x4, least squares over all pixels) that brings it nearest to the photo.
+    """Apply the affine colour map (3x4, least squares over all pixels) that brings the image closest to the photo.
 
-    Takes exposure and white balance, which differ from photo to photo, out of a comparison. Never further from the
-    photo than the image itself, since the identity is such a map. The result is not clamped.
+    This removes exposure and white balance, which differ from photo to photo, from a comparison. The mean squared error
+    never increases, since the identity is such a map. The result is not clamped.
 
     Args:
-        image: what is judged, [0, 1].
-        photo: the truth, [0, 1].
+        image: the image to measure, [0, 1].
+        photo: the ground truth, [0, 1].
     """
     colours = image.double().flatten(1)
     mapping = fit_colour_map(colours, photo.double().flatten(1))
@@ -61,19 +61,19 @@ def align_colours(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) 
 
 
 def fit_colour_map(colours: Float[Tensor, "3 n"], wanted: Float[Tensor, "3 n"]) -> Float[Tensor, "3 4"]:
-    """The affine map, a matrix and an offset, that brings colours nearest to others in least squares.
+    """Fit the affine map, a matrix and an offset, from colours to wanted colours by least squares.
 
     Args:
-        colours: of n pixels.
-        wanted: what they are to become.
+        colours: colours of n pixels.
+        wanted: wanted colours of the same pixels.
     """
     colours = torch.cat([colours, torch.ones_like(colours[:1])])
-    # Grey pixels span one colour only: the pseudo-inverse takes the smallest of the equally good maps.
+    # For grey pixels the system is rank-deficient: the pseudo-inverse gives the minimum-norm solution.
     return wanted @ colours.T @ torch.linalg.pinv(colours @ colours.T, hermitian=True, rtol=1e-12)
 
 
 def psnr_aligned(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:
     """PSNR in dB after the best affine colour map from image to photo; infinite for equal images."""
     if torch.equal(image, photo):
-        return math.inf  # the fitted identity would leave rounding errors
+        return math.inf  # a fitted identity map has rounding errors
     return psnr(align_colours(image.double(), photo.double()), photo)

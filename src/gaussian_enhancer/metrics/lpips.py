@@ -1,7 +1,7 @@
 """LPIPS with a local backbone. Backbones are never downloaded, and never substituted for each other.
 
-The linear heads (v0.1) come with the ``lpips`` package. The backbones are torchvision's ImageNet networks: they are
-looked for in a file or folder that is given, in ``lpips`` of the data folder, and in torchvision's own cache.
+The linear heads (v0.1) come with the ``lpips`` package. The backbones are torchvision's ImageNet networks. They are
+searched for in a given file or folder, in the folder ``lpips`` of the data folder, and in torchvision's cache.
 Source: Zhang et al., The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, CVPR 2018.
 
 Axes: h height, w width.
@@ -27,13 +27,13 @@ from gaussian_enhancer.metrics.backbones import data_backbones
 
 @dataclass(frozen=True)
 class Backbone:
-    """A network that LPIPS compares features of.
+    """A network whose features LPIPS compares.
 
     Args:
         builder: torchvision's function that builds it.
         weights: torchvision's name of its weights.
-        features: customary name of a file that holds its ``features`` part only.
-        smallest: least height and width in pixels that leave every feature map a pixel.
+        features: usual name of a file with the weights of its ``features`` part only.
+        smallest: smallest height and width in pixels for which no feature map is empty.
     """
 
     builder: str
@@ -56,17 +56,17 @@ VARIANTS = {
 }
 """Backbone of each named distance, and whether [0, 1] is rescaled to the [-1, 1] that LPIPS was trained on.
 
-3DGS's tables hold VGG without rescaling: ``lpips_vgg_raw``.
+3DGS's published tables use VGG without rescaling: ``lpips_vgg_raw``.
 """
 
 
 @dataclass(frozen=True)
 class PerceptualDistance:
-    """One named LPIPS distance, or the reason for which it cannot be measured.
+    """A named LPIPS distance, or the reason why it cannot be measured.
 
     Args:
         name: one of `VARIANTS`.
-        network: the distance of images in [-1, 1]; None where there is no backbone.
+        network: LPIPS network for images in [-1, 1]; None without a backbone.
         reason: why there is no network; empty otherwise.
     """
 
@@ -75,7 +75,7 @@ class PerceptualDistance:
     reason: str = ""
 
     def reason_against(self, height: int, width: int) -> str:
-        """Why images of this size cannot be measured; empty where they can."""
+        """Why images of this size cannot be measured; empty if they can."""
         smallest = BACKBONES[VARIANTS[self.name][0]].smallest
         if self.network is not None and min(height, width) < smallest:
             return f"not measured: {width}x{height} is smaller than the network's {smallest} pixels"
@@ -83,7 +83,7 @@ class PerceptualDistance:
 
     @torch.no_grad()
     def between(self, image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> float:
-        """Distance of two images in [0, 1]: 0 for equal ones, about 1 for unrelated ones.
+        """Distance of two images in [0, 1]: 0 for equal images, about 1 for unrelated ones.
 
         Raises:
             InputError: there is no backbone, or the images are too small for it.
@@ -103,31 +103,31 @@ USUAL = ("lpips_vgg_raw", "lpips_vgg", "lpips_alex")
 def requested_distances(
     names: Sequence[str] | None, backbone: str | Path | None = None, device: torch.device | str = "cpu"
 ) -> list[PerceptualDistance]:
-    """The distances of names, ready or with the reason; without names, those of `USUAL` that have a backbone.
+    """Make the named distances; without names, those of `USUAL` that have a backbone.
 
     Args:
-        names: as asked for; None where nothing was asked for.
+        names: names of the requested distances; None for the defaults.
         backbone: see `perceptual_distance`.
-        device: where to measure.
+        device: device to measure on.
 
     Raises:
         InputError: see `perceptual_distance`.
     """
-    found = [perceptual_distance(name, backbone, device) for name in (USUAL if names is None else names)]
-    return [one for one in found if names is not None or one.network is not None]
+    distances = [perceptual_distance(name, backbone, device) for name in (USUAL if names is None else names)]
+    return [distance for distance in distances if names is not None or distance.network is not None]
 
 
 def perceptual_distance(
     name: str, backbone: str | Path | None = None, device: torch.device | str = "cpu"
 ) -> PerceptualDistance:
-    """Make a named LPIPS distance ready; without a backbone it carries the reason and the remedy.
+    """Make a named LPIPS distance. Without a backbone, it contains the reason and the remedy.
 
     Args:
         name: one of `VARIANTS`.
         backbone: a file of weights (of the whole network or of its ``features``), or a folder of such files under
-            their customary names; None or a folder without the file: ``GAUSSIAN_ENHANCER_DATA/lpips``, then
-            torchvision's cache.
-        device: where to measure.
+            their usual names. If None, or if the folder lacks the file, ``GAUSSIAN_ENHANCER_DATA/lpips`` and then
+            torchvision's cache are searched.
+        device: device to measure on.
 
     Raises:
         InputError: the name is unknown, or the file does not hold this backbone.
@@ -137,35 +137,35 @@ def perceptual_distance(
     net = VARIANTS[name][0]
     file = _find(net, None if backbone is None else Path(backbone))
     if file is None:
-        kind = BACKBONES[net]
-        fetch = f"from torchvision.models import *; {kind.builder}(weights={kind.weights}.IMAGENET1K_V1)"
-        return PerceptualDistance(name, None, f"not measured: no backbone; get it with: python -c '{fetch}'")
+        spec = BACKBONES[net]
+        command = f"from torchvision.models import *; {spec.builder}(weights={spec.weights}.IMAGENET1K_V1)"
+        return PerceptualDistance(name, None, f"not measured: no backbone; get it with: python -c '{command}'")
     return PerceptualDistance(name, _network(net, file, str(device)))
 
 
 def _find(net: str, given: Path | None) -> Path | None:
-    """The backbone's file: the one given, or in the folder given, in the data folder, or in torchvision's cache."""
+    """The backbone's file: the given file, or one in the given folder, in the data folder or in torchvision's cache."""
     import torchvision
 
-    kind = BACKBONES[net]
+    spec = BACKBONES[net]
     if given is not None and not given.exists():
         raise InputError(given, "does not exist", "name the backbone's file or its folder")
     if given is not None and given.is_file():
         return given.resolve()
-    url = torchvision.models.get_model_weights(kind.builder).IMAGENET1K_V1.url
-    cached = Path(urlparse(url).path).name
+    url = torchvision.models.get_model_weights(spec.builder).IMAGENET1K_V1.url
+    download_name = Path(urlparse(url).path).name
     folders = [folder for folder in (given, data_backbones()) if folder is not None]
-    candidates = [folder / name for folder in folders for name in (kind.features, cached)]
-    candidates.append(Path(torch.hub.get_dir()) / "checkpoints" / cached)
+    candidates = [folder / name for folder in folders for name in (spec.features, download_name)]
+    candidates.append(Path(torch.hub.get_dir()) / "checkpoints" / download_name)
     return next((file.resolve() for file in candidates if file.is_file()), None)
 
 
 @functools.lru_cache(maxsize=4)
 def _network(net: str, file: Path, device: str) -> nn.Module:
-    """LPIPS with its own heads and the backbone's weights from ``file``."""
+    """Load LPIPS with the package's heads and the backbone's weights from ``file``."""
     import lpips
 
-    # The package draws random weights that are overwritten, and warns of torchvision's older call signature.
+    # The package draws random weights, which are overwritten, and triggers a deprecation warning of torchvision.
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         network = lpips.LPIPS(net=net, version="0.1", pnet_rand=True, verbose=False)
@@ -173,18 +173,18 @@ def _network(net: str, file: Path, device: str) -> nn.Module:
     expected = {name: name.split(".", 1)[1] for name in network.net.state_dict()}  # slice2.3.weight -> 3.weight
     missing = [key for key in expected.values() if key not in weights]
     if missing:
-        found = f"does not hold the {BACKBONES[net].builder} backbone (no {missing[0]})"
-        raise InputError(file, found, "give the file of that network")
+        received = f"does not hold the {BACKBONES[net].builder} backbone (no {missing[0]})"
+        raise InputError(file, received, "give the file of that network")
     try:
         network.net.load_state_dict({name: weights[key] for name, key in expected.items()})
     except RuntimeError as error:
-        found = f"does not hold the {BACKBONES[net].builder} backbone ({str(error).splitlines()[-1].strip()})"
-        raise InputError(file, found, "give the file of that network") from None
+        received = f"does not hold the {BACKBONES[net].builder} backbone ({str(error).splitlines()[-1].strip()})"
+        raise InputError(file, received, "give the file of that network") from None
     return network.requires_grad_(False).eval().to(device)
 
 
 def _weights(file: Path) -> dict[str, Any]:
-    """The ``features`` part of a state dict, by the keys within it."""
+    """Read a state dict and return its ``features`` part, with keys relative to it."""
     refuse_larger_archive(file)
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)

@@ -1,4 +1,4 @@
-"""Every metric of the pinned protocol between one image and its photo.
+"""Measurement of all metrics of the fixed protocol for one image and its photo.
 
 Axes: h height, w width.
 """
@@ -27,8 +27,8 @@ class Measured:
     """Metrics of one image.
 
     Args:
-        metrics: value by name, None where it could not be measured.
-        reasons: why not, by the same names.
+        metrics: value by name; None if it could not be measured.
+        reasons: the reason for each None, by the same names.
     """
 
     metrics: dict[str, float | None]
@@ -41,11 +41,11 @@ def measure_pair(
     distances: Sequence[PerceptualDistance] = (),
     mask: Float[Tensor, "1 _ _"] | None = None,
 ) -> Measured:
-    """Measure an image against its photo, both brought to 8 bit first.
+    """Measure an image against its photo; both are first quantised to 8 bits.
 
     Args:
-        image: what is judged, [0, 1].
-        photo: the truth, [0, 1], of the same size.
+        image: the image to measure, [0, 1].
+        photo: the ground truth, [0, 1], of the same size.
         distances: LPIPS distances to measure as well.
         mask: coverage of the object in [0, 1], for ``psnr_masked``.
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 @functools.lru_cache(maxsize=1)
 def this_commit() -> str:
-    """The commit of this code's checkout, with ``+`` where files were changed, or the installed version."""
+    """Commit of this code's checkout, with ``+`` if tracked files were changed; otherwise the installed version."""
     folder = Path(__file__).resolve().parent
 
     def git(*arguments: str) -> str:
@@ -19,7 +19,7 @@ def this_commit() -> str:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
 
     try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # a checkout around an installed package is not ours
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # fails in another project's checkout
         return git("rev-parse", "--short=10", "HEAD") + ("+" if git("status", "--porcelain", "-uno") else "")
     except (OSError, subprocess.SubprocessError):
         return version("gaussian-enhancer")
@@ -27,7 +27,7 @@ def this_commit() -> str:
 
 @functools.lru_cache(maxsize=1)
 def this_machine() -> str:
-    """Processor, usable cores and accelerator, in words."""
+    """Description of the machine: processor, usable cores, accelerator and torch version."""
     import torch
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -36,17 +36,17 @@ def this_machine() -> str:
 
 
 def provenance(timed: bool = False) -> dict[str, str]:
-    """Commit and machine, as rows of records state them.
+    """Commit and machine, as fields of a record.
 
     Args:
-        timed: add the time now, ISO 8601, UTC.
+        timed: add the current time, ISO 8601, UTC.
     """
-    now = {"time": datetime.now(UTC).isoformat(timespec="seconds")} if timed else {}
-    return {"commit": this_commit(), "machine": this_machine(), **now}
+    timestamp = {"time": datetime.now(UTC).isoformat(timespec="seconds")} if timed else {}
+    return {"commit": this_commit(), "machine": this_machine(), **timestamp}
 
 
 def _processor() -> str:
-    """The processor's model name, where the system provides it."""
+    """The processor's model name, or its architecture if the system does not provide a name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

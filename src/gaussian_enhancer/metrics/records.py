@@ -1,4 +1,4 @@
-"""Records of measurements: JSON lines with checksums, from which all tables and pages are made."""
+"""Records of measurements: JSON lines with checksums. All tables and pages are made from them."""
 
 import dataclasses
 import hashlib
@@ -28,14 +28,14 @@ HIGHER_IS_BETTER = {
     "peak_memory_mb": False,
     "gaussians": None,
 }
-"""Which way a metric improves; None where neither way is better."""
+"""Whether a higher value of a metric is better; None if neither direction is better."""
 
 LATER: dict[str, Any] = {"seed": None, "sources": {}, "weights": ""}
-"""Fields added later, with their values where a line lacks them, so that older lines keep their checksums."""
+"""Fields added later, with default values. Defaults are not written, so that older lines keep their checksums."""
 
 
 MISSING = "missing"
-"""Kind of the record for a row that could not be measured in a cell; ``reasons["row"]`` says why."""
+"""Kind of the record for a row that could not be measured; ``reasons["row"]`` says why."""
 
 
 @dataclass(frozen=True)
@@ -43,23 +43,23 @@ class Record:
     """One measurement of one image, or of one run.
 
     Args:
-        kind: what was measured: "quality" or "cost".
-        run: the run it belongs to, by its folder's name.
+        kind: what was measured: "quality", "cost", or `MISSING`.
+        run: folder name of the run.
         scene: the scene's name.
-        splat: how the render was made: method, and step where there are several.
-        view: the image's file name; empty for what concerns the whole run.
+        splat: how the render was made: method, and step if there are several.
+        view: the image's file name; empty for a measurement of the whole run.
         variant: "raw", "enhanced", or a method's name.
-        metrics: value by metric; None where it could not be measured.
-        reasons: why it could not, by metric.
+        metrics: value by metric; None if it could not be measured.
+        reasons: the reason for each None, by metric.
         size: width and height in pixels.
-        protocol: how it was measured, in words.
+        protocol: description of the measurement.
         commit: version of this code.
-        machine: processor, cores and accelerator in words.
-        time: when it was measured, ISO 8601, UTC.
-        seed: of the training behind it; None where nothing was trained for it.
-        sources: the runs that it came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
+        machine: description of processor, cores and accelerator.
+        time: time of the measurement, ISO 8601, UTC.
+        seed: seed of the training whose result was measured; None without training.
+        sources: the runs that the result came from, by job: {"fit": folder name, "train": ..., "enhance": ...}.
         weights: digest of the weights that made the image (`gaussian_enhancer.checkpoint.checkpoint_digest`); empty
-            where none did, and in records from before it was kept.
+            if no weights were used, and in older records without this field.
     """
 
     kind: str
@@ -96,17 +96,17 @@ def missing_record(
     seed: int | None = None,
     sources: dict[str, str] | None = None,
 ) -> Record:
-    """The record for a row that could not be measured.
+    """Make the record for a row that could not be measured.
 
     Args:
         variant: the method.
-        reason: why, in words.
-        run: see `Record`, as the following.
-        scene: of the row.
-        splat: of the row.
-        view: of the row.
-        seed: of the training behind it.
-        sources: the runs that it would have come from.
+        reason: why the row could not be measured.
+        run: see `Record`.
+        scene: see `Record`.
+        splat: see `Record`.
+        view: see `Record`.
+        seed: see `Record`.
+        sources: the runs that the result would have come from.
     """
     return Record(MISSING, run, scene, splat, view, variant, {}, {"row": reason}, seed=seed, sources=sources or {})
 
@@ -115,7 +115,7 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """Write a file of records atomically; an existing file is replaced.
 
     Raises:
-        InputError: if the file cannot be written.
+        InputError: the file cannot be written.
     """
     text = "".join(record_line(record) for record in records)
     write_text(path, text)
@@ -125,13 +125,13 @@ def read_records(path: str | Path) -> tuple[Record, ...]:
     """Read a file of records and check each line against its checksum.
 
     Raises:
-        InputError: if the file is missing, or a line is no record or was changed or cut.
+        InputError: the file is missing, or a line is not a record, was changed or is truncated.
     """
     return tuple(record for _, record in read_checked(path))
 
 
 def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
-    """Read a file of records as `read_records` does; each comes with the checksum that its line states.
+    """Read a file of records like `read_records`, and return each record with its line's checksum.
 
     Raises:
         InputError: as `read_records`.
@@ -141,34 +141,34 @@ def read_checked(path: str | Path) -> tuple[tuple[str, Record], ...]:
     except InputError as error:
         remedy = "measure first" if error.received == "does not exist" else error.remedy
         raise InputError(path, error.received, remedy) from None
-    lines = content.split("\n")  # splitlines would cut names at exotic separators
+    lines = content.split("\n")  # splitlines would also split at rare Unicode separators within names
     return tuple(
         _verified_record(f"{path} line {number}", line) for number, line in enumerate(lines, 1) if line.strip()
     )
 
 
 def record_line(record: Record) -> str:
-    """A record as one line of JSON with the checksum of the rest."""
+    """Serialise a record as one line of JSON with a checksum of its other fields."""
     values = _jsonable(dataclasses.asdict(record))
     values = {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
     return json.dumps({**values, "sha256": _checksum(values)}, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def parse_record(place: str, line: str) -> Record:
-    """The record of a line.
+    """Parse a line of a file of records and verify its checksum.
 
     Args:
-        place: what the line is called in errors.
-        line: of a file of records.
+        place: name of the line in errors.
+        line: the line.
 
     Raises:
-        InputError: it is no record, or was changed or cut.
+        InputError: the line is not a record, was changed or is truncated.
     """
     return _verified_record(place, line)[1]
 
 
 def _verified_record(place: str, line: str) -> tuple[str, Record]:
-    """A line's checksum and its record."""
+    """Verify a line; return its checksum and its record."""
     remedy = "measure again, or delete the line"
     try:
         values = parse_json(line, place)
@@ -177,15 +177,15 @@ def _verified_record(place: str, line: str) -> tuple[str, Record]:
     names = {item.name for item in dataclasses.fields(Record)} | {"sha256"}
     if not isinstance(values, dict) or not names - set(LATER) <= set(values) <= names:
         raise InputError(place, "is no record (its fields differ)", remedy)
-    stated = values.pop("sha256")
-    if stated != _checksum(values):
+    stated_checksum = values.pop("sha256")
+    if stated_checksum != _checksum(values):
         raise InputError(place, "was changed or damaged (its checksum differs)", remedy)
     metrics = {name: None if value is None else float(value) for name, value in values["metrics"].items()}
-    return stated, Record(**{**values, "metrics": metrics, "size": tuple(values["size"])})
+    return stated_checksum, Record(**{**values, "metrics": metrics, "size": tuple(values["size"])})
 
 
 def _jsonable(value: Any) -> Any:
-    """JSON has no infinity: numbers that are not finite become the strings that ``float`` reads."""
+    """Convert non-finite numbers, which JSON does not have, to strings that ``float`` parses."""
     if isinstance(value, dict):
         return {key: _jsonable(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,7 +1,7 @@
-"""Error over run time: settings as points, the Pareto front, and the choice from it.
+"""Trade-off of error and run time: settings as points, their Pareto front, and selection of a setting.
 
-After the work-precision diagrams of the SciML benchmarks: every method at several settings, one axis the error, the
-other the time, all measured in one run.
+After the work-precision diagrams of the SciML benchmarks, which show error over run time for every method at several
+settings, all measured in one run.
 """
 
 import math
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Point:
-    """One setting.
+    """Run time and error of one setting.
 
     Args:
-        name: of the setting.
+        name: the setting's name.
         cost: run time, in any unit; finite and not negative.
-        error: finite and not negative; 0 is exact.
+        error: error, in any unit; finite and not negative.
     """
 
     name: str
@@ -30,10 +30,10 @@ class Point:
 
 
 def pareto_front(points: Iterable[Point]) -> tuple[Point, ...]:
-    """The points that no other dominates, by rising cost.
+    """The points that no other point dominates, in order of increasing cost.
 
-    One point dominates another if it is neither dearer nor more wrong, and better in one of the two. Equal points do
-    not dominate each other: all of them are on the front, or none.
+    A point dominates another if neither its cost nor its error is larger, and at least one of them is smaller. Equal
+    points do not dominate each other: all of them are on the front, or none.
     """
     kept: list[Point] = []
     for point in sorted(points, key=lambda one: (one.cost, one.error)):
@@ -44,25 +44,25 @@ def pareto_front(points: Iterable[Point]) -> tuple[Point, ...]:
 
 
 def cheapest_within(points: Iterable[Point], most: float) -> Point | None:
-    """The cheapest point whose error is at most so large, of equally cheap ones the most exact; None without one."""
+    """The cheapest point whose error is at most ``most``; ties go to the smaller error. None if there is none."""
     return min((one for one in points if one.error <= most), key=lambda one: (one.cost, one.error), default=None)
 
 
 def best_within(points: Iterable[Point], budget: float) -> Point | None:
-    """The most exact point that costs at most so much, of equally exact ones the cheapest; None without one."""
+    """The point of smallest error whose cost is at most ``budget``; ties go to the cheaper. None if there is none."""
     return min((one for one in points if one.cost <= budget), key=lambda one: (one.error, one.cost), default=None)
 
 
 def mean_squared_error(psnr: float) -> float:
-    """The mean squared error of images in [0, 1] that have so many decibels."""
+    """Mean squared error of images in [0, 1] with this PSNR in dB."""
     return 10 ** (-psnr / 10)
 
 
 def error_above_best(points: Sequence[Point], decibels: float) -> float:
-    """The error that lies so many decibels above the least one.
+    """The smallest error of the points, increased by a number of decibels.
 
     Args:
         points: at least one.
-        decibels: not negative.
+        decibels: increase in dB, not negative.
     """
-    return min(one.error for one in points) * 10 ** (decibels / 10)
+    return min(point.error for point in points) * 10 ** (decibels / 10)

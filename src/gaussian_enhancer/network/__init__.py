@@ -1,1 +1,1 @@
-"""Fusion networks: SIF, SSIF-LR, SSIF-SR, the cascade, their stages, and baselines."""
+"""Fusion networks (SIF, SSIF-LR, SSIF-SR), the cascade, their stages, and baselines."""

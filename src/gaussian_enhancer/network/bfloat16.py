@@ -1,4 +1,4 @@
-"""Conditions for fused inference in bfloat16, and how kernels access features.
+"""Conditions for fused inference in bfloat16, and access of kernels to features.
 
 Axes: b batch, c channels, h height, w width.
 """
@@ -16,12 +16,13 @@ PLAIN = (torch.float32, torch.bfloat16)
 
 
 def can_use_kernels(*images: Tensor | None) -> bool:
-    """Whether compiled kernels may take the place of PyTorch's operations.
+    """Whether compiled kernels may replace PyTorch's operations.
 
-    They need plain tensors on the CPU, no gradient, and that nothing observes operations: compilers, tracers, counters.
+    This requires plain tensors on the CPU, no gradient, and nothing that observes operations (compilers, tracers,
+    operation counters).
 
     Args:
-        images: what is computed on; None is left out.
+        images: inputs of the computation; None is ignored.
     """
     tensors = [image for image in images if image is not None]
     return (
@@ -34,10 +35,10 @@ def can_use_kernels(*images: Tensor | None) -> bool:
 
 
 def can_fuse(*images: Tensor | None) -> bool:
-    """Whether inference is in bfloat16 (by autocast, without gradients) and `can_use_kernels`: fused ways may be taken.
+    """Whether fused operations may be used: inference in bfloat16 autocast without gradients, and `can_use_kernels`.
 
     Args:
-        images: what is computed on; None is left out.
+        images: inputs of the computation; None is ignored.
     """
     return (
         not torch.is_grad_enabled()
@@ -48,20 +49,20 @@ def can_fuse(*images: Tensor | None) -> bool:
 
 
 def empty_features(batch: int, channels: int, height: int, width: int) -> Float[Tensor, "b c h w"]:
-    """Features in bfloat16 and channels-last memory, whose values are not set."""
+    """Uninitialised features in bfloat16 and channels-last memory."""
     return torch.empty(batch, height, width, channels, dtype=torch.bfloat16).permute(0, 3, 1, 2)
 
 
 def kernel_words(features: Float[Tensor, "b c h w"], word: type[np.unsignedinteger] = np.uint16) -> np.ndarray:
-    """Features in bfloat16 as kernels read and write them: (b, h, w, c), without a copy where memory is channels-last.
+    """View of bfloat16 features for kernels: (b, h, w, c), without a copy if memory is channels-last.
 
     Args:
-        features: in bfloat16.
-        word: what the bits are seen as; 32 bits hold two channels.
+        features: features in bfloat16.
+        word: type as which the bits are viewed; 32 bits hold two channels.
     """
     return features.permute(0, 2, 3, 1).contiguous().view(torch.int16).numpy().view(word)
 
 
 def plane(image: Tensor) -> np.ndarray:
-    """An image as kernels read and write it, in single precision, without a copy where it is that and contiguous."""
+    """View of an image for kernels, in single precision; without a copy if it is contiguous and float32."""
     return image.float().contiguous().numpy()

@@ -1,7 +1,7 @@
-"""Compiled passes over images and features of a network in bfloat16, which Numba knows as 16-bit words.
+"""Compiled passes over images and features of a network in bfloat16, which Numba handles as 16-bit words.
 
-What is convolved lies in channels-last memory, a pixel's channels side by side; images are planes of float32. Each
-kernel reads and writes everything once. Sums are in float32.
+Convolution inputs are in channels-last memory, in which the channels of a pixel are contiguous; images are planes of
+float32. Each kernel reads and writes all data once. Sums are computed in float32.
 
 Axes: n images, r references, c channels, h height, w width, i = h / 2, j = w / 2.
 """
@@ -23,7 +23,7 @@ _LOG2E = _F(1.4426950408889634)
 @inner
 @no_type_check
 def rounded(value):
-    """The bits of the nearest bfloat16 in the upper half of a word, ties to even."""
+    """Bits of the nearest bfloat16 in the upper half of a 32-bit word, ties to even."""
     bits = _F(value).view(_U)
     return _U(_U(bits + _ROUND + _U(_U(bits >> _SIXTEEN) & _LAST)) & _HIGH)
 
@@ -31,28 +31,28 @@ def rounded(value):
 @inner
 @no_type_check
 def pair(first, second):
-    """Two values as one word of two bfloat16, the first at the lower address."""
+    """Two values as one word of two bfloat16; the first value is at the lower address."""
     return _U(_U(rounded(first) >> _SIXTEEN) | rounded(second))
 
 
 @inner
 @no_type_check
 def half(value):
-    """A value as bfloat16."""
+    """Convert a value to bfloat16."""
     return np.uint16(rounded(value) >> _SIXTEEN)
 
 
 @inner
 @no_type_check
 def wide(value):
-    """A bfloat16 as float32."""
+    """Convert a bfloat16 to float32."""
     return _U(_U(value) << _SIXTEEN).view(_F)
 
 
 @kernel
 @no_type_check
 def pack_planes(image, shift, mask, result):
-    """Write planes plus a shift, then a mask, as 2x2 pixels side by side: words of two pixels, (n, i, j, 2 (c + 1))."""
+    """Write pixel-unshuffled planes plus a shift, then a mask, as words of two pixels: (n, i, j, 2 (c + 1))."""
     count, channels, height, _ = image.shape
     for row in prange(count * (height // 2)):
         n, i = row // (height // 2), row % (height // 2)
@@ -73,7 +73,7 @@ def _pack_row(row, shift, result, place):
 @kernel
 @no_type_check
 def pack_references(photos, renders, visibility, drawn, result):
-    """Write photo - 1/2, visibility, photo - render and a flag as 2x2 pixels side by side, (r, i, j, 16) words."""
+    """Write photo - 1/2, visibility, photo - render and a flag, pixel-unshuffled by 2, as (r, i, j, 16) words."""
     count, _, height, width = photos.shape
     flag = pair(drawn, drawn)
     for row in prange(count * (height // 2)):
@@ -94,17 +94,17 @@ def pack_references(photos, renders, visibility, drawn, result):
 @kernel
 @no_type_check
 def pack_depth(depth, unit, farthest, result, share):
-    """Write unit / depth within [0, 4] and where depth is usable as 2x2 pixels side by side, and the usable share."""
+    """Write unit / depth within [0, 4] and the mask of usable depth, pixel-unshuffled by 2, and the usable share."""
     height, width = depth.shape
     for i in prange(height // 2):
         for j in range(width // 2):
             known_sum = _ZERO
             for a in range(2):
                 first, second = depth[2 * i + a, 2 * j], depth[2 * i + a, 2 * j + 1]
-                one, two = _usable(first, farthest), _usable(second, farthest)
-                result[i, j, a] = pair(_inverse(first, one, unit), _inverse(second, two, unit))
-                result[i, j, 2 + a] = pair(one, two)
-                known_sum += one + two
+                first_known, second_known = _usable(first, farthest), _usable(second, farthest)
+                result[i, j, a] = pair(_inverse(first, first_known, unit), _inverse(second, second_known, unit))
+                result[i, j, 2 + a] = pair(first_known, second_known)
+                known_sum += first_known + second_known
             share[i, j] = _QUARTER * known_sum
 
 
@@ -123,7 +123,7 @@ def _inverse(depth, known, unit):
 @kernel
 @no_type_check
 def modulate(features, modulation, share, result):
-    """Write features + share (features scale + shift); scale and shift are the halves of the modulation's channels."""
+    """Write features + share (features scale + shift); scale and shift are halves of ``modulation``'s channels."""
     count, height, width, channels = features.shape
     for row in prange(count * height):
         n, i = row // height, row % height
@@ -138,8 +138,9 @@ def modulate(features, modulation, share, result):
 @kernel
 @no_type_check
 def weigh(logits, values, visibility, limit, news, trust):
-    """Write sum_i w_i value_i and the heads' mean of w_i = v_i exp(l_i) / (1 + sum_j v_j exp(l_j)), l within a limit.
+    """Write sum_i w_i value_i to ``news``, and the mean over heads of w_i to ``trust``.
 
+    w_i = v_i exp(l_i) / (1 + sum_j v_j exp(l_j)), where l are the logits bounded by ``limit``.
     logits (n, r, i, j, heads) and values (n, r, i, j, c) are bfloat16, visibility and trust (n, r, i, j) float32.
     """
     batch, count, height, width, heads = logits.shape
@@ -155,25 +156,25 @@ def weigh(logits, values, visibility, limit, news, trust):
             _score(logits[n, r, i].reshape(width * heads), visible, limit, top, weight[r], total)
         for q in range(width * heads):
             total[q] = _ONE / total[q]
-        summed = np.zeros(width * channels, np.float32)
+        weighted_sum = np.zeros(width * channels, np.float32)
         repeated = np.empty(width * channels, np.float32)
         for r in range(count):
             for q in range(width * heads):
                 weight[r, q] *= total[q]
             _repeat(weight[r], channels // heads, repeated)
-            _add_products(repeated, values[n, r, i].reshape(width * channels), summed)
+            _add_products(repeated, values[n, r, i].reshape(width * channels), weighted_sum)
             for j in range(width):
                 mean = _ZERO
                 for k in range(heads):
                     mean += weight[r, j * heads + k]
                 trust[n, r, i, j] = mean / _F(heads)
-        _halve_rows(summed, news[n, i].reshape(width * channels))
+        _halve_rows(weighted_sum, news[n, i].reshape(width * channels))
 
 
 @inner
 @no_type_check
 def _repeat(values, times, result):
-    """Write each value several times, side by side, so that loops over the result read it without a gather."""
+    """Write each value several times in a row, so that loops over the result vectorise without a gather."""
     for j in range(len(values)):
         for k in range(times):
             result[j * times + k] = values[j]
@@ -210,7 +211,7 @@ def _halve_rows(values, result):
 @kernel
 @no_type_check
 def shuffle(features, result):
-    """Pixel-shuffle by 2: channels (n, i, j, 4 c) become squares of pixels of planes, (n, c, 2 i, 2 j)."""
+    """Pixel-shuffle by 2: channels (n, i, j, 4 c) become 2x2 pixels of planes, (n, c, 2 i, 2 j)."""
     count, height, width, channels = features.shape
     for row in prange(count * height):
         n, i = row // height, row % height
@@ -224,7 +225,7 @@ def shuffle(features, result):
 @kernel
 @no_type_check
 def shuffle_and_add(features, skip, result):
-    """The same into channels-last memory, (n, 2 i, 2 j, c), plus ``skip``."""
+    """As `shuffle`, but with output in channels-last memory, (n, 2 i, 2 j, c), plus ``skip``."""
     count, height, width, channels = skip.shape
     for row in prange(count * height):
         n, y = row // height, row % height
@@ -238,7 +239,7 @@ def shuffle_and_add(features, skip, result):
 @kernel
 @no_type_check
 def add_and_rectify(references, target):
-    """Write relu(references + target) over references, (n, r, i, j, c); target (n, i, j, c) is added to each."""
+    """Write relu(references + target) to references, (n, r, i, j, c), in place; target is (n, i, j, c)."""
     batch, count, height, width, channels = references.shape
     for row in prange(batch * count * height):
         n, r, i = row // (count * height), row // height % count, row % height
@@ -250,7 +251,7 @@ def add_and_rectify(references, target):
 @kernel
 @no_type_check
 def pool(references, visibility, result):
-    """Write the mean of references (n, r, i, j, c) weighted by visibility (n, r, i, j), and a third of its sum."""
+    """Write the visibility-weighted mean of references (n, r, i, j, c), and the sum of visibility (n, r, i, j) / 3."""
     batch, count, height, width, channels = references.shape
     for row in prange(batch * height):
         n, i = row // height, row % height
@@ -258,24 +259,24 @@ def pool(references, visibility, result):
         for r in range(count):
             for j in range(width):
                 total[j] += visibility[n, r, i, j]
-        summed = np.zeros(width * channels, np.float32)
+        weighted_sum = np.zeros(width * channels, np.float32)
         weight = np.empty(width, np.float32)
         repeated = np.empty(width * channels, np.float32)
         for r in range(count):
             for j in range(width):
                 weight[j] = (_ONE / max(total[j], _F(1e-3))) * visibility[n, r, i, j]
             _repeat(weight, channels, repeated)
-            _add_products(repeated, references[n, r, i].reshape(width * channels), summed)
+            _add_products(repeated, references[n, r, i].reshape(width * channels), weighted_sum)
         for j in range(width):
             for c in range(channels):
-                result[n, i, j, c] = half(summed[j * channels + c])
+                result[n, i, j, c] = half(weighted_sum[j * channels + c])
             result[n, i, j, channels] = half(total[j] / _F(3))
 
 
 @kernel
 @no_type_check
 def shrink(photos, renders, visibility, drawn, small_photos, small_renders, share):
-    """Write means of photos and renders over 2x2 pixels, weighted by visibility, and that of visibility."""
+    """Write visibility-weighted means of photos and renders over 2x2 pixels, and the mean visibility."""
     count, _, height, width = photos.shape
     for row in prange(count * (height // 2)):
         n, i = row // (height // 2), row % (height // 2)
@@ -303,7 +304,7 @@ def _shrink_row(one, two, above, below, share, result):
 def compose(decoded, render, photos, renders, visibility, trust, drawn, result):
     """Write render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
-    decoded is bfloat16 (6, h, w), trust (r, i, j); the rest are float32, renders unread unless ``drawn`` is positive.
+    decoded is bfloat16 (6, h, w), trust (r, i, j); the others are float32. renders are only read if drawn > 0.
     """
     count, _, height, width = photos.shape
     for y in prange(height):
@@ -341,13 +342,13 @@ def _sigmoid(value):
 @inner
 @no_type_check
 def double_row(image, y, result):
-    """Row y of an image at twice its resolution, linear between pixels' centres."""
+    """Row y of an image at twice its resolution, interpolated linearly between pixel centres."""
     height, width = image.shape
     i = y // 2
-    other = min(max(i - 1 if y % 2 == 0 else i + 1, 0), height - 1)
+    neighbour = min(max(i - 1 if y % 2 == 0 else i + 1, 0), height - 1)
     column = np.empty(width, np.float32)
     for j in range(width):
-        column[j] = _F(0.75) * image[i, j] + _QUARTER * image[other, j]
+        column[j] = _F(0.75) * image[i, j] + _QUARTER * image[neighbour, j]
     result[0], result[2 * width - 1] = column[0], column[width - 1]
     for j in range(1, width):
         result[2 * j] = _F(0.75) * column[j] + _QUARTER * column[j - 1]
@@ -358,7 +359,7 @@ def double_row(image, y, result):
 @kernel
 @no_type_check
 def pack_combination(fine, render, coarser, result):
-    """Write fine - render as 2x2 pixels side by side, then what coarser scales pass on, (i, j, 12 + d) bfloat16."""
+    """Write fine - render, pixel-unshuffled by 2, then the values of coarser scales: (i, j, 12 + d) bfloat16."""
     count, height, width = coarser.shape
     for i in prange(height):
         for j in range(width):
@@ -376,7 +377,8 @@ def pack_combination(fine, render, coarser, result):
 def combine(fine, decoded, coarser, step, result):
     """Write fine + up(sum_k g_k change_k) + residual.
 
-    decoded (i, j, 12 + k) holds the residual of 2x2 pixels and gains; change k is ``coarser`` from channel k x step on.
+    decoded (i, j, 12 + k) holds the residual of 2x2 pixels and the gains; change k is ``coarser`` from channel k x step
+    on.
     """
     height, width, channels = decoded.shape
     change = np.empty((3, height, width), np.float32)

@@ -1,4 +1,4 @@
-"""The unit that every part of the network is built from.
+"""The residual block of which all networks of this package are built.
 
 Axes: b batch, c channels, h height, w width (of the features).
 """
@@ -11,14 +11,15 @@ from gaussian_enhancer.network.fused_convolution import convolution
 
 
 class Block(nn.Module):
-    """Residual pair of 3x3 convolutions with one activation between and no normalisation.
+    """Residual pair of 3x3 convolutions with one activation between them and no normalisation.
 
-    x + s * conv(relu(conv(x))), s per channel, small at initialisation so that a deep stack starts near the identity
-    (as the scales of NAFNet, Chen et al., ECCV 2022). Nothing looks at the whole image, so that tiles equal the whole;
-    plain 3x3 convolutions are what processors run fastest for their parameters in bf16.
+    x + s * conv(relu(conv(x))), with s per channel, small at initialisation so that a deep stack starts near the
+    identity (as the scales of NAFNet, Chen et al., ECCV 2022). No operation depends on the whole image, so that tiles
+    give the same result as the whole image. Among layers with as many parameters, CPUs run plain 3x3
+    convolutions fastest in bf16.
 
     Args:
-        channels: of input and output.
+        channels: number of input and output channels.
     """
 
     def __init__(self, channels: int) -> None:

@@ -16,20 +16,20 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class Cascade(Network):
-    """The second network takes the first network's output in place of the render.
+    """Two networks, of which the second receives the first network's output in place of the render.
 
-    Super-resolution learns from few scenes, since photos 4 times as fine are dear; what is wrong at the render's own
-    resolution is mended by a network that learnt from many. Both are trained together. Untrained, it returns the
-    enlarged render.
+    Super-resolution is trained on few scenes, since photos 4 times as fine are scarce. Errors at the render's own
+    resolution are corrected by a network trained on many scenes. Both are trained together. Untrained, the cascade
+    returns the upsampled render.
 
     Args:
-        first: enhances at the render's own resolution.
-        second: enhances to 4 times the resolution.
-        colour_clamping: side of the window within whose colours the first one's pixels stay (`clamp_to_references`); 0
-            sets no limit, as it must be where references are not warped.
+        first: network that enhances at the render's resolution.
+        second: network that enhances to 4 times the resolution.
+        colour_clamping: side of the window that limits the colours of the first network's output
+            (`clamp_to_references`); 0 sets no limit, which is required if references are not warped.
 
     Raises:
-        InputError: the networks are of other resolutions, or the window has no middle.
+        InputError: the networks have other scales, or the window has no centre.
     """
 
     scale = 4
@@ -53,7 +53,7 @@ class Cascade(Network):
         self.stride = math.lcm(first.stride, second.stride)
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """The first network's image, then the second one's of all its scales."""
+        """The first network's image, then the images of all scales of the second."""
         enhanced = self.first(dataclasses.replace(views, fine_references=None)).to(views.render.dtype)
         if self.colour_clamping:
             enhanced = clamp_to_references(enhanced, views, self.colour_clamping)

@@ -1,7 +1,7 @@
-"""The networks of this package by the name of their class, found by looking at its files.
+"""Catalogue of the package's networks by class name, built from the package's files.
 
-A new network is a new file here: no list has to be edited. A weights file may name only what is found here, so that a
-file from a stranger never chooses which code is imported.
+A new network only needs a new file here; there is no list to edit. A weights file may only name networks of this
+catalogue, so that an untrusted file never chooses which code is imported.
 """
 
 import ast
@@ -17,19 +17,19 @@ PACKAGE = __name__.rpartition(".")[0]
 
 
 class NetworkCatalogue(Mapping[str, type[Network]]):
-    """Network classes by name. Looking one up imports its module alone; iterating imports them all."""
+    """Network classes by name. Access to a name imports only its module; iteration imports all modules."""
 
     @cached_property
     def modules(self) -> dict[str, list[str]]:
         """Modules of the package by the names of the classes that their files define."""
-        found: dict[str, list[str]] = {}
+        modules_by_class: dict[str, list[str]] = {}
         for root in map(Path, importlib.import_module(PACKAGE).__path__):
             for path in sorted(root.rglob("*.py")):
                 module = ".".join((PACKAGE, *path.relative_to(root).with_suffix("").parts))
                 for node in ast.parse(path.read_text(encoding="utf-8")).body:
                     if isinstance(node, ast.ClassDef) and node.bases:
-                        found.setdefault(node.name, []).append(module)
-        return found
+                        modules_by_class.setdefault(node.name, []).append(module)
+        return modules_by_class
 
     def __getitem__(self, name: str) -> type[Network]:
         for module in self.modules[name]:

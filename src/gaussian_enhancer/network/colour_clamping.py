@@ -17,22 +17,22 @@ from gaussian_enhancer.types import NetworkInput
 def clamp_to_references(
     image: Float[Tensor, "b 3 h w"], views: NetworkInput, window: int = 3
 ) -> Float[Tensor, "b 3 h w"]:
-    """Clamp each channel of the image to the range of the render and the references around the pixel.
+    """Clamp each channel of an image to the range of render and references in a window around the pixel.
 
-    The limits are the least and the greatest value in the window of the render and, where they are visible, of the
-    references. Photos that lie on the target's grid hold what an enhanced pixel may look like, give or take their
-    misalignment; what lies outside is the network's invention, such as light in a shadow unlike any it was trained on.
-    The neighbourhood clamp of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH 2014)
-    keeps a history within the frame in the same way. Images of which no reference shows anything are left as they are.
-    Limits are constants to a gradient.
+    The limits are the minimum and the maximum over the window of the render and, where they are visible, of the
+    references. Photos on the target's grid show which colours an enhanced pixel may have, up to misalignment. Colours
+    outside that range are errors of the network, for instance bright patches in a shadow unlike those of its training
+    data. The neighbourhood clamping of temporal anti-aliasing (Karis, "High-Quality Temporal Supersampling", SIGGRAPH
+    2014) limits a history to the current frame in the same way. Images in which no reference is visible are returned
+    unchanged. Gradients treat the limits as constants.
 
     Args:
-        image: enhanced, finite.
+        image: enhanced image, finite.
         views: render and warped references of the same size.
         window: side of the window in pixels, odd.
 
     Raises:
-        InputError: the window has no middle.
+        InputError: the window has no centre.
     """
     check_window(window)
     visible = (views.visibility > 0).flatten(1).any(1)
@@ -44,30 +44,32 @@ def clamp_to_references(
 
 
 def clamp_torch(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
-    """The image within the limits of its windows. Readable twin of the compiled kernel, on any device.
+    """Clamp the image to the limits of its windows. Readable twin of the compiled kernel, for any device.
 
     Args:
-        image: enhanced.
+        image: enhanced image.
         views: render and warped references of the same size.
-        reach: pixels from a window's middle to its border.
+        reach: pixels from a window's centre to its border.
     """
     hidden = views.visibility <= 0
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
-    for channel in range(3):  # one by one, so that large images need little memory
+    for channel in range(3):  # one channel at a time, to limit the memory for large images
         low, high = _colour_limits(views, hidden, channel, reach)
         limited[:, channel] = image[:, channel].clamp(low, high)
     return limited
 
 
 def clamp_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: int) -> Float[Tensor, "b 3 h w"]:
-    """The same by a compiled kernel."""
+    """Compiled version of `clamp_torch`."""
     from gaussian_enhancer.network.colour_clamping_kernels import clamp
     from gaussian_enhancer.splat.compiled import kernel_lock
 
     limited = torch.empty_like(image, memory_format=torch.contiguous_format)
     with kernel_lock:
-        for one, result in enumerate(limited):
-            inputs = (kernel_image(images[one]) for images in (image, views.render, views.references, views.visibility))
+        for index, result in enumerate(limited):
+            inputs = (
+                kernel_image(images[index]) for images in (image, views.render, views.references, views.visibility)
+            )
             clamp(*inputs, reach, result.numpy())
     return limited
 
@@ -76,7 +78,7 @@ def clamp_compiled(image: Float[Tensor, "b 3 h w"], views: NetworkInput, reach: 
 def _colour_limits(
     views: NetworkInput, hidden: Bool[Tensor, "b r 1 h w"], channel: int, reach: int
 ) -> tuple[Float[Tensor, "b h w"], Float[Tensor, "b h w"]]:
-    """The least and the greatest value of a channel around each pixel."""
+    """Minimum and maximum of a channel around each pixel."""
     low = views.render[:, channel].clone()
     high = low.clone()
     for i in range(views.references.shape[1]):
@@ -92,7 +94,7 @@ def _colour_limits(
 
 
 def check_window(window: int) -> None:
-    """Refuse windows of even side, which have no centre.
+    """Refuse windows with an even side, which have no centre.
 
     Raises:
         InputError: the side is not odd, or not positive.
@@ -104,12 +106,12 @@ def check_window(window: int) -> None:
 def _spread_extremes(
     plane: Float[Tensor, "b h w"], axis: int, reach: int, chosen: Callable[..., Tensor]
 ) -> Float[Tensor, "b h w"]:
-    """The least or the greatest value within reach along an axis; beyond the border there is none."""
-    found = plane.clone()
+    """Minimum or maximum within reach along an axis; windows are cropped at the border."""
+    extremes = plane.clone()
     length = plane.shape[axis]
     for step in range(1, min(reach, length - 1) + 1):
         first, last = plane.narrow(axis, 0, length - step), plane.narrow(axis, step, length - step)
-        before, after = found.narrow(axis, 0, length - step), found.narrow(axis, step, length - step)
+        before, after = extremes.narrow(axis, 0, length - step), extremes.narrow(axis, step, length - step)
         chosen(before, last, out=before)
         chosen(after, first, out=after)
-    return found
+    return extremes

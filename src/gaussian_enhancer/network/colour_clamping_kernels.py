@@ -1,4 +1,4 @@
-"""Compiled colour clamping: the same as `colour_clamping`, row by row so that loops vectorise.
+"""Compiled colour clamping: the same as `colour_clamping`, by rows so that loops vectorise.
 
 Axes: r references, h height, w width; images are (channels, height, width) float32.
 """
@@ -17,7 +17,7 @@ _ZERO, _INFINITE = _F(0), _F(np.inf)
 @kernel
 @no_type_check
 def clamp(image, render, photos, visibility, reach, result):
-    """Write the image within the least and the greatest value of render and visible photos (r, 3, h, w) around it."""
+    """Write the image clamped to minimum and maximum of render and visible photos (r, 3, h, w) around each pixel."""
     channels, height, width = image.shape
     for y in prange(height):
         low, high = np.empty(width + 2 * reach, np.float32), np.empty(width + 2 * reach, np.float32)
@@ -39,7 +39,7 @@ def clamp(image, render, photos, visibility, reach, result):
 @inner
 @no_type_check
 def _widen_limits(low, high, least, greatest):
-    """Let limits reach as far as others."""
+    """Extend limits to include other limits."""
     for x in range(len(least)):
         least[x], greatest[x] = min(least[x], low[x]), max(greatest[x], high[x])
 
@@ -47,7 +47,7 @@ def _widen_limits(low, high, least, greatest):
 @inner
 @no_type_check
 def _reach_visible(values, visibility, least, greatest):
-    """Let limits reach values, where these are visible."""
+    """Extend limits to include values where these are visible."""
     for x in range(len(least)):
         visible = visibility[x] > _ZERO
         least[x] = min(least[x], values[x] if visible else _INFINITE)

@@ -1,6 +1,6 @@
-"""Combination of coarser scales' results at a finer scale.
+"""Combination of the results of coarser scales at a finer scale.
 
-Axes: b batch, d values that a coarser scale hands on, h height, w width (both even), i = h / 2, j = w / 2.
+Axes: b batch, d channels that a coarser scale passes on, h height, w width (both even), i = h / 2, j = w / 2.
 """
 
 from collections.abc import Sequence
@@ -23,25 +23,25 @@ class Combine(Protocol):
 
     @property
     def handed(self) -> int:
-        """Channels that a scale passes to finer ones, beside the change of its image."""
+        """Number of channels that a scale passes to finer ones, in addition to the change of its image."""
         ...
 
     def build(self, channels: int, coarser: int) -> nn.Module:
-        """The stage for a scale with so many coarser ones, in a network whose features have so many channels."""
+        """Build the module for a scale, given the numbers of feature channels and of coarser scales."""
         ...
 
 
 class Combination(nn.Module):
-    """E = T + up(sum_k g_k (E_k - render_k)) + r, gains g and residual r per pixel from all scales together.
+    """E = T + up(sum_k g_k (E_k - render_k)) + r, with gains g and residual r per pixel, predicted from all scales.
 
-    Changes are combined, not images: a coarser image lacks the render's detail, its change does not. Gains and
-    residual are zero at initialisation. Everything but the residual lives on the grid of half the resolution, which
-    costs a quarter.
+    Changes are combined instead of images, since a coarser image lacks the render's detail and its change does not.
+    Gains and residual are zero at initialisation. All but the residual is computed at half resolution, at a quarter of
+    the cost.
 
     Args:
         coarser: number of coarser scales.
-        handed: channels that each of them passes on beside its image's change.
-        width: channels within.
+        handed: number of channels that each of them passes on, in addition to its image's change.
+        width: number of internal channels.
     """
 
     def __init__(self, coarser: int, handed: int, width: int) -> None:
@@ -61,17 +61,18 @@ class Combination(nn.Module):
         """Combine scales.
 
         Args:
-            fine: what this scale made of the render by itself.
-            render: of this scale.
-            coarser: from each coarser scale its image's change and what else it passes on, coarsest first.
+            fine: this scale's own enhanced image.
+            render: render at this scale.
+            coarser: for each coarser scale, its image's change and the further channels that it passes on, coarsest
+                first.
         """
         height, width = fine.shape[-2:]
-        half = [_resized(values, height // 2, width // 2) for values in coarser]
-        if len(fine) == 1 and fine.dtype == torch.float32 and can_fuse(fine, render, *half):
-            return self._combine_compiled(fine, render, half)
-        x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half], dim=1)))
+        half_size = [_resized(values, height // 2, width // 2) for values in coarser]
+        if len(fine) == 1 and fine.dtype == torch.float32 and can_fuse(fine, render, *half_size):
+            return self._combine_compiled(fine, render, half_size)
+        x = F.relu(self.join(torch.cat([F.pixel_unshuffle(fine - render, 2), *half_size], dim=1)))
         x = self.head(self.block(x)).to(fine.dtype)
-        change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half))
+        change = sum(x[:, 12 + k : 13 + k] * values[:, :3].to(fine.dtype) for k, values in enumerate(half_size))
         return fine + F.interpolate(change, scale_factor=2, mode="bilinear") + F.pixel_shuffle(x[:, :12], 2)
 
     def _combine_compiled(
@@ -80,7 +81,7 @@ class Combination(nn.Module):
         render: Float[Tensor, "1 3 h w"],
         half: Sequence[Float[Tensor, "1 d _ _"]],
     ) -> Float[Tensor, "1 3 h w"]:
-        """The same for one image where inference is `can_fuse`."""
+        """Compiled version of `forward` for one image, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import combine, pack_combination
 
         coarser, images = plane(torch.cat(list(half), dim=1)[0]), (plane(fine[0]), plane(render[0]))
@@ -94,7 +95,7 @@ class Combination(nn.Module):
 
 
 class Separation(nn.Module):
-    """Coarser scales change nothing."""
+    """No combination: coarser scales have no effect."""
 
     def forward(
         self,
@@ -108,24 +109,24 @@ class Separation(nn.Module):
 
 @dataclass(frozen=True)
 class Combined:
-    """Choice of combining scales; see `Combination` for the parameters; no width means that of the features."""
+    """Choice of combining scales; see `Combination` for the parameters. Width None means the features' width."""
 
     handed: int = 8
     width: int | None = None
 
     def build(self, channels: int, coarser: int) -> nn.Module:
-        """The module for a scale with so many coarser ones, in a network whose features have so many channels."""
+        """Build the module for a scale, given the numbers of feature channels and of coarser scales."""
         return Combination(coarser, self.handed, self.width or channels)
 
 
 @dataclass(frozen=True)
 class Uncombined:
-    """Choice of independent scales: the finest alone gives the result."""
+    """Choice of independent scales: only the finest scale determines the result."""
 
     handed: ClassVar[int] = 0
 
     def build(self, channels: int, coarser: int) -> nn.Module:
-        """The module for a scale with so many coarser ones, in a network whose features have so many channels."""
+        """Build the module for a scale, given the numbers of feature channels and of coarser scales."""
         return Separation()
 
 

@@ -16,15 +16,17 @@ from gaussian_enhancer.network.block import Block
 
 
 class Decoder(nn.Module):
-    """A shallow U-Net from half resolution down and back, then one pixel-shuffle to full resolution.
+    """A shallow U-Net that starts at half resolution, followed by one pixel-shuffle to full resolution.
 
-    Each level halves the resolution; the way back adds what the way down had there. Everything is convolution, so
-    that the output at a pixel depends on a bounded neighbourhood. The last convolution is zero at initialisation.
+    Each level halves the resolution. On the way up, the skip features of the way down are added. All layers are
+    convolutions, so that the output at a pixel depends on a bounded neighbourhood. The last convolution is zero at
+    initialisation.
 
     Args:
-        widths: channels of each level, the first at half resolution.
-        blocks: residual blocks of each level; the coarsest has them once, the others down and up.
-        outputs: channels at full resolution.
+        widths: number of channels of each level, the first at half resolution.
+        blocks: number of residual blocks of each level; the coarsest level has them once, the others on the way down
+            and on the way up.
+        outputs: number of output channels at full resolution.
     """
 
     def __init__(self, widths: Sequence[int], blocks: Sequence[int], outputs: int) -> None:
@@ -44,7 +46,7 @@ class Decoder(nn.Module):
         return self.outputs(self.features(x))
 
     def features(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """What the U-Net makes of features, before the last convolution."""
+        """Apply the U-Net to features, without the last convolution."""
         skips = []
         for blocks, shrink in zip(self.down, self.shrink, strict=True):
             skips.append(blocks(x))
@@ -55,7 +57,7 @@ class Decoder(nn.Module):
         return x
 
     def outputs(self, features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b o h w"]:
-        """What `features` gave, at full resolution."""
+        """Convert the result of `features` to outputs at full resolution."""
         return pixel_shuffle(self.head(features))
 
 
@@ -64,7 +66,7 @@ def _stack(channels: int, count: int) -> nn.Sequential:
 
 
 def upsample_with_skip(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _"]) -> Float[Tensor, "b c _ _"]:
-    """Features shuffled to twice their resolution, plus the encoder's features of that resolution."""
+    """Pixel-shuffle features to twice their resolution, and add the encoder's features of that resolution."""
     if not (x.dtype == skip.dtype == torch.bfloat16 and can_fuse(x, skip)):
         return skip + F.pixel_shuffle(x, 2)
     from gaussian_enhancer.network.bfloat16_kernels import shuffle_and_add
@@ -76,7 +78,7 @@ def upsample_with_skip(x: Float[Tensor, "b _ h w"], skip: Float[Tensor, "b c _ _
 
 
 def pixel_shuffle(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b o h w"]:
-    """Pixel-shuffle by 2 to planes."""
+    """Pixel-shuffle by 2, from features to planes."""
     if not (x.dtype == torch.bfloat16 and can_fuse(x)):
         return F.pixel_shuffle(x, 2)
     from gaussian_enhancer.network.bfloat16_kernels import shuffle

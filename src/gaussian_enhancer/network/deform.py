@@ -22,36 +22,36 @@ def deformable_sample(
 ) -> Float[Tensor, "b d h w"]:
     """Modulated deformable convolution, stride 1, padding k // 2, zero outside the image.
 
-    y(p) = sum_k W_k m_k(p) x(p + p_k + offset_k(p)), with an own offset and mask per group of channels. Equal to
-    torchvision.ops.deform_conv2d and laid out as it wants: channel 2 (g k^2 + tap) of offset moves along y, the next
-    along x. Positions are computed in single precision at least.
+    y(p) = sum_k W_k m_k(p) x(p + p_k + offset_k(p)), with separate offsets and masks per group of channels. The result
+    and the layout are those of torchvision.ops.deform_conv2d: channel 2 (g k^2 + tap) of offset is the shift along y,
+    the next one along x. Positions are computed at least in single precision.
 
     Args:
         x: features.
         offset: shifts in pixels, 2 g k^2 channels for g groups.
         mask: factor on each tap, g k^2 channels.
-        weight: of the convolution.
-        bias: of the convolution.
+        weight: weight of the convolution.
+        bias: bias of the convolution.
     """
     batch, channels, height, width = x.shape
     side = weight.shape[-1]
     taps, groups = side * side, mask.shape[1] // (side * side)
-    precise = torch.promote_types(x.dtype, torch.float32)
-    offset = offset.to(precise).reshape(batch * groups, taps, 2, height, width)
-    along = torch.arange(side, device=x.device, dtype=precise) - side // 2
-    row = torch.arange(height, device=x.device, dtype=precise)[:, None] + along.repeat_interleave(side)[:, None, None]
-    column = torch.arange(width, device=x.device, dtype=precise) + along.repeat(side)[:, None, None]
+    dtype = torch.promote_types(x.dtype, torch.float32)
+    offset = offset.to(dtype).reshape(batch * groups, taps, 2, height, width)
+    taps_1d = torch.arange(side, device=x.device, dtype=dtype) - side // 2
+    row = torch.arange(height, device=x.device, dtype=dtype)[:, None] + taps_1d.repeat_interleave(side)[:, None, None]
+    column = torch.arange(width, device=x.device, dtype=dtype) + taps_1d.repeat(side)[:, None, None]
     grid = torch.stack(
         [(2 * (offset[:, :, 1] + column) + 1) / width - 1, (2 * (offset[:, :, 0] + row) + 1) / height - 1], dim=-1
     )
     with torch.autocast(x.device.type, enabled=False):
         samples = F.grid_sample(
-            x.to(precise).reshape(batch * groups, channels // groups, height, width),
+            x.to(dtype).reshape(batch * groups, channels // groups, height, width),
             grid.view(batch * groups, taps * height, width, 2),
             align_corners=False,
         )
     samples = samples.view(batch, groups, channels // groups, taps, height, width)
-    samples = samples * mask.to(precise).reshape(batch, groups, 1, taps, height, width)
+    samples = samples * mask.to(dtype).reshape(batch, groups, 1, taps, height, width)
     samples = samples.reshape(batch, channels * taps, height, width).to(x.dtype)
     return F.conv2d(samples, weight.reshape(weight.shape[0], -1, 1, 1), bias)
 
@@ -59,16 +59,16 @@ def deformable_sample(
 class Deformation(nn.Module):
     """Samples each reference's features at offsets predicted from the target's features.
 
-    Offsets are reach x tanh(.) (BasicVSR++'s remedy against runaway offsets, Chan et al., CVPR 2022) and masks
-    2 x sigmoid(.), both from a zero-initialised convolution: at initialisation a plain convolution. They are predicted
-    at half the features' resolution, which widens what is looked at and costs a quarter.
+    Offsets are reach x tanh(.) (BasicVSR++'s remedy against diverging offsets, Chan et al., CVPR 2022), and masks are
+    2 x sigmoid(.). Both come from a zero-initialised convolution, so that the module starts as a plain convolution.
+    They are predicted at half the features' resolution, which enlarges the receptive field at a quarter of the cost.
 
     Args:
-        channels: of the features.
-        kernel: side of the sampled neighbourhood, odd; 1 moves features without mixing them.
-        groups: groups of channels that move together.
-        reach: largest offset in pixels of the features; None leaves offsets unbounded, as DCNv2 does.
-        width: channels that are sampled, a multiple of groups; fewer are faster, None means all.
+        channels: number of feature channels.
+        kernel: side of the sampled neighbourhood, odd; 1 moves features without mixing neighbours.
+        groups: number of channel groups; the channels of a group share offsets.
+        reach: largest offset in pixels of the features; None leaves offsets unbounded, as in DCNv2.
+        width: number of sampled channels, a multiple of groups; fewer are faster, None means all.
     """
 
     def __init__(
@@ -91,20 +91,20 @@ class Deformation(nn.Module):
         self, references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]
     ) -> Float[Tensor, "b r c h w"]:
         """Align references' features to the target's; height and width are even."""
-        each = references.flatten(0, 1)
-        x = F.relu(self.compare(torch.cat([each, target.repeat_interleave(references.shape[1], dim=0)], dim=1)))
+        flat = references.flatten(0, 1)
+        x = F.relu(self.compare(torch.cat([flat, target.repeat_interleave(references.shape[1], dim=0)], dim=1)))
         x = self.predict(F.relu(self.widen(x)))
         x = F.interpolate(single_precision(x), scale_factor=2, mode="bilinear", align_corners=False)
         split = 2 * self.groups * self.kernel**2
         offset, mask = x[:, :split], 2 * torch.sigmoid(x[:, split:])
         if self.reach is not None:
             offset = self.reach * torch.tanh(offset)
-        aligned = deformable_sample(self.narrow(each), offset, mask, self.mix.weight, self.mix.bias)
+        aligned = deformable_sample(self.narrow(flat), offset, mask, self.mix.weight, self.mix.bias)
         return aligned.unflatten(0, references.shape[:2])
 
 
 class Unmoved(nn.Module):
-    """No learned alignment: references' features as they are."""
+    """No learned alignment: the references' features are unchanged."""
 
     def forward(
         self, references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]
@@ -123,7 +123,7 @@ class Deformable:
     width: int | None = None
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return Deformation(channels, self.kernel, self.groups, self.reach, self.width)
 
 
@@ -132,5 +132,5 @@ class Unrefined:
     """Choice of no learned alignment."""
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return Unmoved()

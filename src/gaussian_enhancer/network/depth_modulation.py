@@ -1,4 +1,4 @@
-"""Depth modulation: features scaled and shifted by functions of depth.
+"""Depth modulation: features are scaled and shifted by functions of depth.
 
 Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
 """
@@ -22,8 +22,8 @@ class DepthModulation(nn.Module):
     """E = S(H, D) = H (1 + a(D)) + b(D), with a and b zero at initialisation and wherever there is no depth.
 
     Args:
-        channels: of the features that are modulated.
-        width: channels within the depth branch.
+        channels: number of modulated feature channels.
+        width: number of channels of the depth branch.
     """
 
     def __init__(self, channels: int, width: int = 24) -> None:
@@ -44,7 +44,7 @@ class DepthModulation(nn.Module):
 
         Args:
             features: fused features.
-            depth: z in scene units at full resolution; None changes nothing.
+            depth: z in scene units at full resolution; None returns the features unchanged.
             unit: the length that counts as 1; None means the median depth.
         """
         if depth is None:
@@ -62,7 +62,7 @@ class DepthModulation(nn.Module):
     def _modulate_compiled(
         self, features: Float[Tensor, "1 c i j"], depth: Float[Tensor, "1 1 h w"], unit: float
     ) -> Float[Tensor, "1 c i j"]:
-        """The same for one image where inference is `can_fuse`."""
+        """Compiled version of `forward` for one image, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import modulate, pack_depth
 
         size = features.shape[-2:]
@@ -92,12 +92,12 @@ class Unmodulation(nn.Module):
 
 @dataclass(frozen=True)
 class DepthModulated:
-    """Choice of modulation by depth; see `DepthModulation`."""
+    """Choice of depth modulation; see `DepthModulation`."""
 
     width: int = 24
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return DepthModulation(channels, self.width)
 
 
@@ -106,5 +106,5 @@ class Unmodulated:
     """Choice of no depth modulation."""
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return Unmodulation()

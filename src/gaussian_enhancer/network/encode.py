@@ -1,4 +1,4 @@
-"""Images to features at half resolution.
+"""Encoder from images to features at half resolution.
 
 Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
 """
@@ -14,12 +14,12 @@ from gaussian_enhancer.network.halving import pixel_unshuffle
 
 
 class Encoder(nn.Module):
-    """F[image]: pixel-unshuffle by 2, so that no detail is lost, a convolution and blocks.
+    """F[image]: a pixel-unshuffle by 2, which loses no detail, a convolution and residual blocks.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
         blocks: number of residual blocks.
-        planes: channels that are read: colours and mask, and what else an image comes with.
+        planes: number of input channels: colours, mask and further planes.
     """
 
     def __init__(self, channels: int, blocks: int = 1, planes: int = 4) -> None:
@@ -34,22 +34,22 @@ class Encoder(nn.Module):
         mask: Float[Tensor, "b 1 h w"],
         further: Float[Tensor, "b _ h w"] | None = None,
     ) -> Float[Tensor, "b c i j"]:
-        """Encode an image and how far each pixel of it counts.
+        """Encode an image with the weight of each pixel.
 
         Args:
             image: colours in [0, 1].
             mask: opacity of a render or visibility of a reference, in [0, 1].
-            further: what else is known of each pixel.
+            further: additional planes of the image.
         """
         if further is None and can_fuse(image, mask):
             return self.features(pack_input(image, mask, -0.5))
         planes = [image - 0.5, mask] + ([] if further is None else [further])
-        if torch.is_autocast_enabled(image.device.type):  # what the stem would do, at the size that it reads
+        if torch.is_autocast_enabled(image.device.type):  # the stem's cast, done earlier to halve the copies
             planes = [plane.to(torch.get_autocast_dtype(image.device.type)) for plane in planes]
         return self.features(pixel_unshuffle(torch.cat(planes, dim=1)))
 
     def features(self, planes: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b c i j"]:
-        """Encode planes whose squares of 2x2 pixels are channels."""
+        """Encode planes that are already pixel-unshuffled by 2."""
         encoded: Tensor = self.blocks(self.stem(planes))
         return encoded
 
@@ -57,7 +57,7 @@ class Encoder(nn.Module):
 def pack_input(
     image: Float[Tensor, "b c h w"], mask: Float[Tensor, "b 1 h w"], shift: float = 0.0
 ) -> Float[Tensor, "b _ i j"]:
-    """The pixel-unshuffled bfloat16 of an image plus a shift, and of a mask, where inference is `can_fuse`."""
+    """Pixel-unshuffle an image plus a shift, and a mask, to bfloat16, where `can_fuse` holds."""
     from gaussian_enhancer.network.bfloat16_kernels import pack_planes
 
     batch, channels, height, width = image.shape

@@ -18,28 +18,29 @@ from gaussian_enhancer.network.fused_convolution import convolution
 from gaussian_enhancer.types import single_precision
 
 LIMIT = 6.0
-"""Of a logit's magnitude, so that no reference outweighs the render completely."""
+"""Largest magnitude of a logit, so that no reference outweighs the render completely."""
 
 
 ZERO_INITIALISED = ("pooled",)
-"""Options of fusions that add a part which changes nothing before it is trained."""
+"""Options of fusions that add a module which has no effect at initialisation."""
 
 
 class TrustFusion(nn.Module):
-    """Per-pixel softmax weights over render and references; the weighted values are added to the target.
+    """Per-pixel softmax weights over render and references; the weighted sum of values is added to the target.
 
-    w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i), where v is
-    visibility and l comes from comparing each reference with the target. A reference of visibility 0 changes nothing,
-    and the references' order does not matter. Logits are bounded, so that no reference outweighs the render completely.
+    w_i = v_i exp(l_i) / (exp(l_0) + sum_j v_j exp(l_j)), fused = target + project(sum_i w_i value_i). Here v is
+    visibility, and l is predicted by comparing each reference with the target; l_0 = 0. A reference with visibility 0
+    has no effect, and the order of references does not matter. Logits are bounded, so that no reference outweighs the
+    render completely.
 
-    With pooling, l and the values also see the references' mean features, weighted by visibility, and how many there
-    are: references that agree with each other and not with the render are right where the render is wrong (the pooled
-    statistics of IBRNet, Wang et al., CVPR 2021). Pooling contributes nothing at initialisation.
+    With pooling, l and the values also depend on the references' mean features, weighted by visibility, and on the
+    number of references: references that agree with each other but not with the render are right where the render is
+    wrong (the pooled statistics of IBRNet, Wang et al., CVPR 2021). Pooling has no effect at initialisation.
 
     Args:
-        channels: of the features.
-        heads: groups of channels, each with its own weights.
-        pooled: compare each reference with the mean of all references, too.
+        channels: number of feature channels.
+        heads: number of channel groups, each with its own weights.
+        pooled: also compare each reference with the mean of all references.
     """
 
     def __init__(self, channels: int, heads: int = 4, pooled: bool = False) -> None:
@@ -60,7 +61,7 @@ class TrustFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse; also return each reference's weight at each pixel."""
+        """Fuse features; also return each reference's weight at each pixel."""
         batch, count = references.shape[:2]
         if count == 0:
             return target + self.project(torch.zeros_like(target)), visibility
@@ -72,7 +73,7 @@ class TrustFusion(nn.Module):
         scores = single_precision(visibility) * torch.exp(logits).unflatten(0, (batch, count))
         weights = scores / (1 + scores.sum(1, keepdim=True))
         values = self.value(compared).unflatten(0, (batch, count)).unflatten(2, (self.heads, -1))
-        # Reference by reference, so that nothing of all references' size is made of what is added up at once.
+        # Summed over one reference at a time, to avoid a tensor of all references' products.
         shares = weights.to(values.dtype)[:, :, :, None]
         fused_values = sum((shares[:, i] * values[:, i] for i in range(1, count)), start=shares[:, 0] * values[:, 0])
         return target + self.project(fused_values.flatten(1, 2)), weights.mean(2, keepdim=True)
@@ -83,9 +84,9 @@ class TrustFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> Float[Tensor, "n c h w"]:
-        """relu(`compare`) of each reference with the target, and the pooled references, beside it.
+        """relu(`compare`) of each reference with the target and, if there is pooling, with the pooled references.
 
-        The parts of the target and of the pooled references are computed once for all references.
+        The contributions of the target and of the pooled references are computed once for all references.
         """
         batch, count, channels = references.shape[:3]
         weight, bias = self.compare.weight, self.compare.bias
@@ -103,12 +104,14 @@ class TrustFusion(nn.Module):
     def _weighted_sum(
         self, logits: Float[Tensor, "n k h w"], values: Float[Tensor, "n c h w"], visibility: Float[Tensor, "b r 1 h w"]
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Weighted sum of the references' values, and the mean weight of each, where inference is `can_fuse`."""
+        """Weighted sum of the references' values, and the mean weight of each reference, where `can_fuse` holds."""
         from gaussian_enhancer.network.bfloat16_kernels import weigh
 
-        pairs, trust = visibility.shape[:2], torch.empty_like(visibility, memory_format=torch.contiguous_format)
-        fused_values = empty_features(pairs[0], *values.shape[1:])
-        inputs = (kernel_words(one).reshape(*pairs, *one.shape[-2:], -1) for one in (logits, values))
+        leading_shape, trust = visibility.shape[:2], torch.empty_like(visibility, memory_format=torch.contiguous_format)
+        fused_values = empty_features(leading_shape[0], *values.shape[1:])
+        inputs = (
+            kernel_words(features).reshape(*leading_shape, *features.shape[-2:], -1) for features in (logits, values)
+        )
         with kernel_lock:
             weigh(
                 *inputs,
@@ -121,7 +124,7 @@ class TrustFusion(nn.Module):
 
 
 def _add_and_rectify(references: Float[Tensor, "b r c h w"], target: Float[Tensor, "b c h w"]) -> None:
-    """relu(references + target), written over references, in one pass over memory; both are channels-last."""
+    """Write relu(references + target) to references, in place and in one pass over memory; both are channels-last."""
     from gaussian_enhancer.network.bfloat16_kernels import add_and_rectify
 
     reference_words = references.permute(0, 1, 3, 4, 2).view(torch.int16).numpy().view(np.uint16)
@@ -132,13 +135,13 @@ def _add_and_rectify(references: Float[Tensor, "b r c h w"], target: Float[Tenso
 def _pool_references(
     references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
 ) -> Float[Tensor, "b _ h w"]:
-    """Mean features of the references, weighted by visibility, and a third of the sum of visibilities as a channel."""
+    """Mean features of the references, weighted by visibility, with the sum of visibilities / 3 as further channel."""
     if references.dtype == torch.bfloat16 and can_fuse(references, visibility):
         return _pooled_compiled(references, visibility)
     visibility = visibility.to(references.dtype)
     total = visibility.sum(1)
     weighted = references[:, 0] * visibility[:, 0]
-    for i in range(1, references.shape[1]):  # one by one: a product of all would be written and read once more
+    for i in range(1, references.shape[1]):  # one reference at a time, to avoid a tensor of all products
         weighted = torch.addcmul(weighted, references[:, i], visibility[:, i])
     return torch.cat([weighted / total.clamp_min(1e-3), total / 3], dim=1)
 
@@ -146,7 +149,7 @@ def _pool_references(
 def _pooled_compiled(
     references: Float[Tensor, "b r c h w"], visibility: Float[Tensor, "b r 1 h w"]
 ) -> Float[Tensor, "b _ h w"]:
-    """The same in one pass over memory, where inference is `can_fuse`."""
+    """Compiled version of `_pool_references`, in one pass over memory, where `can_fuse` holds."""
     from gaussian_enhancer.network.bfloat16_kernels import pool
 
     batch, count, channels, height, width = references.shape
@@ -158,10 +161,10 @@ def _pooled_compiled(
 
 
 class MeanFusion(nn.Module):
-    """Mean of the references weighted by visibility, joined to the target by a convolution.
+    """Mean of the references weighted by visibility, fused with the target by a convolution.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
     """
 
     def __init__(self, channels: int) -> None:
@@ -174,7 +177,7 @@ class MeanFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse; also return each reference's share at each pixel."""
+        """Fuse features; also return each reference's weight at each pixel."""
         weights = visibility / visibility.sum(1, keepdim=True).clamp_min(1)
         mean = (weights.to(references.dtype) * references).sum(1)
         return target + self.join(torch.cat([target, mean], dim=1)), weights
@@ -183,10 +186,10 @@ class MeanFusion(nn.Module):
 class PairFusion(nn.Module):
     """The paper's fusion: a convolution over the features of the target and of exactly two references.
 
-    fused = join(target, reference_1, reference_2), in this order; a missing reference is zero.
+    fused = join(target, reference_1, reference_2), in this order; a missing reference is replaced by zeros.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
     """
 
     def __init__(self, channels: int) -> None:
@@ -199,7 +202,7 @@ class PairFusion(nn.Module):
         references: Float[Tensor, "b r c h w"],
         visibility: Float[Tensor, "b r 1 h w"],
     ) -> tuple[Float[Tensor, "b c h w"], Float[Tensor, "b r 1 h w"]]:
-        """Fuse; also return each reference's visibility.
+        """Fuse features; also return each reference's visibility.
 
         Raises:
             InputError: there are more than two references.
@@ -207,9 +210,9 @@ class PairFusion(nn.Module):
         count = references.shape[1]
         if count > 2:
             raise InputError("references", f"are {count} for a fusion of two", "ask for 2, or choose another fusion")
-        seen = [references[:, i] * visibility[:, i].to(references.dtype) for i in range(count)]
-        seen += [torch.zeros_like(target)] * (2 - count)
-        return self.join(torch.cat([target, *seen], dim=1)), visibility
+        masked = [references[:, i] * visibility[:, i].to(references.dtype) for i in range(count)]
+        masked += [torch.zeros_like(target)] * (2 - count)
+        return self.join(torch.cat([target, *masked], dim=1)), visibility
 
 
 @dataclass(frozen=True)
@@ -220,16 +223,16 @@ class Trust:
     pooled: bool = False
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return TrustFusion(channels, self.heads, self.pooled)
 
 
 @dataclass(frozen=True)
 class Mean:
-    """Choice of fusion by visibility alone; see `MeanFusion`."""
+    """Choice of fusion by visibility only; see `MeanFusion`."""
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return MeanFusion(channels)
 
 
@@ -238,5 +241,5 @@ class Pair:
     """Choice of fusion of exactly two references in a fixed order; see `PairFusion`."""
 
     def build(self, channels: int) -> nn.Module:
-        """The module for features of so many channels."""
+        """Build the module for features with this number of channels."""
         return PairFusion(channels)

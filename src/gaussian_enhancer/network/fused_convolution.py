@@ -1,4 +1,4 @@
-"""Convolutions fused with a scale per channel, a sum and an activation in one pass over memory.
+"""Convolutions fused with a per-channel scale, a sum and an activation in one pass over memory.
 
 Axes: b batch, c input channels, d output channels, h height, w width.
 """
@@ -23,14 +23,14 @@ def convolution(
 ) -> Float[Tensor, "b d _ _"]:
     """relu(plus + scale * layer(x)); each part is optional.
 
-    Where `can_fuse`, oneDNN does all of it while it writes the result, and the scale goes into the weights.
+    Where `can_fuse` holds, oneDNN does all of this while it writes the result, and the scale is applied to the weights.
 
     Args:
         x: features.
         layer: the convolution.
-        scale: of each output channel.
-        plus: what is added.
-        relu: whether negative values become 0.
+        scale: factor of each output channel.
+        plus: summand.
+        relu: whether to apply a ReLU.
     """
     if _ONEDNN is not None and x.dtype == torch.bfloat16 and can_fuse(x, plus):
         return _convolve_fused(x, layer, scale, plus, relu)
@@ -43,7 +43,7 @@ def convolution(
 
 
 def _convolve_fused(x: Tensor, layer: nn.Conv2d, scale: Tensor | None, plus: Tensor | None, relu: bool) -> Tensor:
-    """The same by one operation of oneDNN."""
+    """Compute `convolution` with one oneDNN operation."""
     weight, bias = layer.weight, layer.bias
     if scale is not None:
         weight, bias = weight * scale[:, None], None if bias is None else bias * scale[:, 0, 0]
@@ -58,7 +58,7 @@ def _convolve_fused(x: Tensor, layer: nn.Conv2d, scale: Tensor | None, plus: Ten
 
 
 def _operation() -> Any:
-    """Torch's entry to oneDNN's convolutions with post-operations, which its compiler uses; None in builds without."""
+    """Torch's entry point to oneDNN's convolutions with post-operations, which its compiler uses; None if missing."""
     if not torch.backends.mkldnn.is_available():
         return None
     try:

@@ -1,4 +1,4 @@
-"""Halving an image's resolution, by rearranging its pixels or by averaging them, in few passes over memory.
+"""Halving of an image's resolution, by pixel-unshuffle or by averaging, in few passes over memory.
 
 Axes: b batch, c channels, h height, w width (both even), i = h / 2, j = w / 2.
 """
@@ -9,17 +9,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 WORDS = {2: torch.int32, 4: torch.int64}
-"""Integers that hold two pixels, by the bytes of one."""
+"""Integer types that hold two pixels, by the number of bytes of one pixel."""
 
 
 def pixel_unshuffle(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j"]:
-    """Pixel-unshuffle by 2: squares of pixels become channels.
+    """Pixel-unshuffle by 2: squares of 2x2 pixels become channels.
 
-    Bit for bit `torch.nn.functional.pixel_unshuffle`. On processors the result lies in channels-last memory, as the
-    convolution after it wants it, and two pixels are moved at a time.
+    Bit-identical to `torch.nn.functional.pixel_unshuffle`. On the CPU the result is in channels-last memory, the
+    format of the following convolution, and two pixels are moved at a time.
 
     Args:
-        image: of even sides.
+        image: image with even sides.
     """
     word = WORDS.get(image.element_size())
     plain = image.device.type != "cpu" or image.requires_grad or torch.compiler.is_compiling()
@@ -34,10 +34,10 @@ def pixel_unshuffle(image: Float[Tensor, "b c h w"]) -> Float[Tensor, "b 4*c i j
 
 
 def halve(image: Float[Tensor, "*b h w"]) -> Float[Tensor, "*b i j"]:
-    """Means over squares of 2x2 pixels; rows, which are contiguous in memory, are added first.
+    """Means over squares of 2x2 pixels; rows are added first, since they are contiguous in memory.
 
     Args:
-        image: of even sides.
+        image: image with even sides.
     """
     rows = image[..., 0::2, :] + image[..., 1::2, :]
     return (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)

@@ -1,4 +1,4 @@
-"""Output head: from decoded values to the enhanced image.
+"""Output head: converts decoded values to the enhanced image.
 
 Axes: b batch, r references, h height, w width, i = h / 2, j = w / 2.
 """
@@ -20,11 +20,11 @@ OUTPUTS = 6
 
 @runtime_checkable
 class Output(Protocol):
-    """A frozen dataclass that selects the output head; decoded values of zero give the render."""
+    """A frozen dataclass that selects the output head. If all decoded values are zero, the result is the render."""
 
     @property
     def outputs(self) -> int:
-        """Channels that are decoded."""
+        """Number of decoded channels."""
         ...
 
     def __call__(
@@ -39,14 +39,15 @@ def compose(
 ) -> Float[Tensor, "b 3 h w"]:
     """Render + confidence x residual + sum_i trust_i (g (photo_i - render) + k (photo_i - render_i)).
 
-    render_i is the splat's own render of reference i's view. The last term adds the splat's error as seen from a
-    training camera. Unlike the term before it, which copies the photo's pixels, it tolerates a shift of exposure and,
-    on smooth surfaces, misalignment. All zero decoded values give the render bit for bit.
+    render_i is the splat's own render of reference i's view. The last term adds the splat's error as observed from a
+    training camera. In contrast to the second term, which copies the photo's pixels, it tolerates a difference in
+    exposure and, on smooth surfaces, misalignment. If all decoded values are zero, the result is the render, bit for
+    bit.
 
     Args:
         decoded: residual (3), confidence before its sigmoid, g and k.
         views: render and references.
-        trust: how far each reference is trusted, at half resolution.
+        trust: weight of each reference, at half resolution.
     """
     render, visibility = views.render, views.visibility
     images = decoded, render, views.references, visibility, views.reference_renders, trust
@@ -58,22 +59,22 @@ def compose(
         return enhanced
     weight = F.interpolate(trust.flatten(0, 1).to(render.dtype), scale_factor=2, mode="bilinear")
     weight = weight.unflatten(0, visibility.shape[:2]) * (visibility > 0)
-    # One by one, since images of all references at once would be read from memory again; g and k are the same for all.
-    photos = weight[:, 0] * views.references[:, 0]
+    # One reference at a time, to avoid tensors of all references in memory; g and k are the same for all references.
+    weighted_sum = weight[:, 0] * views.references[:, 0]
     for i in range(1, visibility.shape[1]):
-        photos = torch.addcmul(photos, weight[:, i], views.references[:, i])
-    enhanced = enhanced + decoded[:, 4:5] * torch.addcmul(photos, weight.sum(1), render, value=-1)
+        weighted_sum = torch.addcmul(weighted_sum, weight[:, i], views.references[:, i])
+    enhanced = enhanced + decoded[:, 4:5] * torch.addcmul(weighted_sum, weight.sum(1), render, value=-1)
     if views.reference_renders is None:
         return enhanced
     for i in range(visibility.shape[1]):
-        photos = torch.addcmul(photos, weight[:, i], views.reference_renders[:, i], value=-1)
-    return enhanced + decoded[:, 5:6] * photos
+        weighted_sum = torch.addcmul(weighted_sum, weight[:, i], views.reference_renders[:, i], value=-1)
+    return enhanced + decoded[:, 5:6] * weighted_sum
 
 
 def _compose_compiled(
     decoded: Float[Tensor, "b 6 h w"], views: NetworkInput, trust: Float[Tensor, "b r 1 i j"]
 ) -> Float[Tensor, "b 3 h w"]:
-    """The same in one pass over memory, where inference is `can_fuse` and there is a reference."""
+    """Compiled version of `compose` in one pass over memory, where `can_fuse` holds and there is a reference."""
     from gaussian_enhancer.network.bfloat16_kernels import compose as kernel
 
     result = torch.empty_like(views.render, memory_format=torch.contiguous_format)
@@ -82,14 +83,14 @@ def _compose_compiled(
     words = decoded.contiguous().view(torch.int16).numpy().view(np.uint16)
     with kernel_lock:
         for b, image in enumerate(result):
-            inputs = (plane(one[b]) for one in (views.render, views.references, renders, views.visibility))
+            inputs = (plane(images[b]) for images in (views.render, views.references, renders, views.visibility))
             kernel(words[b], *inputs, plane(trust[b, :, 0]), np.float32(has_renders), image.numpy())
     return result
 
 
 @dataclass(frozen=True)
 class Gated:
-    """Choice of an output with confidence and with the references' pixels; see `compose`."""
+    """Choice of an output with confidence and with pixels of the references; see `compose`."""
 
     outputs: ClassVar[int] = OUTPUTS
 
@@ -102,7 +103,7 @@ class Gated:
 
 @dataclass(frozen=True)
 class Residual:
-    """Choice of a residual alone, render + residual, as in the paper."""
+    """Choice of an output with the residual only, render + residual, as in the paper."""
 
     outputs: ClassVar[int] = 3
 

@@ -1,4 +1,4 @@
-"""Padding, downscaling and upsampling of network inputs.
+"""Padding, averaging and upsampling of network inputs.
 
 Axes: b batch, h height, w width.
 """
@@ -16,31 +16,31 @@ from gaussian_enhancer.types import NetworkInput, usable_depth
 
 
 def pad_to_stride(views: NetworkInput, stride: int) -> NetworkInput:
-    """Views whose last row and column are repeated until both sides are multiples of a stride."""
+    """Replicate the last row and column until both sides are multiples of a stride."""
     height, width = views.render.shape[-2:]
     bottom, right = -height % stride, -width % stride
     if bottom == 0 and right == 0:
         return views
 
     def grown(image: Tensor, finer: int) -> Tensor:
-        below, beside = finer * bottom, finer * right
+        bottom_margin, right_margin = finer * bottom, finer * right
         flat = image.reshape(-1, *image.shape[-3:])
         if flat.shape[0] == 0:
-            return image.new_zeros(*image.shape[:-2], image.shape[-2] + below, image.shape[-1] + beside)
-        flat = F.pad(flat, (0, beside, 0, below), mode="replicate")
+            return image.new_zeros(*image.shape[:-2], image.shape[-2] + bottom_margin, image.shape[-1] + right_margin)
+        flat = F.pad(flat, (0, right_margin, 0, bottom_margin), mode="replicate")
         return flat.reshape(*image.shape[:-2], *flat.shape[-2:])
 
     return views.map_images(grown)
 
 
 def average_views(views: NetworkInput, factor: int) -> NetworkInput:
-    """Views averaged over squares of pixels; sides are multiples of the factor.
+    """Average all images over squares of pixels; sides are multiples of the factor.
 
-    References and their renders are averaged by visibility, depth as inverse depth where it is known. The unit of
-    depth stays that of the full size.
+    References and their renders are averaged with visibility as weight, depth as inverse depth over usable pixels. The
+    depth unit remains that of the full size.
 
     Args:
-        views: at full size.
+        views: network input at full size.
         factor: side of the squares in pixels.
     """
     if factor == 1:
@@ -69,11 +69,11 @@ def average_views(views: NetworkInput, factor: int) -> NetworkInput:
 
 
 def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, NetworkInput, NetworkInput]:
-    """Views at 1/4, 1/2 and 1 of their size.
+    """Network inputs at 1/4, 1/2 and 1 of their size.
 
     Args:
-        views: at full size.
-        stride: what both sides are padded to a multiple of, itself a multiple of 4.
+        views: network input at full size.
+        stride: both sides are padded to a multiple of this number, which is itself a multiple of 4.
     """
     whole = pad_to_stride(views, stride)
     half = average_views(whole, 2)
@@ -81,7 +81,7 @@ def three_scales(views: NetworkInput, stride: int) -> tuple[NetworkInput, Networ
 
 
 def upsample_bicubic(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
-    """The image on a grid that is finer by a whole factor, bicubically; not clamped."""
+    """Upsample an image bicubically by an integer factor, without clamping."""
     if scale == 1:
         return image
     if scale in (2, 4) and image.dtype == torch.float32 and can_use_kernels(image):
@@ -90,7 +90,7 @@ def upsample_bicubic(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tenso
 
 
 def _upsample_compiled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Tensor, "b c H W"]:
-    """The same by a compiled kernel, axis by axis."""
+    """Compiled version of `upsample_bicubic`, one axis after the other."""
     from gaussian_enhancer.network.ssif_sr_kernels import upsample
 
     height, width = image.shape[-2:]
@@ -102,14 +102,14 @@ def _upsample_compiled(image: Float[Tensor, "b c h w"], scale: int) -> Float[Ten
 
 
 def _cubic_phases(scale: int) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of the four pixels around each phase of a fine pixel, and where they begin (Keys, 1981, a = -0.75)."""
+    """Weights of four pixels for each phase of a fine pixel, and offsets of the first one (Keys, 1981, a = -0.75)."""
     position = (np.arange(scale) + 0.5) / scale - 0.5
-    before = np.floor(position)
-    distance = np.abs(np.arange(-1, 3) - (position - before)[:, None])
+    floor = np.floor(position)
+    distance = np.abs(np.arange(-1, 3) - (position - floor)[:, None])
     a = -0.75
     near = ((a + 2) * distance - (a + 3)) * distance**2 + 1
     far = ((a * distance - 5 * a) * distance + 8 * a) * distance - 4 * a
-    return np.where(distance <= 1, near, far).astype(np.float32), before.astype(np.int64) - 1
+    return np.where(distance <= 1, near, far).astype(np.float32), floor.astype(np.int64) - 1
 
 
 def _average(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
@@ -125,7 +125,7 @@ def _average(image: Tensor, factor: int, size: tuple[int, ...]) -> Tensor:
 def _shrunk_references(
     views: NetworkInput, factor: int, size: tuple[int, ...]
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
-    """References and their renders, averaged by visibility, and the mean visibility."""
+    """References and their renders, averaged with visibility as weight, and the mean visibility."""
     images = views.references, views.reference_renders, views.visibility
     if factor == 2 and can_fuse(*images):
         return _halved_references(*images)
@@ -143,13 +143,14 @@ def _halved_references(
     renders: Float[Tensor, "b r 3 h w"] | None,
     visibility: Float[Tensor, "b r 1 h w"],
 ) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 3 _ _"] | None, Float[Tensor, "b r 1 _ _"]]:
-    """The same for a factor of 2 in one pass over memory, where inference is `can_fuse`."""
+    """Compiled version of `_shrunk_references` for a factor of 2, in one pass over memory, where `can_fuse` holds."""
     from gaussian_enhancer.network.bfloat16_kernels import shrink
 
-    inputs = [plane(one.flatten(0, 1)) for one in (photos, photos if renders is None else renders, visibility)]
-    small = [
-        torch.empty(*one.shape[:-2], one.shape[-2] // 2, one.shape[-1] // 2) for one in (photos, photos, visibility)
+    inputs = [plane(image.flatten(0, 1)) for image in (photos, photos if renders is None else renders, visibility)]
+    halved = [
+        torch.empty(*image.shape[:-2], image.shape[-2] // 2, image.shape[-1] // 2)
+        for image in (photos, photos, visibility)
     ]
     with kernel_lock:
-        shrink(*inputs, np.float32(renders is not None), *(one.flatten(0, 1).numpy() for one in small))
-    return small[0], None if renders is None else small[1], small[2]
+        shrink(*inputs, np.float32(renders is not None), *(image.flatten(0, 1).numpy() for image in halved))
+    return halved[0], None if renders is None else halved[1], halved[2]

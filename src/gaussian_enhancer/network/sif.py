@@ -22,19 +22,19 @@ from gaussian_enhancer.types import NetworkInput
 class SIF(CachesReferences):
     """Enhanced = compose(decode(gather(views))): one fusion at one scale.
 
-    Residual and gates are zero at initialisation: the untrained network returns the render bit for bit.
-    GaussianEnhancer's SIF, with a decoder after NAFNet, trust in place of a convolution over a fixed pair of
-    references, and terms that hand on references' pixels without encoding them (`compose`).
+    Residual and gates are zero at initialisation: the untrained network returns the render bit for bit. It is
+    GaussianEnhancer's SIF with a decoder like NAFNet's, with trust in place of a convolution over a fixed pair of
+    references, and with terms that pass the references' pixels to the output without encoding them (`compose`).
 
     Args:
         widths: channels at 1/2, 1/4, 1/8, ... of the resolution.
-        blocks: residual blocks at each of these levels.
-        encoder_blocks: residual blocks of the encoders.
+        blocks: number of residual blocks at each of these levels.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: learned alignment of the references' features.
-        fusion: how references join the target.
-        modulation: how depth acts.
-        output: how decoded values become an image.
-        reference_renders: read the splat's renders of the references' views, where they are known.
+        fusion: fusion of references with the target.
+        modulation: modulation of the fused features by depth.
+        output: output head.
+        reference_renders: use the splat's renders of the references' views if they are known.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class SIF(CachesReferences):
         self.output = output
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c i j"], ...]:
-        """Features of the references, for `forward` to use again with other targets where they are not warped."""
+        """Features of the references; `forward` can reuse them for other targets if references are not warped."""
         return (self.gather.encode(pad_to_stride(views, self.stride)),)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 h w"], ...]:
-        """The enhanced image alone: there is one scale. Any number of references is taken, none included."""
+        """The enhanced image, as the only scale. Any number of references is accepted, including none."""
         height, width = views.render.shape[-2:]
         views = pad_to_stride(views, self.stride)
         features, trust = self.gather(views, None if encoded is None else encoded[0])

@@ -28,23 +28,24 @@ FACTORS = (4, 2, 1)
 class SSIFLR(CachesReferences):
     """GaussianEnhancer++'s SSIF-LR (algorithm 3), coarse to fine.
 
-    At each scale T = output(decode(gather(views))). At 1/4, references are aligned once more, to T in place of the
+    At each scale T = output(decode(gather(views))). At 1/4, references are aligned again, to T in place of the
     render: E = output(settle(gather(T))). E(1/2) = combine(T(1/2), E(1/4)), E(1) = combine(T(1), E(1/4), E(1/2)).
-    Untrained, every scale returns its render. What differs from the paper: `gather`'s ways of fusing, `compose`'s
-    terms, and that coarser scales pass on their change and features, not their image.
+    Untrained, every scale returns its render. Differences from the paper: the fusions of `gather`, the terms of
+    `compose`, and that coarser scales pass on their change and features instead of their image.
 
     Args:
-        widths: channels at 1/2, 1/4, 1/8, ... of the resolution of the finest scale's decoder; those of the coarser
-            scales, whose images are small already, end at the second level.
-        blocks: residual blocks at each of these levels; half as many, rounded up, in the coarser scales' decoders.
-        encoder_blocks: residual blocks of the encoders.
+        widths: channels at 1/2, 1/4, 1/8, ... of the resolution in the finest scale's decoder. The decoders of the
+            coarser scales, whose images are small, have the first two levels only.
+        blocks: number of residual blocks at each of these levels; half as many, rounded up, in the coarser scales'
+            decoders.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: learned alignment of the references' features.
-        fusion: how references join the target.
-        modulation: how depth acts.
-        combine: how scales are joined.
-        output: how decoded values become an image.
-        reference_renders: read the splat's renders of the references' views, where they are known.
-        share: gather by the same weights at all scales.
+        fusion: fusion of references with the target.
+        modulation: modulation of the fused features by depth.
+        combine: combination of scales.
+        output: output head.
+        reference_renders: use the splat's renders of the references' views if they are known.
+        share: use the same weights of `gather` at all scales.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class SSIFLR(CachesReferences):
         self.describe(locals())
         widths, blocks = [int(c) for c in widths], [int(n) for n in blocks]
         self.output = output
-        fewer = [(n + 1) // 2 for n in blocks[:2]]
+        coarse_blocks = [(n + 1) // 2 for n in blocks[:2]]
         self.stride = max(4 * FACTORS[0], 2 ** len(widths))
         self.gather = nn.ModuleList(
             Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
@@ -73,8 +74,8 @@ class SSIFLR(CachesReferences):
         passed_on = output.outputs + combine.handed
         self.decode = nn.ModuleList(
             [
-                Decoder(widths[:2], fewer, output.outputs),
-                Decoder(widths[:2], fewer, passed_on),
+                Decoder(widths[:2], coarse_blocks, output.outputs),
+                Decoder(widths[:2], coarse_blocks, passed_on),
                 Decoder(widths, blocks, output.outputs),
             ]
         )
@@ -82,7 +83,7 @@ class SSIFLR(CachesReferences):
         self.combine = nn.ModuleList(combine.build(widths[0], coarser) for coarser in (1, 2))
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
-        """Features of the references at each scale, for `forward` to use again where they are not warped."""
+        """Features of the references at each scale; `forward` can reuse them if references are not warped."""
         return tuple(
             self._gather(level).encode(scale_views)
             for level, scale_views in enumerate(three_scales(views, self.stride))
@@ -91,7 +92,7 @@ class SSIFLR(CachesReferences):
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """Enhanced images at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up."""
+        """Enhanced images at 1/4, 1/2 and full resolution; the sides of coarser ones are rounded up."""
         sides = views.render.shape[-2:]
         coarser: list[Tensor] = []
         images: list[Tensor] = []
@@ -114,7 +115,7 @@ class SSIFLR(CachesReferences):
     def _scale(
         self, level: int, views: NetworkInput, encoded: Float[Tensor, "b r c i j"], decode: nn.Module
     ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b _ h w"]]:
-        """One scale: its image, and the features that its decoder passes to finer scales."""
+        """Compute one scale: its image, and the features that its decoder passes to finer scales."""
         features, trust = self._gather(level)(views, encoded)
         decoded, outputs = decode(features), self.output.outputs
         return self.output(decoded[:, :outputs], views, trust), decoded[:, outputs:]

@@ -1,7 +1,7 @@
 """SSIF-SR, the paper's super spatial information fusion to 4 times the render's resolution.
 
-Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j half of a scale's sides, p and q a
-quarter.
+Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j are half of a scale's sides, p and
+q a quarter.
 """
 
 from collections.abc import Sequence
@@ -26,32 +26,32 @@ from gaussian_enhancer.types import NetworkInput, Region
 
 UPSCALE = (2, 4)
 TILE = 384
-"""Side of the parts in which finer scales of large images are computed without gradients, in the render's pixels."""
+"""Side in render pixels of the tiles in which the finer scales of large images are computed without gradients."""
 MARGIN = 14
-"""Pixels of the render beyond a part that all but its residual blocks read."""
+"""Margin of a tile in render pixels that the finer scales require, apart from that of their residual blocks."""
 
 
 class SSIFSR(CachesReferences):
     """GaussianEnhancer++'s SSIF-SR (algorithm 2): the result at 1x is refined by fine references at 2x and 4x.
 
-    S1 = output(T1), T1 and features from decode(gather(views)), all of it at the render's resolution. S2 = output(T2)
-    over base2 = up2(S1), T2 from the features, enlarged, and the references' at 2x; S4 = output(T4) over
-    base4 = up4(S1) + up2(S2 - up2(S1)), T4 from T2's features, enlarged, and what T2 trusts of the references at 4x.
-    up is bicubic. The references' part in `compose` that no exposure changes is what their own half size cannot hold.
-    Untrained, every scale returns its enlarged render. What differs from the paper: the U-Net runs once, at 1x; finer
-    scales are light, at half their resolution; at 4x references are merged before they are encoded; coarser images are
-    combined by adding, not by convolution, so that no scale can lose them.
+    S1 = output(T1), with T1 and features from decode(gather(views)), all at the render's resolution. S2 = output(T2)
+    over base2 = up2(S1), with T2 from the upsampled features and the references' features at 2x. S4 = output(T4) over
+    base4 = up4(S1) + up2(S2 - up2(S1)), with T4 from T2's upsampled features and the references at 4x, merged by T2's
+    trust. up is bicubic. The exposure-tolerant term of `compose` passes on the detail that the references lose at half
+    size. Untrained, every scale returns its upsampled render. Differences from the paper: the U-Net runs once, at 1x;
+    finer scales are light and work at half their resolution; at 4x references are merged before they are encoded;
+    coarser images are added instead of combined by convolution, so that no scale can lose them.
 
     Args:
-        widths: channels at 1/2, 1/4, 1/8, ... of the render's resolution; the first are also the channels at 2x, and
-            three quarters of them those at 4x.
-        blocks: residual blocks at each of these levels; the first are also those of the finer scales.
-        encoder_blocks: residual blocks of the encoders at 1x.
+        widths: channels at 1/2, 1/4, 1/8, ... of the render's resolution. The first number is also that at 2x, and
+            three quarters of it that at 4x.
+        blocks: number of residual blocks at each of these levels; the first number is also that of the finer scales.
+        encoder_blocks: number of residual blocks of the encoders at 1x.
         refine: learned alignment of the references' features at 1x.
-        fusion: how references join the target, at each scale.
-        modulation: how depth acts.
-        output: how decoded values become an image, at each scale.
-        reference_renders: read the splat's renders of the references' views, where they are known.
+        fusion: fusion of references with the target, at 1x and 2x.
+        modulation: modulation of the fused features by depth.
+        output: output head, at each scale.
+        reference_renders: use the splat's renders of the references' views if they are known.
     """
 
     scale = 4
@@ -73,23 +73,23 @@ class SSIFSR(CachesReferences):
         self.stride = 2 ** max(len(widths), 2)
         self.gather = Gather(widths[0], encoder_blocks, refine, fusion, modulation, reference_renders)
         self.decode = Decoder(widths, blocks, output.outputs)
-        few = 3 * widths[0] // 4
+        fine_channels = 3 * widths[0] // 4
         self.grow = nn.Conv2d(widths[0], 4 * widths[0], 1)
         self.middle = Middle(widths[0], blocks[0], fusion, output.outputs)
-        self.grow_again = nn.Conv2d(widths[0], 4 * few, 1)
-        self.tail = Tail(few, blocks[0], output.outputs)
+        self.grow_again = nn.Conv2d(widths[0], 4 * fine_channels, 1)
+        self.tail = Tail(fine_channels, blocks[0], output.outputs)
         self.output = output
 
     def encode(self, views: NetworkInput) -> tuple[Float[Tensor, "b r c _ _"], ...]:
-        """Features of the references at each scale, for `forward` to use again where they are not warped."""
+        """Features of the references at 1x and 2x; `forward` can reuse them if references are not warped."""
         views = pad_to_stride(views, self.stride)
-        photos, seen = fine_references(views)
-        return self.gather.encode(views), self.middle.encode(halve(photos), seen)
+        photos, visibility = fine_references(views)
+        return self.gather.encode(views), self.middle.encode(halve(photos), visibility)
 
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """Enhanced images of 1, 2 and 4 times the render's size; without fine references, from the render alone."""
+        """Enhanced images at 1, 2 and 4 times the render's size; without fine references, from the render alone."""
         height, width = views.render.shape[-2:]
         views = pad_to_stride(views, self.stride)
         fused, trust = self.gather(views, None if encoded is None else encoded[0])
@@ -111,28 +111,28 @@ class SSIFSR(CachesReferences):
         seen: Float[Tensor, "b r 1 h w"],
         encoded: Float[Tensor, "b r c h w"] | None = None,
     ) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
-        """S2 and S4 of the whole image, or of a part of it.
+        """Compute S2 and S4 of the whole image or of a tile.
 
         Args:
             image: S1.
-            features: T1's, enlarged.
+            features: features of T1, upsampled.
             photos: the references at 4x.
-            seen: their visibility.
-            encoded: their features at 2x, where they are known already.
+            seen: visibility of the references.
+            encoded: features of the references at 2x; None computes them.
         """
         half = halve(photos)
         encoded = self.middle.encode(half, seen) if encoded is None else encoded
         features, decoded, trust = self.middle(features, encoded, seen)
         base = upsample_bicubic(image, 2)
         second = self.output(decoded, *merge_torch(base, half, halve(half), seen, trust))
-        twice = _repeat_2x(seen, 2)
+        fine_visibility = _repeat_2x(seen, 2)
         base = upsample_bicubic(image, 4) + upsample_bicubic(second - base, 2)
-        only, trust = merge_torch(base, photos, half, twice, _upsample_2x(trust) * (twice > 0))
-        decoded = self.tail(self.grow_again(features), only, trust)
-        return second, self.output(decoded, only, trust)
+        merged, trust = merge_torch(base, photos, half, fine_visibility, _upsample_2x(trust) * (fine_visibility > 0))
+        decoded = self.tail(self.grow_again(features), merged, trust)
+        return second, self.output(decoded, merged, trust)
 
     def _finer_tiled(self, known: tuple[Tensor, ...]) -> tuple[Float[Tensor, "b 3 _ _"], Float[Tensor, "b 3 H W"]]:
-        """`_finer_scales` part by part, so that no features of the whole image are in memory; equal up to rounding."""
+        """Compute `_finer_scales` by tiles, to limit memory; equal to the result for the whole up to rounding."""
         batch, _, height, width = known[0].shape
         halo = MARGIN + 3 * len(self.tail.blocks)
         second, fourth = (known[0].new_empty(batch, 3, n * height, n * width) for n in UPSCALE)
@@ -147,13 +147,13 @@ class SSIFSR(CachesReferences):
 
 
 class Middle(nn.Module):
-    """T2: fine references' features join the coarser scale's, at half the scale's resolution.
+    """T2: fuses the fine references' features with those of the coarser scale, at half the scale's resolution.
 
     Args:
-        channels: of the features.
-        blocks: residual blocks.
-        fusion: how references join the target.
-        outputs: channels that are decoded.
+        channels: number of feature channels.
+        blocks: number of residual blocks.
+        fusion: fusion of references with the target.
+        outputs: number of decoded channels.
     """
 
     def __init__(self, channels: int, blocks: int, fusion: Choice, outputs: int) -> None:
@@ -172,7 +172,7 @@ class Middle(nn.Module):
 
         Args:
             photos: the references on this scale's grid.
-            visibility: of the references at half its resolution.
+            visibility: visibility of the references at half its resolution.
         """
         if photos.shape[1] == 0:
             return photos.new_zeros(len(photos), 0, self.head.in_channels, *visibility.shape[-2:])
@@ -187,12 +187,12 @@ class Middle(nn.Module):
         encoded: Float[Tensor, "b r c i j"],
         visibility: Float[Tensor, "b r 1 i j"],
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b o h w"], Float[Tensor, "b r 1 i j"]]:
-        """Features for the next scale, decoded values, and how far each reference was trusted.
+        """Features for the next scale, decoded values, and the trust of each reference.
 
         Args:
-            features: the coarser scale's, enlarged.
-            encoded: of the references, from `encode`.
-            visibility: of the references.
+            features: features of the coarser scale, upsampled.
+            encoded: features of the references, from `encode`.
+            visibility: visibility of the references.
         """
         fused, trust = self.fuse(features, encoded.to(features.dtype), visibility)
         features = self.blocks(fused)
@@ -200,12 +200,12 @@ class Middle(nn.Module):
 
 
 class Tail(nn.Module):
-    """T4, light: what the references show at 4 times the render's size, already merged, joins the features.
+    """T4, light: fuses the merged references at 4 times the render's size with the coarser scale's features.
 
     Args:
-        channels: of the features.
-        blocks: residual blocks.
-        outputs: channels that are decoded.
+        channels: number of feature channels.
+        blocks: number of residual blocks.
+        outputs: number of decoded channels.
     """
 
     def __init__(self, channels: int, blocks: int, outputs: int) -> None:
@@ -219,23 +219,23 @@ class Tail(nn.Module):
     def forward(
         self, features: Float[Tensor, "b c p q"], views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]
     ) -> Float[Tensor, "b o h w"]:
-        """Decoded values.
+        """Compute the decoded values.
 
         Args:
-            features: the coarser scale's, before they are shuffled to twice its resolution.
-            views: the base and the merged reference, or none.
-            trust: how far that is trusted.
+            features: features of the coarser scale, before the pixel-shuffle to twice its resolution.
+            views: the base and the merged reference, or no reference.
+            trust: trust of the merged reference.
         """
         features = upsample_with_skip(features, self.read(_pack_merged(views, trust)))
         return pixel_shuffle(self.head(self.blocks(features)))
 
 
 def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
-    """What the merged reference adds to the base, the base, and the reference's trust, pixel-unshuffled.
+    """Difference of the merged reference from the base, the base, and the reference's trust, pixel-unshuffled.
 
     Args:
-        views: the base and the merged reference, or none.
-        trust: how far that is trusted.
+        views: the base and the merged reference, or no reference.
+        trust: trust of the merged reference.
     """
     base, dtype = views.render, _computing_dtype(views.render)
     if views.references.shape[1] and can_fuse(base, views.references, views.visibility, trust):
@@ -248,7 +248,7 @@ def _pack_merged(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Floa
 
 
 def _pack_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Float[Tensor, "b 25 i j"]:
-    """The same in one pass over memory, where inference is `can_fuse`."""
+    """Compiled version of `_pack_merged` in one pass over memory, where `can_fuse` holds."""
     from gaussian_enhancer.network.ssif_sr_kernels import pack_merged
 
     result = empty_features(len(trust), 25, *trust.shape[-2:])
@@ -260,9 +260,9 @@ def _pack_compiled(views: NetworkInput, trust: Float[Tensor, "b _ 1 i j"]) -> Fl
 
 
 def fine_references(views: NetworkInput) -> tuple[Float[Tensor, "b r 3 _ _"], Float[Tensor, "b r 1 h w"]]:
-    """The references at 4 times the render's size, none where they are not given, and their visibility.
+    """The references at 4 times the render's size, empty if they are not given, and their visibility.
 
-    Visibility is of the render's pixels, so that no square that is averaged holds what is visible and what is not.
+    Visibility has the render's resolution, so that averaged squares never mix visible and invisible pixels.
     """
     fine = views.fine_references
     if fine is None:
@@ -280,15 +280,16 @@ def merge_torch(
 ) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
     """Merge references: their mean weighted by trust, and the sum of their trust.
 
-    Its ``reference_renders`` are what its own half size holds of it, so that `compose`'s term of photo minus render
-    passes on detail alone, which no difference of exposure affects. Merging costs less than passing on each.
+    Its ``reference_renders`` are the mean's content at half resolution, so that the term photo minus render of
+    `compose` passes on detail only, which a difference in exposure does not affect. Merging costs less than processing
+    each reference.
 
     Args:
-        base: what stands for the render at this scale.
-        photos: references on its grid.
-        halved: references averaged to half its resolution.
-        visibility: of the references.
-        trust: how far each reference is trusted; 0 where it is not visible.
+        base: image in place of the render at this scale.
+        photos: references on the base's grid.
+        halved: references averaged to half that resolution.
+        visibility: visibility of the references.
+        trust: trust of each reference; 0 where it is not visible.
     """
     if photos.shape[1] == 0:
         return NetworkInput(base, photos, photos[:, :, :1]), trust
@@ -298,12 +299,12 @@ def merge_torch(
     weight = _upsample_2x(trust) * _repeat_2x(visibility > 0, 2)
     total = weight.sum(1)
     mean = _weighted_sum(weight, photos) / total.clamp_min(1e-6)
-    together = trust.sum(1, keepdim=True)
-    soft = _upsample_2x(torch.cat([_weighted_sum(trust, halved), together[:, 0]], dim=1)[:, None])[:, 0]
+    trust_sum = trust.sum(1, keepdim=True)
+    soft = _upsample_2x(torch.cat([_weighted_sum(trust, halved), trust_sum[:, 0]], dim=1)[:, None])[:, 0]
     soft = soft[:, :3] / soft[:, 3:].clamp_min(1e-6)
     return NetworkInput(
         base, mean[:, None], (total > 0).to(base.dtype)[:, None], reference_renders=soft[:, None]
-    ), together
+    ), trust_sum
 
 
 def _merge_compiled(
@@ -313,21 +314,21 @@ def _merge_compiled(
     visibility: Float[Tensor, "b r 1 i j"],
     trust: Float[Tensor, "b r 1 i j"],
 ) -> tuple[NetworkInput, Float[Tensor, "b _ 1 i j"]]:
-    """The same in one pass over memory, where inference is `can_fuse`."""
+    """Compiled version of `merge_torch` in one pass over memory, where `can_fuse` holds."""
     from gaussian_enhancer.network.ssif_sr_kernels import merge
 
     mean, soft = (torch.empty(base.shape) for _ in range(2))
-    seen, together = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
+    seen, trust_sum = torch.empty(base[:, :1].shape), torch.empty(trust[:, 0].shape)
     with kernel_lock:
         for b in range(len(base)):
             inputs = photos[b], halved[b], visibility[b, :, 0], trust[b, :, 0]
-            outputs = mean[b], seen[b, 0], soft[b], together[b, 0]
+            outputs = mean[b], seen[b, 0], soft[b], trust_sum[b, 0]
             merge(*(plane(image) for image in inputs), *(image.numpy() for image in outputs))
-    return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), together[:, None]
+    return NetworkInput(base, mean[:, None], seen[:, None], reference_renders=soft[:, None]), trust_sum[:, None]
 
 
 def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r 3 h w"]) -> Float[Tensor, "b 3 h w"]:
-    """Sum of weight x photo, without a copy of all photos."""
+    """Sum of weight x photo, one reference at a time, to avoid a tensor of all products."""
     total = weight[:, 0] * photos[:, 0]
     for i in range(1, photos.shape[1]):
         total = torch.addcmul(total, weight[:, i], photos[:, i])
@@ -335,13 +336,13 @@ def _weighted_sum(weight: Float[Tensor, "b r 1 h w"], photos: Float[Tensor, "b r
 
 
 def _computing_dtype(image: Tensor) -> torch.dtype:
-    """The type that convolutions compute in; converting before features are copied costs half as much."""
+    """The type in which convolutions compute; conversion before copies of features halves their cost."""
     kind = image.device.type
     return torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else image.dtype
 
 
 def _upsample_2x(planes: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b r c h w"]:
-    """Planes on a grid twice as fine."""
+    """Planes upsampled by 2."""
     if planes.shape[1] == 0:
         return _repeat_2x(planes, 2)
     flat = F.interpolate(planes.flatten(1, 2), scale_factor=2, mode="bilinear", align_corners=False)

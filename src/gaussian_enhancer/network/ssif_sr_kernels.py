@@ -1,4 +1,4 @@
-"""Compiled passes over the images of super-resolution: bicubic upsampling, and merged references.
+"""Compiled passes over the images of super-resolution: bicubic upsampling, and merging of references.
 
 Images are planes of float32; features are bfloat16 in channels-last memory.
 
@@ -16,19 +16,19 @@ from gaussian_enhancer.splat.compiled import inner, kernel
 _F = np.float32
 _ZERO, _ONE, _HALF, _LEAST = _F(0), _F(1), _F(0.5), _F(1e-6)
 TAPS, BORDER = 4, 3
-"""Pixels that a cubic reads along an axis, and pixels by which a row is continued on both sides."""
+"""Pixels that a cubic kernel reads along an axis, and pixels by which a row is extended on both sides."""
 
 
 @kernel
 @no_type_check
 def upsample(image, shares, starts, result):
-    """Write planes (n, h, w) on a grid finer by 2 or 4, cubic along both axes.
+    """Write planes (n, h, w) upsampled by 2 or 4, with cubic interpolation along both axes.
 
     Args:
-        image: planes; rows and columns beyond the border are those of the border.
-        shares: of each phase of a fine pixel within a coarse one, the factors of four coarse pixels.
-        starts: of each phase, the first of these pixels, relative to the coarse one that holds the fine one.
-        result: is written.
+        image: planes; outside them the border's values are used.
+        shares: for each phase of a fine pixel within a coarse one, the weights of four coarse pixels.
+        starts: for each phase, the first of these pixels, relative to the coarse pixel that contains the fine one.
+        result: output.
     """
     planes, height, width = image.shape
     scale = len(starts)
@@ -37,8 +37,8 @@ def upsample(image, shares, starts, result):
         i, phase = y // scale, y % scale
         row = np.zeros(width + 2 * BORDER, np.float32)
         for k in range(TAPS):
-            other = min(max(i + starts[phase] + k, 0), height - 1)
-            _add_scaled(row[BORDER : BORDER + width], image[n, other], shares[phase, k])
+            source_row = min(max(i + starts[phase] + k, 0), height - 1)
+            _add_scaled(row[BORDER : BORDER + width], image[n, source_row], shares[phase, k])
         row[:BORDER], row[BORDER + width :] = row[BORDER], row[BORDER + width - 1]
         fine = np.empty((scale, width), np.float32)
         for q in range(scale):
@@ -60,7 +60,7 @@ def _add_scaled(total, values, factor):
 @inner
 @no_type_check
 def _weigh_neighbours(row, first, shares, result):
-    """Write the sum of four neighbours times their shares."""
+    """Write the weighted sum of four neighbours."""
     a, b, c, d = shares[0], shares[1], shares[2], shares[3]
     one, two, three, four = row[first:], row[first + 1 :], row[first + 2 :], row[first + 3 :]
     for x in range(len(result)):
@@ -84,17 +84,17 @@ def _interleave_4(one, two, three, four, result):
 @kernel
 @no_type_check
 def merge(photos, halved, visibility, trust, mean, seen, soft, together):
-    """Write what `ssif_sr.merge_torch` returns: mean of the references, where there is one, its soft part, trust.
+    """Write the results of `ssif_sr.merge_torch`: mean of the references, its mask, its soft part, sum of trust.
 
     Args:
-        photos: of the references, (r, 3, h, w).
+        photos: references, (r, 3, h, w).
         halved: the same at half the resolution, (r, 3, i, j).
-        visibility: of the references, (r, i, j).
-        trust: of the references, (r, i, j).
-        mean: is written, (3, h, w).
-        seen: is written, (h, w): 1 where a reference is trusted.
-        soft: is written, (3, h, w): what half the resolution holds of the mean.
-        together: is written, (i, j): the sum of trust.
+        visibility: visibility of the references, (r, i, j).
+        trust: trust of the references, (r, i, j).
+        mean: output, (3, h, w).
+        seen: output, (h, w): 1 where a reference is trusted.
+        soft: output, (3, h, w): content of the mean at half the resolution.
+        together: output, (i, j): the sum of trust.
     """
     count, _, height, width = photos.shape
     weighted = np.empty((3, height // 2, width // 2), np.float32)
@@ -114,15 +114,15 @@ def merge(photos, halved, visibility, trust, mean, seen, soft, together):
             _add_scaled(total, weight[r], _ONE)
         for x in range(width):
             seen[y, x] = _ONE if total[x] > _ZERO else _ZERO
-        smooth = np.empty(width, np.float32)
-        double_row(together, y, smooth)
+        trust_row = np.empty(width, np.float32)
+        double_row(together, y, trust_row)
         for c in range(3):
             mean[c, y] = _ZERO
             for r in range(count):
                 _add_product(mean[c, y], weight[r], photos[r, c, y])
             _divide(mean[c, y], total)
             double_row(weighted[c], y, soft[c, y])
-            _divide(soft[c, y], smooth)
+            _divide(soft[c, y], trust_row)
 
 
 @inner
@@ -151,7 +151,7 @@ def _divide(values, total):
 @kernel
 @no_type_check
 def pack_merged(base, photo, seen, trust, result):
-    """Write (photo - base) where seen, then base - 1/2, as 2x2 pixels side by side, then trust: (i, j, 25) bfloat16."""
+    """Write (photo - base) where seen, then base - 1/2, pixel-unshuffled by 2, then trust: (i, j, 25) bfloat16."""
     _, height, width = base.shape
     for i in prange(height // 2):
         for j in range(width // 2):

@@ -1,4 +1,4 @@
-"""Stem of the fusion networks: from the network input to one set of features.
+"""Stem of the fusion networks: converts the network input to one set of features.
 
 Axes: b batch, r references, c channels, h height, w width (multiples of the stride), i = h / 2, j = w / 2.
 """
@@ -21,23 +21,23 @@ class Choice(Protocol):
     """A frozen dataclass of plain values that selects an implementation of a stage."""
 
     def build(self, channels: int) -> nn.Module:
-        """The stage for features of so many channels."""
+        """Build the module for features with this number of channels."""
         ...
 
 
 class Gather(nn.Module):
     """H = fuse(F[render], align(F[reference_i], F[render])), E = modulate(H, depth), at half resolution.
 
-    A reference's features depend on nothing but the reference, so that `encode` may be done once for many targets
-    wherever references are not warped.
+    A reference's features depend only on that reference. If references are not warped, the result of `encode` can
+    therefore be reused for many targets.
 
     Args:
-        channels: of the features.
-        encoder_blocks: residual blocks of the encoders.
+        channels: number of feature channels.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: learned alignment of the references' features.
-        fusion: how references join the target.
-        modulation: how depth acts.
-        reference_renders: read the splat's renders of the references' views, where they are known.
+        fusion: fusion of references with the target.
+        modulation: modulation of the fused features by depth.
+        reference_renders: use the splat's renders of the references' views if they are known.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Gather(nn.Module):
         self.modulate = modulation.build(channels)
 
     def encode(self, views: NetworkInput) -> Float[Tensor, "b r c i j"]:
-        """Features of the references as they are given, not yet aligned to the target's."""
+        """Features of the references, not yet aligned to the target."""
         references, visibility = views.references, views.visibility
         if references.shape[1] == 0:
             height, width = references.shape[-2:]
@@ -77,11 +77,11 @@ class Gather(nn.Module):
     def forward(
         self, views: NetworkInput, encoded: Float[Tensor, "b r c i j"] | None = None
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b r 1 i j"]]:
-        """Fused, depth-modulated features, and how far each reference was trusted at each pixel.
+        """Fused, depth-modulated features, and the weight of each reference at each pixel.
 
         Args:
-            views: what the network sees.
-            encoded: what `encode` gives for these references, where it is known already.
+            views: input of the network.
+            encoded: result of `encode` for these references; None computes it.
         """
         alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
         target = self.encode_render(views.render, alpha)
@@ -94,7 +94,7 @@ class Gather(nn.Module):
 
 
 def _pack_references(views: NetworkInput) -> Float[Tensor, "n 32 i j"]:
-    """What the encoder of references reads, pixel-unshuffled, in one pass over memory."""
+    """Input of the reference encoder, pixel-unshuffled, in one pass over memory."""
     from gaussian_enhancer.network.bfloat16_kernels import pack_references
 
     photos, visibility = views.references.flatten(0, 1), views.visibility.flatten(0, 1)

@@ -1,4 +1,4 @@
-"""Pictures of one view's card, and the error scale that all cards of a page share."""
+"""Pictures of a view's card, and the error scale shared by all cards of a page."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,10 +7,10 @@ from gaussian_enhancer.report.compared import ComparedView, ViewPixels, size_of
 from gaussian_enhancer.report.figures import colour_map, data_uri, error, error_map, error_scale, sampled
 
 PAGE_BYTES = 40_000_000
-"""Bytes that all pictures of a page may take together, before base64."""
+"""Maximum number of bytes of all pictures of a page together, before base64."""
 
 IMAGE_BYTES = 600_000
-"""Bytes that one picture may take."""
+"""Maximum number of bytes of one picture."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class CardImages:
     """Settings that the pictures of a page share.
 
     Args:
-        scale: error of the lightest colour, the same for all maps of the page; None where no view has a photo.
-        budget: most bytes of one picture.
+        scale: error that maps to the lightest colour, the same for all maps of the page; None if no view has a photo.
+        budget: maximum number of bytes of one picture.
         ramp: the error colours as a CSS list, dark to light.
         portrait: whether all pictures are higher than wide.
     """
@@ -80,7 +80,7 @@ class Card:
     Args:
         index: index of the view in the report; names the anchor ``view-INDEX``.
         view: the view.
-        worst: whether this view has the poorest gain.
+        worst: whether this view has the worst gain.
         size: width and height as text.
         ratio: width over height.
         with_photo: whether there is a photo.
@@ -103,7 +103,7 @@ def card(index: int, view: ComparedView, shared: CardImages, *, worst: bool) -> 
         index: index of the view in the report.
         view: the view.
         shared: settings that all pictures share.
-        worst: whether this view has the poorest gain.
+        worst: whether this view has the worst gain.
     """
     images = view.read()
     ratio = f"{images.raw.shape[-1] / images.raw.shape[-2]:.5f}"

@@ -1,4 +1,4 @@
-"""Collect renders, enhanced images and records of a run, matched by name."""
+"""Collects renders, enhanced images and records of a run, matched by name."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -19,16 +19,16 @@ def compared_views(
     records: Iterable[Record],
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[ComparedView, ...]:
-    """The views of a report: every render with its enhanced image and the numbers that were measured on both.
+    """The views of a report: each render with its enhanced image and the measured values of both.
 
     Files and records are matched by file name without extension.
 
     Args:
         renders: folder of the renders before enhancement.
         enhanced: folder of enhanced images.
-        photos: folder of photos, which may hold more than these views; None where there are none.
+        photos: folder of photos, which may also hold photos of other views; None if there are none.
         records: quality of the variants ``raw`` and ``enhanced``, and cost in milliseconds of ``enhanced``; records
-            of other views and variants are not used.
+            of other views and variants are ignored.
         background: colour under transparent images.
 
     Raises:
@@ -64,11 +64,11 @@ def compared_views(
 
 
 def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[str, str]:
-    """Provenance of a page's numbers: each distinct value that the records state.
+    """Provenance of a page's numbers: the distinct values that the records state.
 
     Args:
         records: the records that the page shows.
-        others: further entries: configuration, weights.
+        others: further entries, such as configuration and weights.
     """
     lines = {
         "Scene": [record.scene for record in records],
@@ -77,11 +77,11 @@ def provenance_of(records: Sequence[Record], others: Mapping[str, str]) -> dict[
         "Machine": [record.machine for record in records],
         "Protocol": [record.protocol for record in records],
     }
-    stated = {label: ", ".join(dict.fromkeys(filter(None, values))) for label, values in lines.items()}
+    entries = {label: ", ".join(dict.fromkeys(filter(None, values))) for label, values in lines.items()}
     times = sorted(record.time for record in records)
     if times:
-        stated["Measured"] = times[0] if times[0] == times[-1] else f"{times[0]} to {times[-1]}"
-    return {label: value for label, value in {**stated, **others}.items() if value}
+        entries["Measured"] = times[0] if times[0] == times[-1] else f"{times[0]} to {times[-1]}"
+    return {label: value for label, value in {**entries, **others}.items() if value}
 
 
 def _by_view(records: Iterable[Record]) -> dict[tuple[str, str], Record]:

@@ -1,4 +1,4 @@
-"""A compared view: render, enhanced image, photo, and the measurements of both.
+"""A compared view: render, enhanced image, photo, and the measurements of the first two.
 
 Axes: h height, w width; _ an axis whose size may be wrong in the user's files, which `ComparedView.read` refuses.
 """
@@ -29,17 +29,17 @@ class ViewPixels:
 
 @dataclass(frozen=True)
 class ComparedView:
-    """One view of a report. Pixels are read on each request and not cached, so that long reports take little memory.
+    """One view of a report. Pixels are read on each request and not cached, which limits the memory of long reports.
 
     Args:
         name: the view's file name, unique in the report.
         read_raw: returns the render before enhancement, sRGB in [0, 1].
         read_enhanced: returns the render after enhancement, of the same size.
-        read_photo: returns the ground truth, of the same size; None where there is none.
-        metrics_raw: numbers measured between render and photo, by the metric's name.
+        read_photo: returns the ground truth, of the same size; None if there is none.
+        metrics_raw: values measured between render and photo, by the metric's name.
         metrics_enhanced: the same for the enhanced render.
-        milliseconds: run time of the enhancement; None where it was not measured.
-        reasons: why a metric has no number, by the metric's name.
+        milliseconds: run time of the enhancement; None if it was not measured.
+        reasons: reasons for missing values, by the metric's name.
     """
 
     name: str

@@ -24,14 +24,14 @@ STOPS = (  # OKLab lightness, a, b: ink, violet, red, orange, pale yellow; light
     (0.96, -0.010, 0.090),
 )
 EDGE = 1600
-"""Longest edge in pixels of an image inside a page."""
+"""Longest edge in pixels of an image embedded in a page."""
 
 
 def colour_map(count: int = 256) -> Float[Tensor, "c 3"]:
     """A sequential colour map of even perceptual lightness from dark to light, as sRGB in [0, 1].
 
-    Interpolated linearly in OKLab (B. Ottosson, "A perceptual color space for image processing", 2020), so equal
-    differences of error look equally large, on screens, in grey print and to colour-blind readers.
+    Colours are interpolated linearly in OKLab (B. Ottosson, "A perceptual color space for image processing", 2020).
+    Equal differences of error therefore look equally large, on screens, in grey print and to colour-blind readers.
 
     Args:
         count: number of colours, at least 2.
@@ -59,7 +59,7 @@ def error(image: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]) -> Float
 
 
 def sampled(errors: Float[Tensor, "h w"], most: int = 20_000) -> Float[Tensor, " s"]:
-    """Evenly spaced values of a map, enough for a quantile."""
+    """Evenly spaced values of a map, enough for estimating a quantile."""
     return errors.flatten()[:: max(1, errors.numel() // most)]
 
 
@@ -68,10 +68,10 @@ def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -
 
     Args:
         errors: values of each map, in [0, 1].
-        quantile: share of pixels below the scale's end, so that single outliers do not darken the rest.
+        quantile: share of pixels below the end of the scale, so that single outliers do not darken all other pixels.
 
     Returns:
-        The scale's end, rounded up to a hundredth and at least 0.02.
+        The end of the scale, rounded up to a multiple of 0.01 and at least 0.02.
     """
     pooled = torch.cat(list(errors)).sort().values
     end = float(pooled[round(quantile * (len(pooled) - 1))])
@@ -79,11 +79,11 @@ def error_scale(errors: Sequence[Float[Tensor, " _"]], quantile: float = 0.99) -
 
 
 def error_map(errors: Float[Tensor, "h w"], scale: float) -> Float[Tensor, "3 h w"]:
-    """Errors as colours; all that exceeds ``scale`` has the lightest colour.
+    """Errors as colours; errors above ``scale`` have the lightest colour.
 
     Args:
-        errors: map in [0, 1]; what is not finite is shown as the largest error.
-        scale: error of the lightest colour, positive.
+        errors: map in [0, 1]; values that are not finite are shown as the largest error.
+        scale: error that maps to the lightest colour, positive.
     """
     colours = colour_map()
     share = (errors / scale).nan_to_num(nan=1.0, posinf=1.0, neginf=1.0).clamp(0, 1)
@@ -96,13 +96,13 @@ def to_bytes(image: Float[Tensor, "3 h w"]) -> UInt8[Tensor, "h w 3"]:
 
 
 def data_uri(image: Float[Tensor, "3 h w"], budget: int = 600_000, edge: int = EDGE) -> str:
-    """Encode an image as a ``data:`` URI, lossless where that fits the budget.
+    """Encode an image as a ``data:`` URI, lossless if that fits the budget.
 
     Args:
         image: sRGB in [0, 1].
-        budget: most bytes of the encoded image. Lossless WebP is tried first, then falling quality, then halved size.
+        budget: maximum bytes of the encoded image. Lossless WebP is tried first, then lower quality, then half size.
             An image whose longest edge is at most 64 pixels may exceed the budget.
-        edge: longest edge in pixels; an image with a longer one is reduced.
+        edge: longest edge in pixels; larger images are reduced.
     """
     picture = Image.fromarray(to_bytes(image).numpy())
     if max(picture.size) > edge:

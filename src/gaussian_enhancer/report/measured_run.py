@@ -17,13 +17,13 @@ from gaussian_enhancer.scene.renders import run_steps
 
 @dataclass(frozen=True)
 class MeasuredRun:
-    """A finished measure job and its measurements.
+    """A finished run of the job ``measure`` and its measurements.
 
     Args:
-        views: renders, enhanced renders, photos and numbers.
-        records: the records that the numbers come from, costs included.
-        config: the measure job's configuration.
-        folder: the measure job's folder.
+        views: renders, enhanced renders, photos and measured values.
+        records: the records of these values, including costs.
+        config: configuration of the job ``measure``.
+        folder: folder of the run.
     """
 
     views: tuple[ComparedView, ...]
@@ -37,23 +37,23 @@ def write_page(path: Path, measured: MeasuredRun, *, title: str | None = None, m
 
     Args:
         path: the HTML file.
-        measured: the run that it shows.
-        title: the page's title; scene and splat of the records where None.
-        most_pictured: most views that get pictures.
+        measured: the run to show.
+        title: title of the page; None uses scene and splat of the records.
+        most_pictured: maximum number of views shown with pictures.
     """
     quality = [record for record in measured.records if record.kind == "quality"]
-    default = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
+    default_title = f"{quality[0].scene} · {quality[0].splat}" if quality else measured.folder.name
     others = {"Measurement": str(measured.folder), "Run": str(measured.config.get("run") or "")}
     others["Weights"] = weights_of(measured.config)
     provenance = provenance_of(quality, others)
-    write_report(path, title or default, measured.views, provenance, most_pictured=most_pictured)
+    write_report(path, title or default_title, measured.views, provenance, most_pictured=most_pictured)
 
 
 def open_measured(folder: str | Path) -> MeasuredRun:
-    """Read a measure job's folder and find the images that it measured.
+    """Read the folder of a job ``measure`` and find the images that it measured.
 
     Raises:
-        InputError: the job is not finished, measured one variant only, or its images are gone.
+        InputError: the job is not finished, measured only one variant, or its images no longer exist.
     """
     root = Path(folder)
     if not (root / "done").is_file():
@@ -72,13 +72,13 @@ def open_measured(folder: str | Path) -> MeasuredRun:
 
 
 def weights_of(config: Mapping[str, Any]) -> str:
-    """The weights that the measured run was enhanced with, as its configuration states them; empty where unknown."""
+    """The weights that the measured run was enhanced with, from its configuration; empty if unknown."""
     path = Path(config.get("run") or "") / "config.yaml"
     return str(_config(path).get("weights") or "") if config.get("run") and path.is_file() else ""
 
 
 def write_contact_sheet(path: Path, views: Sequence[ComparedView]) -> None:
-    """Write all views as one picture: render, enhanced render and, where all have one, photo."""
+    """Write all views as one picture: render, enhanced render and, if all views have one, the photo."""
     images = [view.read() for view in views]
     with_photos = all(image.photo is not None for image in images)
     titles = ["render", "enhanced", *(["photo"] if with_photos else [])]
@@ -87,7 +87,7 @@ def write_contact_sheet(path: Path, views: Sequence[ComparedView]) -> None:
 
 
 def _image_folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, Path]:
-    """Renders, enhanced renders and photos of a measurement."""
+    """Folders of renders, enhanced renders and photos of a measurement."""
     if config.get("run"):
         source = Path(config["run"])
         steps = run_steps(source) if source.is_dir() else ()
@@ -103,7 +103,7 @@ def _image_folders(root: Path, config: Mapping[str, Any]) -> tuple[Path, Path, P
 
 
 def _costs(config: Mapping[str, Any]) -> tuple[Record, ...]:
-    """Records of the enhancement's run time from the enhanced run; none where it has no records."""
+    """Run-time records of the enhanced run; empty if it has no records."""
     path = Path(config.get("run") or "") / "records.jsonl"
     if not config.get("run") or not path.is_file():
         return ()

@@ -1,6 +1,6 @@
 """The report page: one self-contained HTML file with all images, numbers and scripts.
 
-No address outside the page is ever loaded; a content security policy in the page makes the browser enforce it.
+No external address is ever loaded; a content security policy in the page makes the browser enforce this.
 """
 
 import math
@@ -18,7 +18,7 @@ from gaussian_enhancer.report.summary import MetricSummary, gain_of, measured_qu
 from gaussian_enhancer.report.templating import render
 
 POLICY = "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-"""Content security policy: pictures, style and script are inside the page."""
+"""Content security policy: pictures, style and script are embedded in the page."""
 
 
 def write_report(
@@ -36,8 +36,8 @@ def write_report(
         title: the page's title.
         views: the compared views, in the order in which they are shown.
         provenance: origin of the numbers: commit, configuration, machine, time, weights.
-        most_pictured: most views that get pictures. Of more views, an even selection that includes the worst gets
-            them, and the page says so. Numbers are shown for all views.
+        most_pictured: maximum number of views with pictures. If there are more views, an even selection that includes
+            the worst one is pictured, and the page states this. Numbers are shown for all views.
 
     Raises:
         InputError: there is no view, a name occurs twice, images of one view differ in size, or the file cannot be
@@ -83,7 +83,7 @@ def document(
 
 
 def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -> float:
-    """Width of a gain's bar in percent of its cell: 50 for the metric's largest finite gain, others in proportion."""
+    """Width of a gain's bar in percent of its cell: 50 for the metric's largest finite gain, else in proportion."""
     gains = [
         abs(view_gain)
         for view in views
@@ -94,7 +94,7 @@ def _bar_width(views: Sequence[ComparedView], gain: float, quantity: Quantity) -
 
 
 def _missing_reason(views: Sequence[ComparedView], summary: MetricSummary) -> str:
-    """Reason why a metric has no mean."""
+    """The reason why a metric has no mean."""
     if summary.infinite:
         return f"not finite in {summary.infinite} views (identical images)"
     key = summary.quantity.key
@@ -106,7 +106,7 @@ def _missing_reason(views: Sequence[ComparedView], summary: MetricSummary) -> st
 def report_data(
     title: str, views: Sequence[ComparedView], summaries: Sequence[MetricSummary], provenance: Mapping[str, str]
 ) -> dict[str, Any]:
-    """All numbers of the page, unrounded, as the page's JSON block holds them (element ``report-data``)."""
+    """All numbers of the page, unrounded, as in the page's JSON block (element ``report-data``)."""
     return {
         "title": title,
         "provenance": dict(provenance),

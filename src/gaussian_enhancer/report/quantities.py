@@ -8,14 +8,14 @@ from gaussian_enhancer.metrics.records import HIGHER_IS_BETTER
 
 @dataclass(frozen=True)
 class Quantity:
-    """A metric as it is shown to readers.
+    """A metric as shown to readers.
 
     Args:
         key: the metric's name in the records.
         label: the name on the page.
         decimals: digits after the decimal point.
-        unit: unit after the number, without a blank; empty where there is none.
-        meaning: the metric in a few words; shown where a reader asks for it.
+        unit: unit after the number, without a blank; empty if there is none.
+        meaning: short explanation of the metric, shown on demand.
     """
 
     key: str
@@ -26,7 +26,7 @@ class Quantity:
 
     @property
     def higher_is_better(self) -> bool | None:
-        """Direction of improvement; None where the metric has none that is known."""
+        """Direction of improvement; None if the metric has no known direction."""
         return HIGHER_IS_BETTER.get(self.key)
 
     def format_value(self, value: float) -> str:
@@ -38,7 +38,7 @@ class Quantity:
         return f"{value:.{self.decimals}f}".replace("-", "−")
 
     def format_gain(self, gain: float) -> str:
-        """Format a difference with its sign; it is ``±0`` with the metric's decimals where it rounds to zero."""
+        """Format a difference with its sign; ``±0``, with the metric's decimals, if it rounds to zero."""
         if not math.isfinite(gain):
             return self.format_value(gain)
         if round(gain, self.decimals) == 0:
@@ -74,7 +74,7 @@ DECIDING = ("psnr_aligned", "psnr", "psnr_masked")
 
 
 def quantities(keys: set[str]) -> tuple[Quantity, ...]:
-    """The metrics of these keys: known ones in the order of `KNOWN`, then others by name, without a direction."""
+    """The metrics with these keys: known ones in the order of `KNOWN`, then others by name, without a direction."""
     known = tuple(quantity for quantity in KNOWN if quantity.key in keys)
-    others = sorted(keys - {quantity.key for quantity in known})
-    return known + tuple(Quantity(key, key, 4) for key in others)
+    other_keys = sorted(keys - {quantity.key for quantity in known})
+    return known + tuple(Quantity(key, key, 4) for key in other_keys)

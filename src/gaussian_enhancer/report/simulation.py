@@ -22,7 +22,7 @@ EDGE = 320
 """Longest edge in pixels of an image on a sheet."""
 
 PAGE_BYTES = 10_000_000
-"""Bytes that all pictures of a page may take together, before base64."""
+"""Maximum number of bytes of all pictures of a page together, before base64."""
 
 GROUND = 250 / 255
 """Grey level of a sheet's background."""
@@ -105,7 +105,7 @@ def write_page(
 
 
 def _enlarge_and_pad(image: Float[Tensor, "3 _ _"], least: int = 96) -> Float[Tensor, "3 _ _"]:
-    """Enlarge an image by an integer factor and pad it, where it is too small for the text of a sheet."""
+    """Enlarge an image by an integer factor and pad it if it is too small for the text of a sheet."""
     image = image.detach().cpu().float()
     factor = max(1, least // max(image.shape[1:]))
     enlarged = image.repeat_interleave(factor, 1).repeat_interleave(factor, 2)

@@ -26,7 +26,7 @@ class SimulatedRender:
 
     Args:
         file: the image, relative to the job's folder.
-        seed: seed of its own random generator.
+        seed: seed of the sample's own random generator.
         steps: artefacts of stage 1, in the order in which they were applied.
     """
 
@@ -42,8 +42,8 @@ def draw_sample(
 
     Args:
         simulator: gate and second stage.
-        photo: the photo, and its real render where that is known.
-        generator: random generator of this sample alone; its seed reproduces the sample.
+        photo: the photo, and its real render if it is known.
+        generator: random generator of this sample only; its seed reproduces the sample.
         file: path of the image, relative to the job's folder.
 
     Returns:
@@ -55,7 +55,7 @@ def draw_sample(
 
 
 def write_sample(path: Path, view: View) -> None:
-    """Write image, depth and opacity of one sample side by side.
+    """Write image, depth and opacity of one sample to files in the same folder.
 
     Args:
         path: path of the image.
@@ -77,7 +77,7 @@ def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | 
     Args:
         photo: the photo.
         cfg: configuration of the job.
-        fingerprint: fingerprint of the run's training views; None where they are not known.
+        fingerprint: fingerprint of the run's training views; None if they are not known.
         gate: the chosen gate.
     """
     lines = {**photo.origin, "Gate": OmegaConf.to_yaml(cfg.gate).strip()}
@@ -89,7 +89,7 @@ def provenance(photo: Photographed, cfg: DictConfig, fingerprint: Fingerprint | 
 
 
 def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section], provenance: Mapping[str, str]) -> None:
-    """Write the page, and a sheet of each section that has one.
+    """Write the page and the sections' contact sheets.
 
     Args:
         folder: the job's folder.
@@ -112,13 +112,13 @@ def write_sheets(folder: Path, photo: Photographed, sections: Sequence[Section],
 def write_record(
     folder: Path, seed: int, samples: Sequence[SimulatedRender], fingerprint: Fingerprint | None, gate: Gate
 ) -> None:
-    """Write what determines the samples. A calibrated gate and a fingerprint are written to files that other jobs read.
+    """Write what determines the samples; a calibrated gate and a fingerprint go to files that other jobs can read.
 
     Args:
         folder: the job's folder.
         seed: seed of the job.
         samples: records of the samples.
-        fingerprint: fingerprint of the run's training views; None where they are not known.
+        fingerprint: fingerprint of the run's training views; None if they are not known.
         gate: the chosen gate.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Sections of the simulator's page: the view, every type of artefact, every gate, stage 2, samples.
+"""Sections of the simulator's page: the view, each type of artefact, each gate, stage 2, samples.
 
 Axes: b batch, h height, w width.
 """
@@ -22,13 +22,13 @@ from gaussian_enhancer.report.simulation import EDGE, ImageRow, Section
 from gaussian_enhancer.scene.photos import resize
 
 STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Strengths of artefacts, the columns of the sheet of types."""
+"""Strengths of artefacts, which are the columns of the sheet of artefact types."""
 
 
 def shrink_view(view: View, edge: int = EDGE) -> View:
     """Copy of a view whose longer side has at most ``edge`` pixels.
 
-    Depth is resampled to the nearest neighbour: no values are interpolated, and pixels without depth stay so.
+    Depth is resampled by nearest neighbour: no values are interpolated, and pixels without depth remain without depth.
     """
     height, width = view.image.shape[-2:]
     factor = min(1.0, edge / max(height, width))
@@ -44,11 +44,11 @@ def shrink_view(view: View, edge: int = EDGE) -> View:
 
 
 def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
-    """What is known of the view: photo, real render, depth and opacity.
+    """The input of the simulator: photo, real render, depth and opacity.
 
     Args:
-        view: one sample, reduced.
-        real: the splat's render of the view at any size; None where there is none.
+        view: one sample, reduced in size.
+        real: the splat's render of the view at any size; None if there is none.
     """
     images = {"photo": view.image[0]}
     if real is not None:
@@ -61,9 +61,9 @@ def view_section(view: View, real: Float[Tensor, "1 3 h w"] | None) -> Section:
 
 
 def type_sections(view: View, seed: int) -> tuple[Section, ...]:
-    """Every type of artefact at five strengths: colours and, where it is known, depth.
+    """Each type of artefact at five strengths: colours and, if it is known, depth.
 
-    The random draws are the same along a row.
+    The random draws are the same within a row.
 
     Args:
         view: one sample.
@@ -92,11 +92,11 @@ def type_sections(view: View, seed: int) -> tuple[Section, ...]:
 
 
 def gate_section(view: View, gates: Mapping[str, Gate | str], seed: int, draws: int = 10) -> Section:
-    """Random draws of each gate, stage 1 alone.
+    """Random draws of each gate, with stage 1 only.
 
     Args:
         view: one sample.
-        gates: gates by name; a text instead of a gate is the reason why there are no draws of it.
+        gates: gates by name; a text instead of a gate states why there are no draws of it.
         seed: seed of the draws, the same for all gates.
         draws: number of draws of each gate.
     """
@@ -124,12 +124,12 @@ def generator_section(
     Args:
         view: one sample.
         simulator: both stages.
-        seed: seed of stage 1; stage 2 takes this one and the following ones.
-        real: the splat's render of the view; None where there is none.
+        seed: seed of stage 1; stage 2 uses this one and the following ones.
+        real: the splat's render of the view; None if there is none.
         seeds: number of draws of stage 2.
 
     Raises:
-        InputError: stage 2 needs a real render and there is none.
+        InputError: stage 2 requires a real render and there is none.
     """
     if isinstance(simulator.second, NoSecondStage):
         return Section("Generator", "Stage 2 is switched off (generator=none): what is drawn is stage 1's output.")
@@ -155,8 +155,8 @@ def sample_section(samples: Sequence[tuple[str, Sequence[ArtefactStep], View]], 
     """Samples of the chosen gate and generator.
 
     Args:
-        samples: file, steps and reduced image of each sample that is shown.
-        count: number of samples that were written.
+        samples: file, steps and reduced image of each sample shown.
+        count: number of samples written.
     """
     captions = tuple(f"{file}: {describe_artefacts(steps)}" for file, steps, _ in samples)
     text = f"{count} written at full size" + ("." if count == len(samples) else f", the first {len(samples)} shown.")
@@ -173,12 +173,12 @@ def shown_depth(depth: Float[Tensor, "1 h w"], before: Float[Tensor, "1 h w"]) -
     """Inverse depth as colours, near light and far dark, black where nothing was hit.
 
     Args:
-        depth: the depth that is shown.
+        depth: the depth to show.
         before: the undegraded depth, whose range sets the scale.
     """
-    hit = before[before > 0]
-    ends = hit.reciprocal().quantile(hit.new_tensor([0.01, 0.99])).tolist() if len(hit) else [0.0, 1.0]
-    low, high = ends if ends[1] > ends[0] else (0.0, 2 * ends[1])
+    valid = before[before > 0]
+    limits = valid.reciprocal().quantile(valid.new_tensor([0.01, 0.99])).tolist() if len(valid) else [0.0, 1.0]
+    low, high = limits if limits[1] > limits[0] else (0.0, 2 * limits[1])
     nearness = (depth.clamp(min=1e-9).reciprocal() - low) / (high - low)
     # The undegraded range maps to the middle of the colours, so that nearer and farther depths remain distinguishable.
     share = torch.where(depth > 0, 0.2 + 0.6 * nearness, 0.0).clamp(0, 1)

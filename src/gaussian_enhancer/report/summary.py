@@ -1,4 +1,4 @@
-"""Summary over views: mean gain, spread and worst view."""
+"""Summary of a metric over all views: mean gain, spread and worst view."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from gaussian_enhancer.report.quantities import DECIDING, Quantity, quantities
 
 @dataclass(frozen=True)
 class MetricSummary:
-    """One metric over all views that have it.
+    """Summary of one metric over all views that have it.
 
     Args:
         quantity: the metric.
         comparison: means, spread and worst view, as in the tables.
         improved: number of views whose gain is an improvement after rounding.
         infinite: number of views left out because the gain is not finite, as with identical images.
-        worst: index of the view with the poorest gain; None where the metric has no direction or no view.
+        worst: index of the view with the worst gain; None if the metric has no direction or no view has a gain.
     """
 
     quantity: Quantity
@@ -30,12 +30,12 @@ class MetricSummary:
 
 
 def gain_of(view: ComparedView, key: str) -> float | None:
-    """Enhanced minus raw value in the metric's unit; None where one of them was not measured."""
+    """Enhanced minus raw value in the metric's unit; None if one of them was not measured."""
     return _pair(view).gain(key)
 
 
 def measured_quantities(views: Sequence[ComparedView]) -> tuple[Quantity, ...]:
-    """The metrics that at least one view has, or whose absence it gives a reason for."""
+    """The metrics that at least one view has, or gives a reason for not having."""
     keys: set[str] = set()
     for view in views:
         keys |= {*view.metrics_raw, *view.metrics_enhanced, *view.reasons}
@@ -57,14 +57,14 @@ def summarise(views: Sequence[ComparedView], quantity: Quantity) -> MetricSummar
 
 
 def worst_view(summaries: Sequence[MetricSummary]) -> int | None:
-    """Index of the view with the poorest gain in the first metric of `DECIDING` that has one; None where none has."""
+    """Index of the view with the worst gain in the first metric of `DECIDING` that has one, or None."""
     by_key = {summary.quantity.key: summary for summary in summaries}
     worst_indices = (by_key[key].worst for key in DECIDING if key in by_key)
     return next((worst for worst in worst_indices if worst is not None), None)
 
 
 def _pair(view: ComparedView) -> VariantPair:
-    """The view as a pair of records, which the statistics of tables take."""
+    """The view as a pair of records, the input of the statistics of tables."""
     raw, enhanced = (
         Record("quality", "", "", "", view.name, variant, dict(metrics), commit="-", machine="-", time="-")
         for variant, metrics in (("raw", view.metrics_raw), ("enhanced", view.metrics_enhanced))

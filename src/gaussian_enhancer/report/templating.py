@@ -1,4 +1,4 @@
-"""Rendering of pages by Jinja2. Every value is escaped, and an undefined name is an error."""
+"""Rendering of pages with Jinja2. All values are escaped, and an undefined name is an error."""
 
 import json
 import math
@@ -14,8 +14,8 @@ PACKAGE = "gaussian_enhancer.report"
 def render(template: str, values: dict[str, Any], package: str = PACKAGE) -> str:
     """Render a template of a package.
 
-    Characters that no HTML document may hold (control characters, lone surrogates of undecodable file names) become
-    U+FFFD.
+    Characters that are not allowed in HTML documents (control characters, lone surrogates of undecodable file names)
+    are replaced by U+FFFD.
 
     Args:
         template: file name in the package's folder ``templates``.
@@ -50,7 +50,7 @@ def resource(name: str, package: str = PACKAGE) -> Markup:
 
 
 def json_block(value: Any) -> Markup:
-    """JSON for a script element: characters that could end it are escaped; numbers that are not finite become text."""
+    """JSON for a script element: characters that could end it are escaped, and non-finite numbers become text."""
     text = json.dumps(_finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

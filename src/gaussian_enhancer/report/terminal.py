@@ -1,4 +1,4 @@
-"""A report's numbers as a table for the terminal."""
+"""The numbers of a report as a table for the terminal."""
 
 import statistics
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ def comparison_table(views: Sequence[ComparedView], title: str = "") -> Table:
 
 
 def reasons(views: Sequence[ComparedView]) -> str:
-    """Reasons why metrics are missing, one per line; empty where all were measured."""
+    """Reasons for missing metrics, one per line; empty if all were measured."""
     return "\n".join(sorted({f"{key}: {reason}" for view in views for key, reason in view.reasons.items()}))
 
 

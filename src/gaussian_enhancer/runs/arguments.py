@@ -1,4 +1,4 @@
-"""The values of a configuration checked against the signature of what it builds."""
+"""Checks of a configuration's values against the signature of the class or function that they are passed to."""
 
 import inspect
 from collections.abc import Mapping
@@ -11,17 +11,17 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.typed import check_plain
 
 OURS = ("gaussian_enhancer.", "ablations.")
-"""Packages whose signatures state types that hold; other packages check their arguments themselves, or do not."""
+"""Packages whose signatures state reliable types. Other packages check their arguments themselves, or not at all."""
 
 
 def check_arguments(node: DictConfig) -> None:
-    """Refuse an argument that a target of ours does not take, or of another type than its signature states.
+    """Refuse unknown arguments of this project's targets, and values of another type than the signature states.
 
     Args:
-        node: configuration with ``_target_`` and its parameters; nested targets are checked, too.
+        node: configuration with ``_target_`` and its parameters; nested targets are checked as well.
 
     Raises:
-        InputError: an argument is unknown, or its value is of another type; both are named as on the command line.
+        InputError: an argument is unknown, or its value has another type; the message names it as on the command line.
     """
     values = OmegaConf.to_container(node, resolve=True)
     if isinstance(values, dict):
@@ -38,10 +38,10 @@ def _check(values: Mapping[str, Any], place: str) -> None:
 
 
 def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
-    called = get_object(target)
-    parameters = inspect.signature(called).parameters
-    hints = _hints(called)
-    open_ended = any(one.kind == inspect.Parameter.VAR_KEYWORD for one in parameters.values())
+    target_callable = get_object(target)
+    parameters = inspect.signature(target_callable).parameters
+    hints = _hints(target_callable)
+    open_ended = any(parameter.kind == inspect.Parameter.VAR_KEYWORD for parameter in parameters.values())
     for name, value in values.items():
         if name.startswith("_"):
             continue
@@ -53,7 +53,7 @@ def _check_target(target: str, values: Mapping[str, Any], place: str) -> None:
 
 
 def _hints(called: Any) -> dict[str, Any]:
-    """The types that a signature states; empty where a name in it is not known at run time."""
+    """The types that a signature states; empty where a name in it cannot be resolved at run time."""
     try:
         return get_type_hints(called.__init__ if inspect.isclass(called) else called, include_extras=True)
     except NameError:
@@ -61,7 +61,7 @@ def _hints(called: Any) -> dict[str, Any]:
 
 
 def _is_built(value: Any) -> bool:
-    """Whether a value is built first, or holds what is."""
+    """Whether a value is a configuration with ``_target_``, or contains one, and so is built before it is passed on."""
     if isinstance(value, Mapping):
         return "_target_" in value or any(map(_is_built, value.values()))
     return isinstance(value, list) and any(map(_is_built, value))

@@ -1,4 +1,4 @@
-"""Composing the configuration of one job within another."""
+"""Composition of one job's configuration inside another job."""
 
 import copy
 import functools
@@ -16,19 +16,21 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
     """Compose another job's configuration. Mandatory values may still be missing in it.
 
     Args:
-        name: the other job.
-        cfg: the calling job's configuration, from which ``runs`` and ``runtime`` are taken.
-        overrides: as on the command line.
-        **values: top-level values that a command line cannot hold.
+        name: name of the other job.
+        cfg: the calling job's configuration; ``runs`` and ``runtime`` are copied from it.
+        overrides: overrides as on the command line.
+        **values: top-level values that cannot be written as overrides.
 
     Raises:
-        InputError: the overrides are refused.
+        InputError: Hydra refuses the overrides.
     """
-    words = tuple(overrides)
+    frozen_overrides = tuple(overrides)
     try:
-        job = copy.deepcopy(_compose_cached(name, words))
+        job = copy.deepcopy(_compose_cached(name, frozen_overrides))
     except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(f"{name} {' '.join(words)}", f"is refused ({_first_line(error)})", "mend it") from error
+        raise InputError(
+            f"{name} {' '.join(frozen_overrides)}", f"is refused ({_first_line(error)})", "mend it"
+        ) from error
     with open_dict(job):
         job.update({"runs": cfg.runs, "runtime": cfg.runtime, **values})
     return job
@@ -36,7 +38,7 @@ def compose_job(name: str, cfg: DictConfig, overrides: Iterable[str] = (), **val
 
 @functools.lru_cache(maxsize=512)
 def _compose_cached(name: str, overrides: tuple[str, ...]) -> DictConfig:
-    """Cached, since composing takes a tenth of a second and studies ask for the same configuration many times."""
+    """Composed configuration, cached: composing takes 0.1 s, and studies request the same configuration many times."""
     return compose(name, overrides=list(overrides))
 
 

@@ -1,4 +1,4 @@
-"""From the configuration of the job ``enhance`` to what enhances, what is enhanced, and what of it is used."""
+"""Builds the enhancer, the task and the validated inputs from the configuration of the job ``enhance``."""
 
 import copy
 from dataclasses import replace
@@ -20,10 +20,10 @@ from gaussian_enhancer.runs.runtime import choose_device
 
 
 def options_of(cfg: DictConfig) -> EnhancementOptions:
-    """The options that a configuration states.
+    """Read the enhancement options of a configuration.
 
     Raises:
-        InputError: one is unknown or out of range.
+        InputError: an option is unknown or out of range.
     """
     return EnhancementOptions(
         cfg.max_references,
@@ -44,13 +44,13 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
 
     Args:
         cfg: configuration of the job ``enhance``.
-        device: where the network runs.
+        device: device of the network.
 
     Returns:
-        What enhances, what is enhanced, and what of the input is used.
+        The enhancer, the task, and the validated inputs.
 
     Raises:
-        InputError: there are no such weights, the input cannot be read, or an option is out of range.
+        InputError: the weights do not exist, the input cannot be read, or an option is out of range.
     """
     pretrained, options = load_weights(cfg.weights), options_of(cfg)
     task = read_task(cfg, device.type, pretrained.reference_config.fine)
@@ -63,27 +63,27 @@ def load_enhancement(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer
 def recover_missing_geometry(
     task: Task, pretrained: Pretrained, options: EnhancementOptions, folder: Path, shown: bool = False
 ) -> Task:
-    """The task with cameras and depth recovered from its images, where references are to be warped and lack them.
+    """Recover cameras and depth from the task's images if references are to be warped and their geometry is missing.
 
     Args:
-        task: what was given.
+        task: the input of the user.
         pretrained: the weights.
-        options: how it is enhanced.
-        folder: keeps what is recovered (`recover_geometry`).
-        shown: show a bar.
+        options: options of the enhancement.
+        folder: folder in which the recovered geometry is kept (`recover_geometry`).
+        shown: show a progress bar.
 
     Raises:
         InputError: an image cannot be read, or the folder cannot be written.
     """
-    asked = options.reference_config(pretrained, task.depth)
-    warped = asked.references > 0 and isinstance(asked.warp, Reprojected) and options.rules.depth != "none"
+    requested = options.reference_config(pretrained, task.depth)
+    warped = requested.references > 0 and isinstance(requested.warp, Reprojected) and options.rules.depth != "none"
     if not warped or not lacks_geometry(task.rendered):
         return task
     with RecoveryProgress(shown) as bar:
-        found = recover_geometry(task.rendered, folder, bar.update)
-    origins = {"cameras": found.cameras, "depth": found.depth}
+        recovered = recover_geometry(task.rendered, folder, bar.update)
+    origins = {"cameras": recovered.cameras, "depth": recovered.depth}
     origins = {name: origin for name, origin in origins.items() if origin}
-    return replace(task, rendered=found.rendered, depth="expected", origins=origins)
+    return replace(task, rendered=recovered.rendered, depth="expected", origins=origins)
 
 
 def prepare_enhancement(
@@ -93,32 +93,32 @@ def prepare_enhancement(
 
     Args:
         pretrained: the weights.
-        task: what was given.
-        options: how it is enhanced.
-        device: where the network runs.
+        task: the input of the user.
+        options: options of the enhancement.
+        device: device of the network.
 
     Raises:
-        InputError: there are no references where some are asked for, or an option is out of range.
+        InputError: references are requested but there are none, or an option is out of range.
     """
-    asked = options.reference_config(pretrained, task.depth)
-    found = validate_inputs(task.rendered, asked, options.rules, pretrained.network.scale, origins=task.origins)
-    enhancer = options.enhancer(pretrained, found.reference_config, device)
-    return enhancer, replace(task, rendered=found.rendered), found
+    requested = options.reference_config(pretrained, task.depth)
+    inputs = validate_inputs(task.rendered, requested, options.rules, pretrained.network.scale, origins=task.origins)
+    enhancer = options.enhancer(pretrained, inputs.reference_config, device)
+    return enhancer, replace(task, rendered=inputs.rendered), inputs
 
 
 def lost_references(enhancer: SetEnhancer, task: Task, found: ValidatedInputs) -> list[str]:
-    """What is written unchanged, since no photo can be used for it, and why.
+    """List the renders that are written unchanged because no photo can be used for them, with the reason.
 
     Args:
-        enhancer: what enhances.
-        task: what is enhanced.
-        found: what of it can be used.
+        enhancer: the enhancer.
+        task: the task.
+        found: the validated inputs.
     """
     if not enhancer.pass_through or enhancer.network.scale > 1:
         return []
     if found.missing_references and enhancer.reference_config.references == 0:
-        failed = "" if any(view.camera for view in task.rendered.targets) else task.origins.get("cameras", "")
-        return [f"no photo can be used ({failed or found.missing_references[0]}). Every render is written unchanged."]
+        failure = "" if any(view.camera for view in task.rendered.targets) else task.origins.get("cameras", "")
+        return [f"no photo can be used ({failure or found.missing_references[0]}). Every render is written unchanged."]
     if found.unreached:
         count = f"{len(found.unreached)} of {len(task.rendered.targets)} renders have no camera or no depth"
         return [f"{count}, so that no photo can be used: {', '.join(found.unreached)}. They are written unchanged."]
@@ -126,10 +126,10 @@ def lost_references(enhancer: SetEnhancer, task: Task, found: ValidatedInputs) -
 
 
 def effective_options(cfg: DictConfig) -> DictConfig:
-    """The configuration without keys that change no image, from which the run's folder gets its name.
+    """The configuration without keys that change no image. The name of the run's folder is derived from it.
 
-    A plan that leaves nothing out is such a key, and so are a time budget and temporal smoothing that are not set, and
-    recovery of the geometry that a run or a splat brings.
+    Removed are a plan that leaves nothing out, an unset time budget, an unset temporal smoothing, an unset
+    distillation, and the recovery of geometry where the input is a run or a splat, which have their own.
 
     Args:
         cfg: configuration of the job ``enhance``.
@@ -137,8 +137,8 @@ def effective_options(cfg: DictConfig) -> DictConfig:
     configuration = copy.deepcopy(cfg)
     with open_dict(configuration):
         unset = {name: not configuration.get(name) for name in ("budget_ms", "temporal_smoothing", "distil")}
-        brought = bool(cfg.get("recover_geometry")) and cfg.get("renders") is None
-        idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": brought}
+        has_geometry = bool(cfg.get("recover_geometry")) and cfg.get("renders") is None
+        idle_keys = {"dry_run": True, **unset, "plan": build(cfg.plan).full, "recover_geometry": has_geometry}
         for name, idle in idle_keys.items():
             if idle:
                 configuration.pop(name, None)
@@ -146,13 +146,14 @@ def effective_options(cfg: DictConfig) -> DictConfig:
 
 
 def process_count(cfg: DictConfig) -> int:
-    """How many processes share the views.
+    """The number of processes that share the views.
 
     Args:
         cfg: configuration of the job ``enhance``.
 
     Raises:
-        InputError: the number is not positive, there are fewer graphics cards, or each frame depends on the one before.
+        InputError: the number is not positive, there are fewer graphics cards, or each frame depends on the previous
+            one (temporal smoothing).
     """
     count = cfg.runtime.get("processes", 1)
     if not isinstance(count, int) or count < 1:

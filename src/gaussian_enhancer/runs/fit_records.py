@@ -1,4 +1,4 @@
-"""Records of a splat's run: the quality of its held-out renders, and what it cost."""
+"""Records of a fitted run: the quality of its held-out renders, and its cost."""
 
 import statistics
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from gaussian_enhancer.scene.scene import Scene
 
 
 def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int], seconds: float, count: int) -> None:
-    """Write the quality of every held-out render, as stored in 8 bits, and the cost of the run.
+    """Write the quality of each held-out render, measured on its 8-bit file, and the cost of the run.
 
     Args:
-        job: the run; its renders are there.
-        scene: what was photographed.
+        job: the run whose folder holds the renders.
+        scene: the scene that was fitted.
         method: name of the splat's method.
-        steps: those that views were rendered after.
-        seconds: that the run took.
-        count: of Gaussians.
+        steps: training steps after which views were rendered.
+        seconds: duration of the run.
+        count: number of Gaussians.
 
     Raises:
         InputError: a render cannot be read, or the records cannot be written.
@@ -42,19 +42,19 @@ def write_fit_records(job: Run, scene: Scene, method: str, steps: Sequence[int],
 
 
 def held_out_psnr(folder: Path) -> tuple[float | None, float | None]:
-    """Mean PSNR in dB of the held-out renders of the first and the last step, from a run's records.
+    """Mean PSNR in dB of the held-out renders after the first and after the last step, from a run's records.
 
     Args:
-        folder: the run's.
+        folder: folder of the run.
 
     Returns:
-        None, None where no view is held out.
+        The two means; None, None if no view is held out.
     """
     quality = [record for record in read_records(folder / "records.jsonl") if record.kind == "quality"]
     if not quality:
         return None, None
     first, last = (
-        [record.metrics["psnr"] for record in quality if record.splat == quality[end].splat] for end in (0, -1)
+        [record.metrics["psnr"] for record in quality if record.splat == quality[index].splat] for index in (0, -1)
     )
     return _mean(first), _mean(last)
 

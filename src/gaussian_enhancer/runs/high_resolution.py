@@ -1,4 +1,4 @@
-"""Photos 4 times as fine as the renders of a fitted run, from the scene that its configuration names.
+"""Photos at 4 times the resolution of a fitted run's renders, from the scene that the run's configuration names.
 
 Axes: h height, w width.
 """
@@ -27,10 +27,10 @@ PROCEDURAL = "gaussian_enhancer.scene.procedural."
 
 
 class HighResolutionPhotos:
-    """Attaches fine photos to the views of fitted runs.
+    """Attaches photos at 4 times the render's resolution to the views of fitted runs.
 
     Args:
-        folder: where rendered photos of procedural scenes are kept, since each takes seconds to render.
+        folder: cache of the rendered photos of procedural scenes, since each takes seconds to render.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -41,12 +41,12 @@ class HighResolutionPhotos:
 
         Args:
             run: folder of the run.
-            rendered: its views.
+            rendered: views of the run.
 
         Raises:
-            InputError: the run names no scene, or the scene's photos are not 4 times as fine as its renders.
+            InputError: the run names no scene, or the scene's photos are not available at 4 times the renders' size.
         """
-        # Scenes load the procedural ones, which a job that needs no finer photos does without.
+        # Imported here because it loads the procedural scenes, which jobs without finer photos do not need.
         from gaussian_enhancer.scene.stored import read_scene_values, scene_from_values
 
         finer = high_resolution_values(read_scene_values(run / "config.yaml"))
@@ -57,25 +57,25 @@ class HighResolutionPhotos:
 
 
 def high_resolution_config(scene: DictConfig) -> DictConfig:
-    """The configuration of a scene, with photos 4 times as fine.
+    """The configuration of a scene with photos at 4 times the resolution.
 
     Args:
-        scene: configuration of a procedural scene or a capture.
+        scene: configuration of a procedural scene or of a capture.
 
     Raises:
-        InputError: the photos are not that large.
+        InputError: the stored photos are not that large.
     """
     return OmegaConf.create(high_resolution_values(plain_values(scene)))
 
 
 def high_resolution_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The plain values of a scene's configuration, with photos 4 times as fine.
+    """The plain values of a scene's configuration, changed to photos at 4 times the resolution.
 
     Args:
-        values: of a procedural scene or a capture.
+        values: configuration of a procedural scene or of a capture.
 
     Raises:
-        InputError: the photos are not that large, or a size is no number.
+        InputError: the stored photos are not that large, or a size is not a number.
     """
     if _is_procedural(values):
         size = {"height": UPSCALE * _number(values, "height", 192), "width": UPSCALE * _number(values, "width", 256)}
@@ -116,14 +116,14 @@ def _render_fine(rendered: RenderedSet, scene: Callable[[], Scene], folder: Path
 
 @dataclass(frozen=True)
 class ReadDrawn:
-    """Reads a photo of a procedural scene from its file, which is rendered first where it is missing.
+    """Reads a photo of a procedural scene from its file; a missing file is rendered first.
 
     Args:
-        scene: returns the scene; it is called where the photo is rendered.
-        stem: the photo's name without ending.
-        path: its file.
-        height: in pixels.
-        width: in pixels.
+        scene: returns the scene; called only if the photo has to be rendered.
+        stem: the photo's name without its extension.
+        path: file of the photo.
+        height: height in pixels.
+        width: width in pixels.
     """
 
     scene: Callable[[], Scene]
@@ -136,7 +136,7 @@ class ReadDrawn:
         """The photo, shape (3, height, width), [0, 1].
 
         Raises:
-            InputError: the scene has no such photo, or one of another size.
+            InputError: the scene has no photo of this name, or its size differs.
         """
         if not self.path.is_file():
             photos = {Path(photo.name).stem: photo for photo in self.scene().photos}

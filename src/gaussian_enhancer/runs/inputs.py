@@ -1,4 +1,4 @@
-"""What is enhanced: a fitted run, a splat with its capture, or a folder of renders."""
+"""Inputs of enhancement: a fitted run, a splat with its capture, or a folder of renders."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,14 +20,14 @@ from gaussian_enhancer.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Task:
-    """What is enhanced.
+    """An enhancement task: the views and where their geometry comes from.
 
     Args:
         rendered: targets and references.
-        step: training step of the renders, 0 where there is none.
-        note: why photos 4 times as fine as the renders were asked for and are not there.
-        depth: what the targets' depth is.
-        origins: where "cameras" and "depth" come from that were not given, or why they could not be recovered.
+        step: training step of the renders; 0 if it is not known.
+        note: reason why requested photos at 4 times the renders' resolution are missing.
+        depth: kind of the targets' depth.
+        origins: for "cameras" and "depth" that were not given: how they were recovered, or why they could not be.
     """
 
     rendered: RenderedSet
@@ -39,24 +39,25 @@ class Task:
 
 @dataclass(frozen=True)
 class InputPaths:
-    """One of three forms of input, by its paths.
+    """The paths and options of one of three forms of input.
 
     Args:
         run: folder of a fitted run, this project's or original 3DGS output.
-        gaussians: file of a splat, which is rendered from the cameras of ``capture``.
+        gaussians: file of a splat; it is rendered from the cameras of ``capture``.
         renders: folder of renders.
-        step: of a run: the training step whose renders are enhanced; None takes the latest.
-        every: of a run: every n-th of its held-out views is enhanced.
-        invalid: of a splat: what to do with Gaussians that are not finite, "refuse" or "drop".
-        method: of a splat: how it is rendered (`choose_method`).
-        views: of a splat: which of the capture's cameras it is rendered from, "test", "train" or "all".
-        photos: of a folder: folder of photos. Those with a render's name are its truth, the others references.
-        references: of a folder: folder of reference photos, where ``photos`` holds truths alone.
-        cameras: of a folder: ``cameras.json`` of renders and references.
-        depth: of a folder: folder of z depth under the renders' names.
-        depth_scale: of a folder: scene units of one stored unit of depth.
-        capture: the photographed scene, whose training photos are references; a splat needs it.
-        attach_fine: attaches photos 4 times as fine as the renders to the views of a run or a splat.
+        step: for a run: the training step whose renders are enhanced; None selects the latest.
+        every: for a run: enhance every n-th held-out view.
+        invalid: for a splat: treatment of Gaussians that are not finite, "refuse" or "drop".
+        method: for a splat: its rendering method (`choose_method`).
+        views: for a splat: the cameras of the capture that it is rendered from, "test", "train" or "all".
+        photos: for a folder: folder of photos. A photo with the name of a render is its ground truth; the others are
+            references.
+        references: for a folder: folder of reference photos, where ``photos`` holds only ground truth.
+        cameras: for a folder: ``cameras.json`` of renders and references.
+        depth: for a folder: folder of z-depth maps with the names of the renders.
+        depth_scale: for a folder: scene units per stored unit of depth.
+        capture: the photographed scene whose training photos are references; required for a splat.
+        attach_fine: attaches photos at 4 times the renders' resolution to the views of a run or a splat.
     """
 
     run: str | Path | None = None
@@ -79,15 +80,15 @@ class InputPaths:
         """Read the input.
 
         Args:
-            device: "cpu" or "cuda", where a splat is rendered.
-            fine: attach photos 4 times as fine as the renders where they are known.
+            device: "cpu" or "cuda", for rendering a splat.
+            fine: attach photos at 4 times the renders' resolution where they are available.
 
         Raises:
-            InputError: no form of input or several were given, or the input cannot be read.
+            InputError: no form of input or more than one was given, or the input cannot be read.
         """
-        given = [name for name in ("run", "gaussians", "renders") if getattr(self, name) is not None]
-        if len(given) != 1:
-            received = f"was given {' and '.join(given)}" if given else "was given nothing to enhance"
+        forms = [name for name in ("run", "gaussians", "renders") if getattr(self, name) is not None]
+        if len(forms) != 1:
+            received = f"was given {' and '.join(forms)}" if forms else "was given nothing to enhance"
             remedy = "give one of run=FOLDER, gaussians=FILE with scene=..., renders=FOLDER"
             raise InputError("enhance", received, remedy)
         if self.run is not None:
@@ -106,11 +107,11 @@ class InputPaths:
         return Task(rendered, depth="expected")
 
     def with_fine_photos(self, task: Task, fine: bool) -> Task:
-        """The task with photos 4 times as fine where they are wanted; a note says why they are missing.
+        """Attach photos at 4 times the resolution if requested; if they are missing, a note states the reason.
 
         Args:
-            task: of a run or a splat.
-            fine: whether they are wanted.
+            task: task of a run or a splat.
+            fine: whether the photos are requested.
         """
         if not fine or self.attach_fine is None:
             return task
@@ -125,11 +126,11 @@ def read_task(cfg: DictConfig, device: str, fine: bool) -> Task:
 
     Args:
         cfg: configuration of the job ``enhance``.
-        device: "cpu" or "cuda", where a splat is rendered.
-        fine: attach photos 4 times as fine as the renders where they are known.
+        device: "cpu" or "cuda", for rendering a splat.
+        fine: attach photos at 4 times the renders' resolution where they are available.
 
     Raises:
-        InputError: no form of input or several were given, or the input cannot be read.
+        InputError: no form of input or more than one was given, or the input cannot be read.
     """
     names = ("run", "gaussians", "renders", "step", "every", "invalid", "method", "views", "photos", "references")
     values = {name: cfg[name] for name in (*names, "cameras", "depth", "depth_scale")}
@@ -138,14 +139,14 @@ def read_task(cfg: DictConfig, device: str, fine: bool) -> Task:
 
 
 def attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
-    """The set with photos 4 times as fine: of the scene that was given, else of the one that the run names.
+    """Attach photos at 4 times the resolution, from the given scene or else from the scene that the run names.
 
     Args:
         cfg: configuration of the job.
         rendered: the views.
 
     Raises:
-        InputError: there are no such photos.
+        InputError: there are no photos of that resolution.
     """
     if cfg.get("scene"):
         return attach_fine_photos(rendered, build(high_resolution_config(cfg.scene)))
@@ -153,7 +154,7 @@ def attach_fine(cfg: DictConfig, rendered: RenderedSet) -> RenderedSet:
 
 
 def _every_nth(rendered: RenderedSet, every: int) -> RenderedSet:
-    """The set with every n-th of its targets, the first included."""
+    """The set with every n-th target, starting with the first."""
     if every < 1:
         raise InputError("every", f"is {every}", "give 1 (all views) or more")
     return replace(rendered, targets=rendered.targets[::every])

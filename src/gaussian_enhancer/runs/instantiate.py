@@ -1,4 +1,4 @@
-"""Building the objects that a configuration names. Nothing else in the package instantiates a ``_target_``."""
+"""Instantiates the objects that a configuration names. No other module of the package instantiates a ``_target_``."""
 
 from typing import Any
 
@@ -16,11 +16,11 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
 
     Args:
         node: configuration with ``_target_`` and its parameters; nested targets are built first.
-        *args: positional arguments that a configuration cannot hold.
-        **kwargs: keyword arguments that a configuration cannot hold; they win over the node's.
+        *args: positional arguments that cannot be written in a configuration.
+        **kwargs: keyword arguments that cannot be written in a configuration; they override the node's.
 
     Raises:
-        InputError: a value marked ``???`` was not given, or what is built refuses its values.
+        InputError: a value marked ``???`` was not given, or the target refuses its values.
     """
     require(node)
     check_arguments(node)
@@ -34,9 +34,10 @@ def build(node: DictConfig, *args: Any, **kwargs: Any) -> Any:
 
 
 def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
-    """The user's mistake that Hydra wrapped, if there is one. Other errors keep Hydra's traceback.
+    """The InputError for a user's mistake that Hydra wrapped; None for other errors, which keep Hydra's traceback.
 
-    Packages of others refuse values by errors of their own, or of Python's; in our code those are our mistake.
+    Targets of other packages raise their own or built-in exceptions for refused values, so that any exception of theirs
+    becomes an InputError. In this project's code any exception but InputError is a bug.
     """
     causes = [error]
     while causes[-1].__cause__ is not None:
@@ -54,7 +55,7 @@ def _refusal(error: BaseException, node: DictConfig) -> InputError | None:
 
 
 def require(cfg: DictConfig) -> None:
-    """Refuse a configuration without a mandatory value (``???``) or an environment variable that it reads.
+    """Refuse a configuration that lacks a mandatory value (``???``) or an environment variable that it refers to.
 
     Raises:
         InputError: a value marked ``???`` was not given, or a variable that the configuration reads is not set.
@@ -70,10 +71,10 @@ def require(cfg: DictConfig) -> None:
 
 
 def plain_values(values: DictConfig) -> dict[str, Any]:
-    """A configuration node as plain values, resolved.
+    """A configuration node as a dictionary of plain values, with interpolations resolved.
 
     Raises:
-        InputError: it is no mapping.
+        InputError: the node is not a mapping.
     """
     container = OmegaConf.to_container(values, resolve=True)
     if not isinstance(container, dict):

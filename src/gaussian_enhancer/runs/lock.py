@@ -1,8 +1,9 @@
-"""One process writes a folder, or a file of records, at a time.
+"""Locks: only one process at a time writes a folder or a file of records.
 
-The lock is the operating system's own, on a file ``lock`` in the folder, or on one beside the records. It ends with the
-process that holds it, however that ends, and its file is removed when the work ends. A second process that the user
-starts on the same folder is refused. A job that needs the runs of other jobs, and the jobs of a sweep, wait instead.
+The lock is an operating-system lock on a file ``lock`` in the folder, or on a file beside the records. It ends with the
+process that holds it, however that process ends, and its file is removed when the work ends. If the user starts a
+second process on the same folder, that process is refused. A job that needs runs of other jobs, and the jobs of a
+sweep, wait instead.
 """
 
 import sys
@@ -19,7 +20,7 @@ from gaussian_enhancer.files import unwritable
 
 NAME = "lock"
 RECORDS = (".jsonl", ".json")
-"""Endings of files of records."""
+"""File extensions of records."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class _Held:
 
     Args:
         lock: the lock.
-        created: folders that were made for the lock, innermost first; those that stay empty are removed again.
+        created: folders that were created for the lock, innermost first; those that stay empty are removed again.
     """
 
     lock: FileLock
@@ -41,10 +42,10 @@ _waits: ContextVar[bool] = ContextVar("_waits", default=False)
 
 
 def hold(place: Path) -> bool:
-    """Take a lock; whether it was not held by this process before.
+    """Acquire a lock; return True if this process did not hold it before.
 
     Args:
-        place: the folder, which is made where it is missing, or the file of records that will be written.
+        place: the folder, which is created if it is missing, or the file of records to be written.
 
     Raises:
         InputError: another process holds the lock, or the folder cannot be written.
@@ -60,63 +61,63 @@ def hold(place: Path) -> bool:
     except OSError as error:
         raise unwritable(place, error) from error
     _held[file] = _Held(lock, created)
-    locked = _taken.get()
-    if locked is not None:
-        locked.append(place)
+    taken_places = _taken.get()
+    if taken_places is not None:
+        taken_places.append(place)
     return True
 
 
 def release(place: Path) -> None:
-    """Give a lock back, where this process holds it, and remove its file.
+    """Release a lock if this process holds it, and remove its file.
 
     Args:
-        place: as for `hold`.
+        place: the same place as for `hold`.
     """
-    lock = _held.pop(_file(place), None)
-    if lock is None:
+    held = _held.pop(_file(place), None)
+    if held is None:
         return
-    _file(place).unlink(missing_ok=True)  # while it is held: who waits for it takes a file of the same name anew
-    lock.lock.release()
+    _file(place).unlink(missing_ok=True)  # before the release: a waiting process then creates a new file of that name
+    held.lock.release()
     with suppress(OSError):
-        for folder in lock.created:
+        for folder in held.created:
             folder.rmdir()
 
 
 @contextmanager
 def exclusive(place: Path) -> Iterator[None]:
-    """Hold a lock; a second process is refused, also within `wait_for_holders`.
+    """Hold a lock during the context; a second process is refused, even inside `wait_for_holders`.
 
     Args:
-        place: as for `hold`.
+        place: the same place as for `hold`.
 
     Raises:
         InputError: another process holds the lock, or the folder cannot be written.
     """
     with wait_for_holders(False):
-        new = hold(place)
+        acquired = hold(place)
     try:
         yield
     finally:
-        if new:
+        if acquired:
             release(place)
 
 
 @contextmanager
 def release_at_end() -> Iterator[None]:
-    """Give back all locks that are taken inside the context."""
-    locked: list[Path] = []
-    token = _taken.set(locked)
+    """Release all locks that are acquired inside the context."""
+    taken_places: list[Path] = []
+    token = _taken.set(taken_places)
     try:
         yield
     finally:
         _taken.reset(token)
-        for place in locked:
+        for place in taken_places:
             release(place)
 
 
 @contextmanager
 def wait_for_holders(wait: bool = True) -> Iterator[None]:
-    """Wait for locks that other processes hold, instead of refusing.
+    """Inside the context, wait for locks that other processes hold, instead of refusing.
 
     Args:
         wait: whether to wait.
@@ -134,7 +135,7 @@ def _file(place: Path) -> Path:
 
 
 def _try_acquire(lock: FileLock, folder: Path, place: Path) -> bool:
-    """Take a lock; False where its holder wrote nothing and removed the folder meanwhile."""
+    """Acquire a lock; False if its holder wrote nothing and removed the folder in the meantime."""
     folder.mkdir(parents=True, exist_ok=True)
     with suppress(FileNotFoundError):
         try:

@@ -1,4 +1,4 @@
-"""What the job ``enhance`` leaves on disk: images, the renders and photos beside them, and the cost of each image.
+"""Files that the job ``enhance`` writes: images, renders and photos for comparison, and the cost of each image.
 
 Axes: h height, w width.
 """
@@ -25,46 +25,46 @@ from gaussian_enhancer.scene.rendered import RenderedSet, RenderedView
 
 
 def resize_to_photo(image: Float[Tensor, "3 h w"], view: RenderedView, scale: int) -> Float[Tensor, "3 _ _"]:
-    """An enhanced image at the size of its finer photo, which differs from ``scale`` times the render's by rounding.
+    """Resize an enhanced image to its high-resolution photo, whose size is ``scale`` times the render's up to rounding.
 
     Args:
         image: the enhanced image.
-        view: what was enhanced.
+        view: the view that was enhanced.
         scale: how many times finer the image is than the render.
     """
     return image if scale == 1 or view.fine_size is None else resize(image, *view.fine_size)
 
 
 def write_enhanced(views: Iterable[Enhanced], folder: Path, rendered: RenderedSet, scale: int) -> list[Enhanced]:
-    """Write each image as soon as it is made, at the size of its photo. What is unchanged is the render's own file.
+    """Write each image as soon as it is computed, at the size of its photo; unchanged views are copies of their render.
 
     Args:
         views: enhanced views.
         folder: where images are written, under the renders' names.
-        rendered: what was enhanced.
+        rendered: the set that was enhanced.
         scale: how many times finer the images are than the renders.
 
     Returns:
-        The views without their pixels.
+        The views with empty images, to free their memory.
 
     Raises:
         InputError: an image cannot be written.
     """
     targets = {view.name: view for view in rendered.targets}
     written = []
-    for one in views:
-        write_one(one, folder, targets[one.name], scale)
-        written.append(replace(one, image=one.image[:, :0, :0]))
+    for enhanced in views:
+        write_one(enhanced, folder, targets[enhanced.name], scale)
+        written.append(replace(enhanced, image=enhanced.image[:, :0, :0]))
     return written
 
 
 def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> None:
-    """Write an enhanced image, or copy the file of its render where nothing was changed.
+    """Write an enhanced image, or copy the file of its render if enhancement changed nothing.
 
     Args:
         one: the enhanced view.
-        folder: where it is written, under the render's name.
-        view: what was enhanced.
+        folder: folder of the images; the file has the render's name.
+        view: the view that was enhanced.
         scale: how many times finer the image is than the render.
 
     Raises:
@@ -77,12 +77,13 @@ def write_one(one: Enhanced, folder: Path, view: RenderedView, scale: int) -> No
 
 
 def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
-    """Write renders and photos of the enhanced images' size into the folders ``renders`` and ``gt``.
+    """Write renders and photos at the size of the enhanced images into the folders ``renders`` and ``gt``.
 
     Args:
-        rendered: the targets; their photos are written where they are known.
-        side: folder that also holds the enhanced images.
-        scale: how many times finer the enhanced images are than the renders. Above 1, renders are enlarged bicubically.
+        rendered: the targets; photos are written for targets that have one.
+        side: parent of the two folders, which also holds the folder of the enhanced images.
+        scale: how many times finer the enhanced images are than the renders. Above 1, renders are
+            upsampled bicubically.
 
     Raises:
         InputError: a file cannot be read or written.
@@ -101,10 +102,10 @@ def keep_sources(rendered: RenderedSet, side: Path, scale: int) -> None:
 
 
 def read_own_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
-    """A view's finer photo at its own size.
+    """Read a view's high-resolution photo at its original size.
 
     Raises:
-        InputError: there is none, or it cannot be read.
+        InputError: the view has no such photo, or it cannot be read.
     """
     if view.read_fine_photo is None:
         raise InputError(view.name, "has no finer photo", "give a scene with finer photos")
@@ -116,12 +117,12 @@ def read_own_size(view: RenderedView) -> Float[Tensor, "3 _ _"]:
 
 
 def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list[Record]:
-    """The milliseconds that each image took in the network.
+    """Records of the milliseconds that the network took for each image.
 
     Args:
         written: enhanced views.
         run_name: name of the run's folder.
-        task: what was enhanced.
+        task: the task of the run.
     """
 
     def record(one: Enhanced) -> Record:
@@ -132,7 +133,7 @@ def cost_records(written: Iterable[Enhanced], run_name: str, task: Task) -> list
 
 
 def _copy_or_write(read: object, path: Path) -> None:
-    """Copy the file of an image where it has one that holds it as it is; write the image elsewhere."""
+    """Copy the image's file if it stores the same pixels in the same format; otherwise read and write the image."""
     if isinstance(read, ReadPhoto) and _as_stored(read) and read.path.suffix == path.suffix:
         with whole_file(path) as temporary:
             shutil.copyfile(read.path, temporary)
@@ -141,6 +142,6 @@ def _copy_or_write(read: object, path: Path) -> None:
 
 
 def _as_stored(read: ReadPhoto) -> bool:
-    """Whether what is read is what the file holds."""
+    """Whether reading returns the file's pixels unmodified: not resized, undistorted or blended with a background."""
     header = read_header(read.path)
     return read.lens is None and not header.has_alpha and (header.height, header.width) == (read.height, read.width)

@@ -1,4 +1,4 @@
-"""Refusing camera paths that pass through surfaces, or that look past everything."""
+"""Refusal of camera paths that pass through surfaces or that show nothing of the splat."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -13,51 +13,52 @@ from gaussian_enhancer.types import Camera
 T = TypeVar("T")
 
 OF_PATH, OF_CAPTURE = 48, 8
-"""Views that are rendered at most, evenly spread."""
+"""Maximum numbers of views rendered of the path and of the capture, evenly spread."""
 SIDE = 48
 """Longer side of these views in pixels."""
 NEAR = 0.03
-"""Share of the capture's usual depth within which a surface is at the lens."""
+"""A surface nearer than this share of the capture's typical depth counts as touching the camera."""
 OPAQUE = 0.5
-"""Opacity from which a pixel shows a surface."""
+"""Minimum opacity of a pixel that shows a surface."""
 MOST, LEAST = 0.5, 0.05
-"""Share of a view at the lens from which on a camera counts as inside a surface; least share that shows anything."""
+"""A camera counts as inside a surface if more than the first share of its view touches the camera. The second is the
+minimum share of a view that must show a surface."""
 REMEDY = "lay the path elsewhere, an orbit or spiral with another radius="
 
 
 def refuse_inside(path: Sequence[Camera], cameras: Sequence[Camera], renderer: SplatRenderer, subject: object) -> None:
-    """Refuse a path of which a view is mostly filled by a surface at the lens, or shows nothing.
+    """Refuse a path if a view is mostly filled by a surface close to the camera, or shows almost nothing.
 
     Args:
         path: cameras of the path.
-        cameras: those of the capture, which tell how far away its surfaces usually are.
+        cameras: cameras of the capture, from which the typical depth of surfaces is computed.
         renderer: renders the splat.
-        subject: what the path is called, in the error.
+        subject: name of the path in the error.
 
     Raises:
         InputError: a camera is inside a surface, or sees nothing of the splat.
     """
-    usual = [
+    capture_depths = [
         depth
         for camera in _evenly_spread(cameras, OF_CAPTURE)
         if (depth := _visible_depths(camera, renderer)[0]) is not None
     ]
-    if not usual:
+    if not capture_depths:
         return
-    typical = float(torch.stack([depth.median() for depth in usual]).median())
+    typical = float(torch.stack([depth.median() for depth in capture_depths]).median())
     for number in _evenly_spread(range(len(path)), OF_PATH):
         depth, share = _visible_depths(path[number], renderer)
         frame_name = f"frame {number + 1} of {len(path)}"
         if depth is None or share < LEAST:
             raise InputError(subject, f"sees nothing of the splat at {frame_name}", REMEDY)
-        close = share * float((depth < NEAR * typical).float().mean())
-        if close > MOST:
-            near = f"{close:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
+        near_share = share * float((depth < NEAR * typical).float().mean())
+        if near_share > MOST:
+            near = f"{near_share:.0%} of the view is nearer than {NEAR:.0%} of the usual depth"
             raise InputError(subject, f"is inside a surface at {frame_name}: {near}", REMEDY)
 
 
 def _visible_depths(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tensor | None, float]:
-    """Depths of a small view where it shows a surface, None where it shows none, and the share that does."""
+    """Depths of the opaque pixels of a small render, None if there are none, and the share of opaque pixels."""
     scale = min(1.0, SIDE / max(camera.height, camera.width))
     render = renderer(camera.resized(max(1, round(camera.height * scale)), max(1, round(camera.width * scale))))
     opaque = render.alpha > OPAQUE
@@ -65,5 +66,5 @@ def _visible_depths(camera: Camera, renderer: SplatRenderer) -> tuple[torch.Tens
 
 
 def _evenly_spread(items: Sequence[T], count: int) -> list[T]:
-    """At most so many of the items, evenly spread from the first to the last."""
+    """At most ``count`` items, evenly spread from the first to the last."""
     return [items[round(i)] for i in np.linspace(0, len(items) - 1, min(count, len(items)))]

@@ -1,7 +1,7 @@
-"""Cameras and depth that renders come without, recovered from the images and kept on disk.
+"""Recovers missing cameras and depth of renders from the images, and keeps them on disk.
 
-Cameras come from structure from motion of renders and photos together. Depth comes from a plane sweep: each image is
-compared with photos at many depths. The truth of a render, a photo of its own view, takes no part.
+Cameras come from structure from motion of renders and photos together. Depth comes from a plane sweep, which compares
+each image with photos at many depths. The ground truth of a render, a photo of the same view, is not used.
 Axes: h height, w width.
 """
 
@@ -38,30 +38,30 @@ from gaussian_enhancer.scene.undistort import Lens, ideal_pinhole, undistort
 from gaussian_enhancer.types import Camera, orthonormal_pose
 
 SWEPT_PIXELS = 60_000
-"""Pixels of an image that depth is searched at; larger images are made smaller first."""
+"""Maximum number of pixels of an image in the plane sweep; larger images are reduced first."""
 ENOUGH = 2
-"""Photos that must have a camera: fewer tell no depth."""
+"""Minimum number of photos with a camera; depth cannot be recovered from fewer."""
 STRAIGHT = 0.5
-"""Pixels in a photo's corner up to which distortion is left alone, so that the photo is not resampled for it."""
+"""Distortion in pixels at a photo's corner below which the photo is not undistorted, which avoids resampling it."""
 SUMMARY, CAMERAS, DEPTH = "geometry.json", "cameras", "depth"
-"""What is written: a summary, a COLMAP model, and a depth map a view."""
+"""Names of the outputs: a summary, a COLMAP model, and a depth map for each view."""
 RENDER, PHOTO = "render", "photo"
-"""What names of files begin with, before the view's number."""
+"""Prefixes of file names, followed by the view's number."""
 PARTS = {
     "features": "structure from motion: features",
     "matches": "structure from motion: matches",
     "cameras": "structure from motion: cameras",
     "depth": "plane sweep",
 }
-"""What the bar shows of each part of the work."""
+"""Descriptions of the parts of the work in the progress bar."""
 Read = Callable[[], Tensor]
 
 
 class RecoveryProgress:
-    """A bar on a terminal's standard error once there is something to do, or nothing.
+    """A progress bar on standard error, if that is a terminal; it appears with the first update.
 
     Args:
-        shown: whether to show it.
+        shown: whether to show the bar.
     """
 
     def __init__(self, shown: bool) -> None:
@@ -77,12 +77,12 @@ class RecoveryProgress:
         self._bar.stop()
 
     def update(self, part: str, done: int, total: int) -> None:
-        """Show how much of a part is done.
+        """Show the progress of a part.
 
         Args:
             part: one of `PARTS`.
-            done: how much of it.
-            total: all of it.
+            done: number of steps done.
+            total: number of all steps.
         """
         if part not in self._tasks:
             self._bar.start()
@@ -92,12 +92,12 @@ class RecoveryProgress:
 
 @dataclass(frozen=True)
 class Recovered:
-    """A set with what was recovered of its geometry.
+    """A set with its recovered geometry.
 
     Args:
-        rendered: the set; renders that found no camera have none, and photos that found none are left out.
-        cameras: where cameras come from, or why there are none; empty where they were given.
-        depth: where depth comes from; empty where it was given, or there is none.
+        rendered: the set; renders whose camera was not recovered have none, and such photos are left out.
+        cameras: how cameras were recovered, or why they could not be; empty if they were given.
+        depth: how depth was recovered; empty if it was given or could not be recovered.
     """
 
     rendered: RenderedSet
@@ -106,20 +106,21 @@ class Recovered:
 
 
 def lacks_geometry(rendered: RenderedSet) -> bool:
-    """Whether a set has photos to refer to, and renders without the cameras or depth that warping them takes."""
+    """Whether a set has photos, but renders without the cameras or depth that warping requires."""
     views = rendered.targets
     return bool(rendered.references) and (_lacks_cameras(rendered) or any(view.read_depth is None for view in views))
 
 
 def recover_geometry(rendered: RenderedSet, root: Path, progress: Told | None = None) -> Recovered:
-    """The set with cameras and depth, those of an earlier call where its images are the same.
+    """The set with recovered cameras and depth. Results of an earlier call for the same images are reused.
 
-    Where a render has no camera, all cameras are recovered, and depth with them, since the scale is another.
+    If a render has no camera, or if no photo has one, all cameras are recovered, and all depth as well, since recovered
+    cameras have another scale.
 
     Args:
         rendered: renders and photos.
-        root: folder that keeps what is recovered, in a folder of the set's name and a digest of its images.
-        progress: told how far the work is; not called where it was done before.
+        root: folder of results; they are kept in a subfolder named by the set and a digest of its images.
+        progress: callback for progress; not called if an earlier result is reused.
 
     Raises:
         InputError: an image cannot be read, or the folder cannot be written.
@@ -128,12 +129,12 @@ def recover_geometry(rendered: RenderedSet, root: Path, progress: Told | None = 
     folder = root / f"{rendered.name}-{digest_of({'images': _identities(rendered, bare)})}"
     if not (folder / SUMMARY).is_file():
         with lock.wait_for_holders():
-            new = lock.hold(folder)
+            acquired = lock.hold(folder)
         try:
             if not (folder / SUMMARY).is_file():
                 _recover_missing(rendered, bare, folder, progress)
         finally:
-            if new:
+            if acquired:
                 lock.release(folder)
     return _read(rendered, bare, folder)
 
@@ -144,13 +145,13 @@ def _lacks_cameras(rendered: RenderedSet) -> bool:
 
 
 def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: Told | None) -> None:
-    """Recover what is missing, and write it; parts that a killed call left are made again."""
+    """Recover the missing geometry and write it; parts left by a killed call are computed again."""
     started = time.monotonic()
     try:
         _clear(folder)
         complete = not bare or reconstruct(_unposed(rendered), folder / CAMERAS, progress)
         posed = _posed(rendered, bare, folder) if complete else rendered
-        middle = time.monotonic()
+        cameras_done = time.monotonic()
         complete = _check_cameras(posed)
         if complete:
             _write_depths(posed, read_model(folder / CAMERAS).points if bare else None, folder / DEPTH, progress)
@@ -159,7 +160,7 @@ def _recover_missing(rendered: RenderedSet, bare: bool, folder: Path, progress: 
     except BaseException:
         _clear(folder)
         raise
-    seconds = {CAMERAS: round(middle - started, 1), DEPTH: round(time.monotonic() - middle, 1)}
+    seconds = {CAMERAS: round(cameras_done - started, 1), DEPTH: round(time.monotonic() - cameras_done, 1)}
     write_text(folder / SUMMARY, json.dumps({"found": complete, "seconds": seconds}) + "\n")
 
 
@@ -169,27 +170,29 @@ def _clear(folder: Path) -> None:
 
 
 def _read(rendered: RenderedSet, bare: bool, folder: Path) -> Recovered:
-    """The set with what was written."""
+    """The set with the geometry that is stored in a folder."""
     source = folder / SUMMARY
     summary = read_json(source)
-    times = member(summary, "seconds", source)
-    taken = {part: number(times, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
+    durations = member(summary, "seconds", source)
+    seconds = {part: number(durations, part, f"{source} seconds") for part in (CAMERAS, DEPTH)}
     count = len(rendered.targets), len(rendered.references)
     if not member(summary, "found", source):
-        tried = f"structure from motion of {count[0]} renders and {count[1]} photos"
-        return Recovered(rendered, f"{tried} found no place that they share, {taken[CAMERAS]:.0f} s" if bare else "")
+        attempt = f"structure from motion of {count[0]} renders and {count[1]} photos"
+        return Recovered(
+            rendered, f"{attempt} found no place that they share, {seconds[CAMERAS]:.0f} s" if bare else ""
+        )
     posed = _posed(rendered, bare, folder)
     targets = tuple(_with_depth(view, folder / DEPTH / f"{RENDER}_{i:05d}.npy") for i, view in enumerate(posed.targets))
     references = [_with_depth(v, folder / DEPTH / f"{PHOTO}_{i:05d}.npy") for i, v in enumerate(posed.references)]
-    kept = tuple(view for view in references if view.camera is not None or not bare)
-    posed_set = replace(posed, targets=targets, references=kept, own_depth=False)
-    depth = f"by plane sweep, {taken[DEPTH]:.0f} s; kept in {folder}"
+    photos = tuple(view for view in references if view.camera is not None or not bare)
+    posed_set = replace(posed, targets=targets, references=photos, own_depth=False)
+    depth = f"by plane sweep, {seconds[DEPTH]:.0f} s; kept in {folder}"
     if not bare:
         return Recovered(posed_set, "", depth)
     if any(view.read_depth is not None for view in rendered.targets):
         depth += "; the given depth is left out, since its unit is not that of recovered cameras"
-    placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(kept)} of {count[1]} photos"
-    return Recovered(posed_set, f"by structure from motion: {placed}, {taken[CAMERAS]:.0f} s", depth)
+    placed = f"{sum(v.camera is not None for v in targets)} of {count[0]} renders, {len(photos)} of {count[1]} photos"
+    return Recovered(posed_set, f"by structure from motion: {placed}, {seconds[CAMERAS]:.0f} s", depth)
 
 
 def _check_cameras(posed: RenderedSet) -> bool:
@@ -198,7 +201,7 @@ def _check_cameras(posed: RenderedSet) -> bool:
 
 
 def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
-    """Renders and photos, by the names that `_posed` finds them by."""
+    """Renders and photos as input of structure from motion, under the names by which `_posed` looks them up."""
     renders = [
         UnposedImage(f"{RENDER}_{i:05d}.png", _render_of(view), True, True) for i, view in enumerate(rendered.targets)
     ]
@@ -209,7 +212,7 @@ def _unposed(rendered: RenderedSet) -> list[UnposedImage]:
 
 
 def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
-    """The set with its own cameras, or with those of the model; what the model does not list has none."""
+    """The set with the given cameras or with those of the model; views that are not in the model have no camera."""
     if not bare:
         return rendered
     model = read_model(folder / CAMERAS)
@@ -221,17 +224,17 @@ def _posed(rendered: RenderedSet, bare: bool, folder: Path) -> RenderedSet:
 
     targets = []
     for i, view in enumerate(rendered.targets):
-        found, _ = camera(f"{RENDER}_{i:05d}.png", _render_of(view))
-        targets.append(replace(view, camera=found, read_depth=None))
+        recovered_camera, _ = camera(f"{RENDER}_{i:05d}.png", _render_of(view))
+        targets.append(replace(view, camera=recovered_camera, read_depth=None))
     references = []
     for i, view in enumerate(rendered.references):
-        found, lens = camera(f"{PHOTO}_{i:05d}.png", _photo_of(view))
-        references.append(_undistorted(replace(view, camera=found, read_depth=None), lens))
+        recovered_camera, lens = camera(f"{PHOTO}_{i:05d}.png", _photo_of(view))
+        references.append(_undistorted(replace(view, camera=recovered_camera, read_depth=None), lens))
     return replace(rendered, targets=tuple(targets), references=tuple(references))
 
 
 def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera, Lens]:
-    """The ideal pinhole camera of an image at its own size, and its lens."""
+    """The ideal pinhole camera of an image at its full size, and its lens."""
     lens = model.cameras[image.camera].resized(*_size(read))
     if lens.model == "SIMPLE_RADIAL":
         focal, x, y, k = lens.params
@@ -243,7 +246,7 @@ def _camera(model: ColmapModel, image: ColmapImage, read: Read) -> tuple[Camera,
 
 
 def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
-    """A photo that is undistorted when it is read."""
+    """The view with a photo that is undistorted when it is read."""
     if lens is None or view.camera is None or not lens.distorted:
         return view
     read = _photo_of(view)
@@ -255,7 +258,7 @@ def _undistorted(view: RenderedView, lens: Lens | None) -> RenderedView:
 
 
 def _write_depths(rendered: RenderedSet, points: Points | None, folder: Path, progress: Told | None) -> None:
-    """Sweep every view that has a camera, and write its depth; photos come last, which all are compared with."""
+    """Compute and write the depth of each view with a camera. Photos come last; all views are compared with them."""
     from gaussian_enhancer.splat.fit.plane_sweep import SweepSettings, sweep_depths
 
     settings = SweepSettings(neighbours=4, reduction=1)
@@ -287,14 +290,14 @@ def _with_depth(view: RenderedView, path: Path) -> RenderedView:
 
 @dataclass(frozen=True)
 class ReadSweptDepth:
-    """Reads a swept depth map at the size of its view. Picklable for worker processes."""
+    """Reads a depth map of the plane sweep at the size of its view. Picklable for worker processes."""
 
     path: Path
     height: int
     width: int
 
     def __call__(self) -> Float[Tensor, "1 h w"]:
-        """Z depth in scene units; between samples inverse depth, in which planes are linear, is interpolated."""
+        """Z depth in scene units. Inverse depth is interpolated, since it is linear on planes."""
         try:
             stored = torch.from_numpy(np.array(load_array(self.path)))
         except (OSError, ValueError, EOFError) as error:
@@ -305,7 +308,7 @@ class ReadSweptDepth:
 
 @dataclass(frozen=True)
 class ReadUndistorted:
-    """Reads a photo as an ideal pinhole camera sees it."""
+    """Reads a photo and undistorts it to an ideal pinhole camera."""
 
     read: Read
     lens: Lens
@@ -335,7 +338,7 @@ def _size(read: Read) -> tuple[int, int]:
 
 
 def _identities(rendered: RenderedSet, bare: bool) -> list[list[object]]:
-    """What recovered geometry depends on: the images, and cameras where they were given."""
+    """The data that recovered geometry depends on: the images, and cameras if they were given."""
 
     def identity(kind: str, view: RenderedView, read: Read) -> list[object]:
         matrices: Sequence[Tensor] = () if bare or view.camera is None else (view.camera.K, view.camera.world_to_camera)
@@ -346,7 +349,7 @@ def _identities(rendered: RenderedSet, bare: bool) -> list[list[object]]:
 
 
 def _content_key(read: Read) -> str:
-    """What tells an image from others: its file with size and time of change, or its pixels."""
+    """Identity of an image: its file with size and modification time, or a hash of its pixels."""
     if isinstance(read, ReadPhoto):
         state = read.path.stat()
         return f"{read.path.resolve()} {state.st_size} {state.st_mtime_ns} {read.height} {read.width} {read.lens}"

@@ -1,4 +1,4 @@
-"""Rendering the views of a capture, and of a camera path, from a splat.
+"""Renders the views of a capture or of a camera path from a splat.
 
 Axes: h height, w width.
 """
@@ -23,10 +23,10 @@ class SplatRenderer:
     """Renders a splat.
 
     Args:
-        gaussians: the splat, on the device where it is rendered.
-        method: how it is rendered.
-        background: colour behind everything.
-        near: smallest z in scene units that is drawn.
+        gaussians: the splat, on the device that renders it.
+        method: rendering method.
+        background: background colour.
+        near: near plane: smallest rendered z in scene units.
     """
 
     gaussians: Gaussians
@@ -35,7 +35,7 @@ class SplatRenderer:
     near: float
 
     def __call__(self, camera: Camera) -> Render:
-        """Render one view; the result is on the CPU."""
+        """Render one view and move the result to the CPU."""
         from gaussian_enhancer.splat.render import render
 
         on_device = camera.to(self.gaussians.means.device)
@@ -43,30 +43,32 @@ class SplatRenderer:
             return render(self.gaussians, on_device, self.method, self.background, near=self.near).to("cpu")
 
     def target(self, name: str, camera: Camera | None, photo: Photo | None = None) -> RenderedView:
-        """A view to enhance, which is rendered when it is read.
+        """Create a target whose render is computed when it is read.
 
         Args:
-            name: its file name.
-            camera: where it is rendered from.
-            photo: of the same view, where there is one.
+            name: file name of the target.
+            camera: camera of the render.
+            photo: photo of the same view, if there is one.
 
         Raises:
-            InputError: there is no camera.
+            InputError: the camera is None.
         """
-        draw = self._render_view(name, camera, ("colour", "surface", "alpha"))
-        return RenderedView(name, draw.colour, camera, draw.depth, draw.alpha, None if photo is None else photo.read)
+        drawing = self._render_view(name, camera, ("colour", "surface", "alpha"))
+        return RenderedView(
+            name, drawing.colour, camera, drawing.depth, drawing.alpha, None if photo is None else photo.read
+        )
 
     def reference(self, photo: Photo) -> RenderedView:
-        """A photo to refer to, with the splat's render of its view.
+        """Create a reference from a photo, with the splat's render of the same view.
 
         Args:
-            photo: with its camera.
+            photo: a photo with its camera.
 
         Raises:
-            InputError: it has no camera.
+            InputError: the photo has no camera.
         """
-        draw = self._render_view(photo.name, photo.camera, ("colour", "surface"))
-        return RenderedView(png_name(photo.name), draw.colour, photo.camera, draw.depth, None, photo.read)
+        drawing = self._render_view(photo.name, photo.camera, ("colour", "surface"))
+        return RenderedView(png_name(photo.name), drawing.colour, photo.camera, drawing.depth, None, photo.read)
 
     def _render_view(self, name: str, camera: Camera | None, parts: tuple[str, ...]) -> "_Drawing":
         if camera is None:
@@ -82,18 +84,18 @@ def open_renderer(
     device: str = "cpu",
     invalid: str = "refuse",
 ) -> SplatRenderer:
-    """Read a splat to render.
+    """Read a splat and prepare its rendering.
 
     Args:
         file: the splat.
-        cameras: of the capture that it was fitted to; the near plane follows their extent.
-        background: colour behind everything.
-        method: how the splat is rendered (`choose_method`).
-        device: where to render.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        cameras: cameras of the capture that the splat was fitted to; the near plane is derived from their extent.
+        background: background colour.
+        method: rendering method (`choose_method`).
+        device: device of the rendering.
+        invalid: treatment of Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
-        InputError: the splat cannot be read or does not lie where its capture does, or the method is unknown.
+        InputError: the splat cannot be read or is not in the coordinates of its capture, or the method is unknown.
     """
     from gaussian_enhancer.splat.io.gsplat_results import refuse_normalised
     from gaussian_enhancer.splat.io.open import read_splat
@@ -108,18 +110,18 @@ def open_renderer(
 def render_capture(
     file: str | Path, capture: Scene, method: str, views: str, device: str = "cpu", invalid: str = "refuse"
 ) -> RenderedSet:
-    """The views of a capture, rendered from a splat when they are read.
+    """The views of a capture; each is rendered from the splat when it is read.
 
     Args:
         file: the splat.
-        capture: cameras and reference photos.
-        method: how the splat is rendered (`choose_method`).
-        views: "test", "train" or "all".
-        device: where to render.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        capture: scene with cameras and reference photos.
+        method: rendering method (`choose_method`).
+        views: views that become targets: "test", "train" or "all".
+        device: device of the rendering.
+        invalid: treatment of Gaussians that are not finite: "refuse" or "drop".
 
     Raises:
-        InputError: the splat cannot be read, the method or the choice of views is unknown, or no view remains.
+        InputError: the splat cannot be read, the method or ``views`` is unknown, or no view of that choice exists.
     """
     cameras = [photo.camera for photo in capture.train_photos if photo.camera is not None]
     renderer = open_renderer(file, cameras, capture.background, method, device, invalid)
@@ -134,27 +136,27 @@ def render_capture(
 
 
 def png_name(name: str) -> str:
-    """A photo's name as a render is stored; a target and the photo of the same view share it.
+    """The file name of a photo's render; a target and the photo of the same view share it.
 
     Args:
-        name: of the photo.
+        name: file name of the photo.
     """
     return str(Path(name).with_suffix(".png"))
 
 
 class _Drawing:
-    """One rendering that serves the readers of its colour, depth and opacity; each part is dropped once it is read."""
+    """One render whose colour, depth and opacity are read separately; each part is freed once it is read."""
 
     def __init__(self, draw: Callable[[], Render], wanted: tuple[str, ...]) -> None:
         self.draw, self.wanted = draw, wanted
         self.parts: dict[str, Tensor] = {}
 
     def colour(self) -> Float[Tensor, "3 h w"]:
-        """The render, rounded to 8 bits as in a folder of renders."""
+        """The render, rounded to 8 bits like a file of a folder of renders."""
         return (self._part("colour").clamp(0, 1) * 255).round() / 255
 
     def depth(self) -> Float[Tensor, "1 h w"]:
-        """Depth of the surface."""
+        """Surface depth."""
         return self._part("surface")
 
     def alpha(self) -> Float[Tensor, "1 h w"]:
@@ -163,6 +165,6 @@ class _Drawing:
 
     def _part(self, name: str) -> Tensor:
         if name not in self.parts:
-            drawing = self.draw()
-            self.parts = {part: getattr(drawing, part) for part in self.wanted}
+            render = self.draw()
+            self.parts = {part: getattr(render, part) for part in self.wanted}
         return self.parts.pop(name)

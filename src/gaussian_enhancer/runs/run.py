@@ -1,7 +1,7 @@
 """Run folders, named by the hash of the configuration, with a file that marks completion.
 
-A finished run is found again. So a killed sweep resumes where it stopped, and what several tables need is computed once
-(as DomainBed names its jobs).
+A finished run is reused. A killed sweep therefore resumes where it stopped, and results that several tables need are
+computed once (DomainBed names its jobs in the same way).
 """
 
 import hashlib
@@ -21,18 +21,18 @@ from gaussian_enhancer.runs import status as status
 from gaussian_enhancer.runs.instantiate import require
 
 WITHOUT_EFFECT = ("runs", "output", "runtime", "profile")
-"""Keys that do not change a result and do not enter the hash: output folders, device, threads."""
+"""Keys that do not change a result and are left out of the hash: output folders, device, threads."""
 
 ELSEWHERE = "give another output, or delete the folder"
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run's folder.
+    """The folder of a run.
 
     Args:
-        folder: the folder; it exists.
-        digest: first eight hexadecimal digits of the hash of job and configuration.
+        folder: the existing folder.
+        digest: first eight hexadecimal digits of the hash of the job's name and configuration.
     """
 
     folder: Path
@@ -40,40 +40,40 @@ class Run:
 
     @property
     def done(self) -> bool:
-        """Whether the folder holds this run, completed."""
+        """Whether the folder holds the completed result of this run."""
         return finished_digest(self.folder) == self.digest
 
     def finish(self) -> None:
-        """Mark the run as completed and unlock its folder. A job does this last."""
+        """Mark the run as completed and unlock its folder. This is the last step of a job."""
         write_text(self.folder / "done", json.dumps({"digest": self.digest, "time": time.time()}) + "\n")
         status.end(self.folder)
         lock.release(self.folder)
 
 
 def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
-    """Create or find the folder of a run and write its configuration there. Unless it is done, mark it as running.
+    """Create or find the folder of a run and write its configuration. Unless the run is done, mark it as running.
 
-    The folder is locked until the run is finished, or the attempt at it ends (`status.track_runs`).
+    The folder is locked until the run is finished, or until `status.track_runs` ends.
 
     Args:
-        cfg: the job's whole configuration.
-        job: the job's name, which is the parent folder's name.
-        label: the readable part of the folder's name, for instance scene and splat.
-        locked: lock the folder; False for processes that share a run whose folder the first of them has locked.
+        cfg: the complete configuration of the job.
+        job: name of the job and of the parent folder.
+        label: readable part of the folder's name, for instance scene and splat.
+        locked: lock the folder; False for processes that share a run whose folder the first process has locked.
 
     Raises:
         InputError: a value marked ``???`` was not given, the folder cannot be written, another process writes it, or it
-            holds another run.
+            holds a different run.
     """
     require(cfg)
     values = effective_config(cfg)
     digest = digest_of({"job": job, **values})
     folder = Path(cfg.output) if cfg.get("output") else Path(cfg.runs) / job / f"{label}-{digest}"
-    new = lock.hold(folder) if locked else False
+    acquired = lock.hold(folder) if locked else False
     try:
         finished = _refuse_another(folder, digest)
     except InputError:
-        if new:
+        if acquired:
             lock.release(folder)
         raise
     write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create({"job": job, **values}), sort_keys=True))
@@ -83,7 +83,7 @@ def open_run(cfg: DictConfig, job: str, label: str, locked: bool = True) -> Run:
 
 
 def _refuse_another(folder: Path, digest: str) -> str | None:
-    """The digest of the finished run in a folder, if any; a folder with results of another run is refused."""
+    """The digest of the finished run in a folder, or None. A folder with results of a different run is refused."""
     finished = finished_digest(folder)
     if finished is not None and finished != digest:
         raise InputError(folder, f"holds another finished run ({finished})", ELSEWHERE)
@@ -99,7 +99,7 @@ def stored_digest(file: Path) -> str:
     """The digest of the run whose configuration a file holds.
 
     Raises:
-        InputError: the file is no configuration.
+        InputError: the file is not a configuration.
     """
     try:
         values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
@@ -111,25 +111,25 @@ def stored_digest(file: Path) -> str:
 
 
 def find_run(cfg: DictConfig, job: str) -> Run | None:
-    """Find the run of a configuration; None where it was never opened.
+    """Find the run of a configuration; None if it was never started.
 
     Args:
-        cfg: the job's whole configuration.
-        job: the job's name.
+        cfg: the complete configuration of the job.
+        job: name of the job.
     """
     digest = run_digest(cfg, job)
-    given = Path(cfg.output) if cfg.get("output") else None
-    folders = [given] if given else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
+    output = Path(cfg.output) if cfg.get("output") else None
+    folders = [output] if output else sorted((Path(cfg.runs) / job).glob(f"*-{digest}"))
     return next((Run(folder, digest) for folder in folders if (folder / "config.yaml").is_file()), None)
 
 
 def run_digest(cfg: DictConfig, job: str) -> str:
-    """The digest of a job's run, whether or not it was started."""
+    """The digest of a job's run, whether or not it was ever started."""
     return digest_of({"job": job, **effective_config(cfg)})
 
 
 def finished_digest(folder: Path) -> str | None:
-    """The digest of the run that was completed in a folder; None where none was.
+    """The digest of the completed run in a folder; None if there is none.
 
     Raises:
         InputError: the file ``done`` cannot be read.

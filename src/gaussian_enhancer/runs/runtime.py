@@ -1,4 +1,4 @@
-"""Device, threads and memory of a job."""
+"""Settings of a job's process: device, threads and memory."""
 
 import os
 
@@ -10,10 +10,10 @@ from gaussian_enhancer.errors import InputError
 
 
 def start(runtime: DictConfig) -> torch.device:
-    """Choose the device, and set the number of CPU threads and the use of freed memory for this process.
+    """Choose the device, and set the number of CPU threads and the reuse of freed memory for this process.
 
     Args:
-        runtime: ``device`` (auto, cpu or cuda); ``threads`` (None takes all cores); ``keep_memory``: keep freed memory
+        runtime: ``device`` (auto, cpu or cuda); ``threads`` (None uses all cores); ``keep_memory``: keep freed memory
             for later allocations instead of returning it to the system.
 
     Raises:
@@ -25,13 +25,13 @@ def start(runtime: DictConfig) -> torch.device:
     if runtime.keep_memory:
         memory.keep_freed()
     torch.set_num_threads(threads)
-    torch.set_flush_denormal(True)  # numbers below 1e-38 cost tens of times more and mean nothing here
+    torch.set_flush_denormal(True)  # denormals (below 1e-38) are tens of times slower and irrelevant to the results
     os.environ.setdefault("NUMBA_NUM_THREADS", str(threads))
     return choose_device(runtime.device)
 
 
 def choose_device(name: str) -> torch.device:
-    """The device of a name; ``auto`` is CUDA where there is one.
+    """The device of a name; ``auto`` selects CUDA if it is available.
 
     Raises:
         InputError: the name is unknown, or there is no CUDA device.

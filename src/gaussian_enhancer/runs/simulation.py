@@ -1,4 +1,4 @@
-"""From the configuration of the job ``simulate`` to the photo, the fitted run and the gates."""
+"""Reads the photo, the fitted run and the gates from the configuration of the job ``simulate``."""
 
 import copy
 
@@ -16,15 +16,15 @@ from gaussian_enhancer.scene.renders import read_run
 
 
 def whole_option(cfg: DictConfig, key: str, least: int) -> int:
-    """An option that is a whole number.
+    """Read an option that must be an integer.
 
     Args:
         cfg: configuration of the job.
         key: the option's name.
-        least: its least value.
+        least: its smallest allowed value.
 
     Raises:
-        InputError: it is no whole number, or smaller.
+        InputError: the value is not an integer, or it is too small.
     """
     value = cfg[key]
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
@@ -33,34 +33,36 @@ def whole_option(cfg: DictConfig, key: str, least: int) -> int:
 
 
 def read_fitted_run(cfg: DictConfig) -> RenderedSet | None:
-    """The views of the fitted run; None where a photo was named instead.
+    """The views of the fitted run; None if a photo was given instead.
 
     Args:
         cfg: configuration of the job.
 
     Raises:
-        InputError: a photo and a run were given, or neither, or an option of the one beside the other.
+        InputError: both a photo and a run were given, or neither, or an option that only applies to the other one.
     """
     inputs = [name for name in ("image", "run") if cfg[name] is not None]
     if len(inputs) != 1:
         received = "was given image and run" if inputs else "was given nothing to simulate from"
         raise InputError("simulate", received, "give one of image=FILE, run=FOLDER")
-    foreign = {"image": ("view", "step"), "run": ("depth",)}[inputs[0]]
-    stray = next((name for name in foreign if cfg[name] is not None), None)
-    if stray is not None:
-        raise InputError(stray, f"was given beside {inputs[0]}", f"leave {stray} out: it has no effect there")
+    inapplicable = {"image": ("view", "step"), "run": ("depth",)}[inputs[0]]
+    unused_option = next((name for name in inapplicable if cfg[name] is not None), None)
+    if unused_option is not None:
+        raise InputError(
+            unused_option, f"was given beside {inputs[0]}", f"leave {unused_option} out: it has no effect there"
+        )
     return read_run(cfg.run, cfg.step) if cfg.run is not None else None
 
 
 def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
-    """The photo that is degraded.
+    """The photo to degrade.
 
     Args:
         cfg: configuration of the job.
-        rendered: views of the fitted run, one of which is taken; None reads the photo's own file.
+        rendered: views of the fitted run, from which the photo is taken; None reads the photo's own file.
 
     Raises:
-        InputError: there is no such view, or a file cannot be read.
+        InputError: the view does not exist, or a file cannot be read.
     """
     if rendered is not None:
         return read_held_out(rendered, None if cfg.view is None else str(cfg.view))
@@ -68,7 +70,7 @@ def choose_photo(cfg: DictConfig, rendered: RenderedSet | None) -> Photographed:
 
 
 def run_fingerprint(rendered: RenderedSet | None) -> Fingerprint | None:
-    """The fingerprint of a run's training views; None without a run, or where the run kept no renders of them.
+    """The fingerprint of a run's training views; None without a run, or if the run has no renders of them.
 
     Args:
         rendered: views of the fitted run.
@@ -79,44 +81,46 @@ def run_fingerprint(rendered: RenderedSet | None) -> Fingerprint | None:
 
 
 def chosen_gate(cfg: DictConfig, rendered: RenderedSet | None) -> tuple[DictConfig, Gate]:
-    """The chosen gate. Without a file, ``gate=adaptive`` is calibrated on the run's training views.
+    """The gate that the configuration names. ``gate=adaptive`` without a file is calibrated on the training views.
 
     Args:
         cfg: configuration of the job.
         rendered: views of the fitted run.
 
     Returns:
-        The configuration that is recorded, and the gate.
+        The configuration to record, and the gate.
     """
     if rendered is None or not OmegaConf.is_missing(cfg.gate, "file"):
         return cfg, build(cfg.gate)
     generator = torch.Generator().manual_seed(cfg.seed)
-    types = {str(name): on for name, on in cfg.gate.get("types", {}).items()}
-    gate = calibrate_on_splat(rendered, generator, types=types)
-    settled = copy.deepcopy(cfg)
-    settled.gate.file = None  # the run stands for it, and is part of the configuration
-    return settled, gate
+    artefact_types = {str(name): on for name, on in cfg.gate.get("types", {}).items()}
+    gate = calibrate_on_splat(rendered, generator, types=artefact_types)
+    recorded = copy.deepcopy(cfg)
+    recorded.gate.file = None  # the run replaces the file, and is itself part of the configuration
+    return recorded, gate
 
 
 def gates_to_show(chosen: Gate, rendered: RenderedSet | None) -> dict[str, Gate | str]:
-    """The gates that the page shows, by name: the chosen one, and one of each other kind with its defaults.
+    """The gates that the page shows, by name: the chosen gate, and the default gate of each other kind.
 
     Args:
         chosen: the chosen gate.
         rendered: views of the fitted run.
 
     Returns:
-        Gates, or the reason why a kind is not shown.
+        Gates, or the reason why a kind of gate is not shown.
     """
-    photo = "a single photo has no training views to calibrate it on: add gate=adaptive gate.file=FILE, or give run="
-    run = "add gate=adaptive to calibrate it on the run's training views, which takes about a minute"
-    default: dict[str, Gate | str] = {
+    no_training_views = (
+        "a single photo has no training views to calibrate it on: add gate=adaptive gate.file=FILE, or give run="
+    )
+    not_calibrated = "add gate=adaptive to calibrate it on the run's training views, which takes about a minute"
+    defaults: dict[str, Gate | str] = {
         "none": NoGate(),
         "all": AllGate(),
         "random": RandomGate(),
-        "adaptive": photo if rendered is None else run,
+        "adaptive": no_training_views if rendered is None else not_calibrated,
     }
     kinds = {NoGate: "none", AllGate: "all", RandomGate: "random", AdaptiveGate: "adaptive", MixedGate: "adaptive"}
     kind = kinds.get(type(chosen), type(chosen).__name__)
-    others = {name: gate for name, gate in default.items() if name != kind}
+    others = {name: gate for name, gate in defaults.items() if name != kind}
     return {f"{kind} (chosen)": chosen, **others}

@@ -1,4 +1,4 @@
-"""A splat with the capture that it was fitted to: a run's folder, or a splat file and its scene."""
+"""A splat with the capture that it was fitted to, read from a run's folder or from a splat file and its scene."""
 
 import re
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from gaussian_enhancer.types import Camera
 
 @dataclass(frozen=True)
 class Capture:
-    """The cameras and photos of a splat.
+    """A splat's file with the cameras and photos of its capture.
 
     Args:
-        splat: the splat's file.
-        cameras: of all photos, in the capture's order.
-        rendered: the photos to refer to as references of a set; a run brings their renders. Its targets are those of
-            the run, if any.
+        splat: file of the splat.
+        cameras: cameras of all photos, in the capture's order.
+        rendered: the photos as references of a set. For a run, they come with renders, and the targets are those of
+            the run. Otherwise the set is empty, and `references_rendered_by` fills it.
         scene: the photographed scene; None for a run.
     """
 
@@ -34,12 +34,12 @@ class Capture:
     scene: Scene | None = None
 
     def renderer(self, cfg: DictConfig, device: str, splat: str | Path | None = None) -> SplatRenderer:
-        """What renders the splat.
+        """Create the renderer of the splat.
 
         Args:
             cfg: configuration with ``method`` and ``invalid``.
             device: "cpu" or "cuda".
-            splat: another splat of the same capture; None takes its own.
+            splat: another splat of the same capture; None uses the capture's own.
 
         Raises:
             InputError: the splat cannot be read, or the method is unknown.
@@ -52,10 +52,10 @@ class Capture:
         return open_renderer(file, training, self.rendered.background, cfg.method, device, cfg.invalid)
 
     def references_rendered_by(self, renderer: SplatRenderer) -> RenderedSet:
-        """The references, with renders of a splat where the capture brings none.
+        """The references; if the capture has no renders of them, they are rendered from the splat.
 
         Args:
-            renderer: of the splat.
+            renderer: renderer of the splat.
         """
         if self.scene is None:
             return self.rendered
@@ -64,11 +64,11 @@ class Capture:
 
 
 def open_capture(cfg: DictConfig, job: str) -> Capture:
-    """Read the capture of a configuration with one of ``run`` and ``gaussians``. The splat is not read yet.
+    """Read the capture of a configuration that has one of ``run`` and ``gaussians``. The splat itself is not read.
 
     Args:
         cfg: configuration of the job.
-        job: its name, for messages.
+        job: name of the job, for messages.
 
     Raises:
         InputError: no splat or several were given, or the capture cannot be read or has photos without a camera.
@@ -81,33 +81,33 @@ def open_capture(cfg: DictConfig, job: str) -> Capture:
 
 
 def splat_file(run: str | Path) -> Path:
-    """The splat of a run's folder: of this project's, or of original 3DGS output at its latest iteration.
+    """The splat file of a run's folder: this project's file, or original 3DGS output at its latest iteration.
 
     Args:
-        run: the folder.
+        run: folder of the run.
 
     Raises:
-        InputError: it holds no splat.
+        InputError: the folder holds no splat.
     """
-    own_file = Path(run) / "splat.ply"
-    if own_file.is_file():
-        return own_file
-    others = {
-        int(found[1]): path
+    project_file = Path(run) / "splat.ply"
+    if project_file.is_file():
+        return project_file
+    files_by_iteration = {
+        int(match[1]): path
         for path in Path(run).glob("point_cloud/iteration_*/point_cloud.ply")
-        if (found := re.fullmatch(r"iteration_(\d+)", path.parent.name))
+        if (match := re.fullmatch(r"iteration_(\d+)", path.parent.name))
     }
-    if not others:
+    if not files_by_iteration:
         received = "holds neither splat.ply nor point_cloud/iteration_*/point_cloud.ply"
         raise InputError(run, received, "name a run's folder, or give gaussians=FILE with scene=...")
-    return others[max(others)]
+    return files_by_iteration[max(files_by_iteration)]
 
 
 def find_splat_file(gaussians: str | Path) -> Path:
-    """The file of a splat that was named by itself or, as gsplat leaves it, by its result folder.
+    """The splat file that a path names, either directly or as a gsplat result folder.
 
     Args:
-        gaussians: the file or folder.
+        gaussians: path of the file or folder.
 
     Raises:
         InputError: the folder holds no splat.

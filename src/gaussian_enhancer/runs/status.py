@@ -1,7 +1,7 @@
-"""The status of a run, from files in its folder: ``running``, ``failed`` and ``done``.
+"""The status of a run, stored as files in its folder: ``running``, ``failed`` and ``done``.
 
-``running`` names the process that works on the run. A killed process leaves the file behind; the run then counts as
-stopped, since the process no longer exists. ``failed`` holds the error. A finished run keeps neither file.
+``running`` names the process that works on the run. A killed process leaves this file behind. The run then counts as
+stopped, since the process no longer exists. ``failed`` holds the error. A finished run has neither of the two.
 """
 
 import json
@@ -21,7 +21,7 @@ from gaussian_enhancer.runs import lock
 
 RUNNING, FAILED, DONE = "running", "failed", "done"
 BEFORE_RESULTS = frozenset({"config.yaml", RUNNING, FAILED, lock.NAME})
-"""Files of a run that hold none of its results."""
+"""Files of a run's folder that are not results."""
 
 Name = Literal["not started", "running", "stopped", "failed", "done"]
 NAMES: tuple[Name, ...] = ("not started", "running", "stopped", "failed", "done")
@@ -34,8 +34,8 @@ class State:
     """The status of a run.
 
     Args:
-        name: "stopped" is a run that was started and that no process works on; the same command resumes it.
-        detail: the error, or the process that works on it.
+        name: "stopped" means that the run was started, but no process works on it; the same command resumes it.
+        detail: the error, or the process that works on the run.
     """
 
     name: Name
@@ -43,7 +43,7 @@ class State:
 
 
 def state_of(folder: Path | None) -> State:
-    """The status of the run in a folder. None, or a folder without a run, is not started.
+    """The status of the run in a folder. If the folder is None or holds no run, the status is "not started".
 
     Raises:
         InputError: a status file cannot be read.
@@ -66,8 +66,13 @@ def begin(folder: Path) -> None:
     from psutil import Process
 
     (folder / FAILED).unlink(missing_ok=True)
-    who = {"pid": os.getpid(), "created": Process().create_time(), "host": socket.gethostname(), "time": time.time()}
-    _write(folder / RUNNING, who)
+    process = {
+        "pid": os.getpid(),
+        "created": Process().create_time(),
+        "host": socket.gethostname(),
+        "time": time.time(),
+    }
+    _write(folder / RUNNING, process)
     opened = _opened.get()
     if opened is not None:
         opened.append(folder)
@@ -75,15 +80,15 @@ def begin(folder: Path) -> None:
 
 def end(folder: Path) -> None:
     """Remove the files ``running`` and ``failed``."""
-    for mark in (RUNNING, FAILED):
-        (folder / mark).unlink(missing_ok=True)
+    for status_file in (RUNNING, FAILED):
+        (folder / status_file).unlink(missing_ok=True)
 
 
 @contextmanager
 def track_runs(discard: bool = False) -> Iterator[None]:
-    """Update the status of all runs that are started inside the context and left unfinished, and unlock their folders.
+    """Update the status of all runs that are started but not finished inside the context, and unlock their folders.
 
-    An exception is written to ``failed`` as the reason. A run that the user interrupts counts as stopped, not failed.
+    An exception is written to ``failed`` as the reason. A run that the user interrupts has the status stopped.
 
     Args:
         discard: remove runs that were refused before they wrote a result, instead of marking them as failed.
@@ -105,7 +110,7 @@ def track_runs(discard: bool = False) -> Iterator[None]:
 
 @contextmanager
 def _begun_runs(folders: list[Path]) -> Iterator[list[Path]]:
-    """The list, to which every run that is begun inside the context is added."""
+    """Append each run that is started inside the context to the list, and yield the list."""
     token = _opened.set(folders)
     try:
         yield folders
@@ -115,10 +120,10 @@ def _begun_runs(folders: list[Path]) -> Iterator[list[Path]]:
 
 @contextmanager
 def discard_if_refused(folder: Path) -> Iterator[None]:
-    """Remove a run's configuration and marks where it is refused inside the context before it wrote a result.
+    """Remove a run's configuration and status files if it is refused inside the context before it wrote a result.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
     """
     try:
         yield
@@ -129,12 +134,12 @@ def discard_if_refused(folder: Path) -> Iterator[None]:
 
 
 def holds_no_result(folder: Path) -> bool:
-    """Whether a folder holds nothing but a run's configuration and marks."""
+    """Whether a folder holds only a run's configuration and status files."""
     return {path.name for path in folder.iterdir()} <= BEFORE_RESULTS
 
 
 def _discard_marks(folder: Path) -> None:
-    """Remove a run's configuration and marks. The folder goes with its lock, where it was made for the run."""
+    """Remove a run's configuration and status files. A folder created for the run is removed with its lock."""
     for name in BEFORE_RESULTS - {lock.NAME}:
         (folder / name).unlink(missing_ok=True)
 
@@ -144,7 +149,7 @@ def _unfinished(folders: list[Path]) -> list[Path]:
 
 
 def _writer_is_alive(who: dict[str, object]) -> bool:
-    """Whether the process that wrote ``running`` still exists; another process may have its number by now."""
+    """Whether the process that wrote ``running`` still exists; its number may have been reused by another process."""
     import psutil
 
     try:

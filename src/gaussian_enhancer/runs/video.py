@@ -1,4 +1,4 @@
-"""From the configuration of the job ``video`` to the frames of a path, what enhances them, and how they are written."""
+"""Reads the camera path, its enhancer and the output settings from the configuration of the job ``video``."""
 
 import hashlib
 import re
@@ -43,9 +43,9 @@ SHAPES: tuple[Shape, ...] = get_args(Shape)
 FRAMES, FPS = 240, 30.0
 FORMATS = (*CODECS, "frames")
 SHAPE_TOLERANCE = 0.02
-"""How far the shape of a clip's frames may differ from that of its cameras: sides are rounded."""
+"""Permitted relative difference of aspect ratio between a clip's frames and its cameras, since sides are rounded."""
 SHOWN = ("format", "layout", "wipe", "fps", "quality")
-"""Keys that change how frames are shown and not what they are: another choice uses the frames that are there."""
+"""Keys that change only how frames are presented. Other values of them reuse the frames that exist."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class CameraPath:
 
     Args:
         name: short name, used in folders.
-        cameras: one a frame, all of one size with even sides.
-        fps: frames a second that the path's file, or the clip, states; None where neither does.
-        clip: a video rendered along the path, whose frames take the place of the splat's renders.
+        cameras: one camera for each frame, all of one size with even sides.
+        fps: frame rate that the path's file or the clip states; None if neither states one.
+        clip: a video rendered along the path, whose frames replace the splat's renders.
     """
 
     name: str
@@ -66,17 +66,17 @@ class CameraPath:
 
     @property
     def count(self) -> int:
-        """Frames of the video; those of a clip that have no camera follow those that have one."""
+        """Number of frames. A clip's frames without a camera come after those with one."""
         return len(self.cameras) if self.clip is None else self.clip.count
 
     def frame(self, index: int) -> Float[Tensor, "3 h w"]:
         """A frame of the clip.
 
         Args:
-            index: 0 for the first.
+            index: index of the frame, from 0.
 
         Raises:
-            InputError: there is none.
+            InputError: there is no clip, or it has no such frame.
         """
         if self.clip is None:
             raise InputError(f"frame {index}", "is of no clip", "give input=VIDEO")
@@ -84,21 +84,25 @@ class CameraPath:
 
     @property
     def note(self) -> str:
-        """What a user must know of the path; empty where there is nothing."""
-        left = self.count - len(self.cameras)
-        return f"{left} of {self.count} frames of the input have no camera and stay as they are" if left else ""
+        """A remark on the path for the user; empty if there is none."""
+        without_camera = self.count - len(self.cameras)
+        return (
+            f"{without_camera} of {self.count} frames of the input have no camera and stay as they are"
+            if without_camera
+            else ""
+        )
 
 
 @dataclass(frozen=True)
 class Filmed:
-    """What a video is made of.
+    """A video to enhance: its frames, the references and the enhancer.
 
     Args:
         cfg: configuration of the job ``video``.
-        path: its cameras.
-        enhancer: what enhances its frames.
-        task: its frames as targets, and the references.
-        found: what of the input is used.
+        path: cameras of the frames.
+        enhancer: enhancer of the frames.
+        task: the frames as targets, and the references.
+        found: the validated inputs.
     """
 
     cfg: DictConfig
@@ -110,13 +114,13 @@ class Filmed:
 
 @dataclass(frozen=True)
 class VideoOutput:
-    """How and where frames are written.
+    """Format and location of the written frames.
 
     Args:
-        encoding: of a video; None writes images.
-        layout: what a frame shows.
-        place: the file, or for images the folder; None for the run's own folder.
-        sound: a video whose sound is copied; None where there is none.
+        encoding: encoding of a video; None writes images.
+        layout: which images a frame shows, and how they are arranged.
+        place: the file, or the folder of images; None for the folder of the run.
+        sound: a video whose sound is copied; None for no sound.
     """
 
     encoding: Encoding | None
@@ -126,45 +130,45 @@ class VideoOutput:
 
 
 def read_output(cfg: DictConfig, path: CameraPath | None = None) -> VideoOutput:
-    """How frames are written; whatever would fail at the end fails here.
+    """Read the output settings. Settings that would fail after the computation are refused here.
 
     Args:
         cfg: configuration of the job ``video``.
-        path: what is filmed, where it is known.
+        path: the camera path, if it is known.
 
     Raises:
         InputError: an option is out of range, the encoder is missing, or the output cannot be written under its name.
     """
     output = None if cfg.output is None else Path(cfg.output)
-    ending = "" if output is None else output.suffix.lower().removeprefix(".")
-    chosen = cfg.format if cfg.format is not None else ending if ending in CODECS else "mp4"
-    if chosen not in FORMATS:
-        raise InputError("format", f"is {chosen!r}", f"choose {', '.join(FORMATS)}")
+    extension = "" if output is None else output.suffix.lower().removeprefix(".")
+    output_format = cfg.format if cfg.format is not None else extension if extension in CODECS else "mp4"
+    if output_format not in FORMATS:
+        raise InputError("format", f"is {output_format!r}", f"choose {', '.join(FORMATS)}")
     layout = Layout(cfg.layout, cfg.wipe)
-    if chosen == "frames":
+    if output_format == "frames":
         if output is not None and output.is_file():
             raise InputError(output, "cannot be written: it is a file", "name a folder")
         return VideoOutput(None, layout, output)
     if output is not None and output.is_dir():
-        raise InputError(output, "cannot be written: it is a folder", f"name a file that ends in .{chosen}")
-    if output is not None and ending != chosen:
-        received = f"does not end in .{chosen}, which is the format"
-        raise InputError(output, received, f"name it .{chosen}, or give format={' or '.join(FORMATS)}")
-    stated, clip = (None, None) if path is None else (path.fps, path.clip)
-    encoding = Encoding(chosen, cfg.fps if cfg.fps is not None else stated or FPS, cfg.quality)
+        raise InputError(output, "cannot be written: it is a folder", f"name a file that ends in .{output_format}")
+    if output is not None and extension != output_format:
+        received = f"does not end in .{output_format}, which is the format"
+        raise InputError(output, received, f"name it .{output_format}, or give format={' or '.join(FORMATS)}")
+    path_fps, clip = (None, None) if path is None else (path.fps, path.clip)
+    encoding = Encoding(output_format, cfg.fps if cfg.fps is not None else path_fps or FPS, cfg.quality)
     encoding.check(() if clip is None else clip.sound)
     return VideoOutput(encoding, layout, output, clip.path if clip is not None and clip.sound else None)
 
 
 def prepare_film(cfg: DictConfig, device: torch.device) -> Filmed:
-    """Lay the path, open what renders it, load the weights and validate the input.
+    """Compute the path, read the splat, load the weights and validate the input.
 
     Args:
         cfg: configuration of the job ``video``.
-        device: where the splat is rendered and the network runs.
+        device: device of the rendering and of the network.
 
     Raises:
-        InputError: the input cannot be read, there is no such path, weights are missing, or an option is out of range.
+        InputError: the input cannot be read, the path or the weights do not exist, or an option is out of range.
     """
     pretrained = load_weights(cfg.weights)
     path, task = read_path_task(cfg, device.type, pretrained.reference_config.fine)
@@ -175,21 +179,21 @@ def prepare_film(cfg: DictConfig, device: torch.device) -> Filmed:
 
 
 def load_film(cfg: DictConfig, device: torch.device) -> tuple[SetEnhancer, Task, ValidatedInputs]:
-    """What `within_budget` measures: see `prepare_film`."""
+    """The enhancer, the task and the validated inputs of `prepare_film`, whose run time `within_budget` measures."""
     filmed = prepare_film(cfg, device)
     return filmed.enhancer, filmed.task, filmed.found
 
 
 def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath, Task]:
-    """The path, its frames as targets that are rendered when they are read, and the capture's photos as references.
+    """Create the path, its frames as targets that are rendered when they are read, and the photos as references.
 
     Args:
         cfg: configuration of the job ``video``.
-        device: "cpu" or "cuda", where the splat is rendered.
-        fine: attach photos 4 times as fine as the renders where they are known.
+        device: "cpu" or "cuda", for rendering the splat.
+        fine: attach photos at 4 times the renders' resolution where they are available.
 
     Raises:
-        InputError: no splat or several were given, the input cannot be read, or the path cannot be laid.
+        InputError: no splat or several were given, the input cannot be read, or the path cannot be computed.
     """
     capture = open_capture(cfg, "video")
     path = lay_path(cfg, capture.cameras)
@@ -205,39 +209,39 @@ def read_path_task(cfg: DictConfig, device: str, fine: bool) -> tuple[CameraPath
 
 
 def lay_path(cfg: DictConfig, cameras: Sequence[Camera]) -> CameraPath:
-    """The path of a configuration.
+    """Compute the camera path that a configuration describes.
 
     Args:
         cfg: configuration of the job ``video``.
-        cameras: of the capture, in its order.
+        cameras: cameras of the capture, in its order.
 
     Raises:
-        InputError: there is no such path, it cannot be laid, or it leaves the capture.
+        InputError: the path does not exist, it cannot be computed, or it leaves the capture.
     """
-    asked, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
-    name, fps, clip = asked, None, None if cfg.input is None else _clip(cfg)
-    laid: Sequence[Camera]
-    if asked in SHAPES:
+    requested, subject, height = str(cfg.path), f"path={cfg.path}", _whole_number(cfg, "height")
+    name, fps, clip = requested, None, None if cfg.input is None else _clip(cfg)
+    path_cameras: Sequence[Camera]
+    if requested in SHAPES:
         frames = FRAMES if cfg.frames is None else cfg.frames
-        laid = capture_path(asked, cameras, PathSettings(frames, cfg.cameras, cfg.turns, cfg.radius))
+        path_cameras = capture_path(requested, cameras, PathSettings(frames, cfg.cameras, cfg.turns, cfg.radius))
     else:
         lens = common_lens(cameras)
-        file = read_path(asked, lens.height, lens.width)
-        laid, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(asked).stem) or "path"
+        file = read_path(requested, lens.height, lens.width)
+        path_cameras, fps, name = file.cameras, file.fps, re.sub(r"[^\w-]+", "_", Path(requested).stem) or "path"
         if cfg.frames is not None:
-            laid = smooth_path(laid, PathSettings(cfg.frames).frames, even_speed=True)
-    refuse_outside(laid, cameras, subject)
+            path_cameras = smooth_path(path_cameras, PathSettings(cfg.frames).frames, even_speed=True)
+    refuse_outside(path_cameras, cameras, subject)
     if clip is None:
-        return CameraPath(name, resize_to_even(laid, height), fps)
-    _refuse_other_path(clip, laid, asked)
-    return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in laid), clip.fps, clip)
+        return CameraPath(name, resize_to_even(path_cameras, height), fps)
+    _refuse_other_path(clip, path_cameras, requested)
+    return CameraPath(name, tuple(camera.resized(clip.height, clip.width) for camera in path_cameras), clip.fps, clip)
 
 
 def _clip(cfg: DictConfig) -> Clip:
-    """The video whose frames are enhanced.
+    """Open the video whose frames are enhanced.
 
     Raises:
-        InputError: it cannot be read, or options contradict it.
+        InputError: the video cannot be read, or options contradict it.
     """
     extra_keys = [key for key in ("frames", "height", "fps") if cfg[key] is not None]
     if extra_keys:
@@ -252,35 +256,37 @@ def _clip(cfg: DictConfig) -> Clip:
 
 
 def _refuse_other_path(clip: Clip, cameras: Sequence[Camera], file: str) -> None:
-    """Refuse cameras that a video cannot have been rendered with: more than its frames, or of another shape."""
-    remedy, shape = "give the path that it was rendered along", cameras[0].width / cameras[0].height
+    """Refuse cameras that do not belong to a video: more than its frames, or of another aspect ratio."""
+    remedy, aspect_ratio = "give the path that it was rendered along", cameras[0].width / cameras[0].height
     if len(cameras) > clip.count:
         raise InputError(clip.path, f"has {clip.count} frames for {len(cameras)} cameras of {file}", remedy)
-    if abs(clip.width / clip.height / shape - 1) > SHAPE_TOLERANCE:
+    if abs(clip.width / clip.height / aspect_ratio - 1) > SHAPE_TOLERANCE:
         received = f"has frames of {clip.width}x{clip.height} for cameras of {cameras[0].width}x{cameras[0].height}"
         raise InputError(clip.path, received, remedy)
 
 
 def run_configuration(filmed: Filmed) -> DictConfig:
-    """The configuration from which the run's folder gets its name: what frames depend on, files by their content.
+    """The configuration that names the run's folder: all that frames depend on, with a digest of each file's content.
 
     Args:
-        filmed: what the video is made of.
+        filmed: the video to enhance.
     """
-    cfg, kept = filmed.cfg, effective_options(filmed.cfg)
+    cfg, configuration = filmed.cfg, effective_options(filmed.cfg)
     splat = splat_file(cfg.run) if cfg.run is not None else find_splat_file(cfg.gaussians)
-    made_of = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
+    digests = {"path": _path_digest(filmed.path.cameras), "splat": file_digest(splat)}
     if filmed.path.clip is not None:
-        made_of["input"] = file_digest(filmed.path.clip.path)
-    with open_dict(kept):
-        for name in (*SHOWN, "input"):  # the content of the input counts
-            kept.pop(name, None)
-        kept.update({"output": None, "made_of": {**made_of, "weights": file_digest(find_checkpoint(cfg.weights))}})
-    return kept
+        digests["input"] = file_digest(filmed.path.clip.path)
+    with open_dict(configuration):
+        for name in (*SHOWN, "input"):  # the input is identified by its content
+            configuration.pop(name, None)
+        configuration.update(
+            {"output": None, "made_of": {**digests, "weights": file_digest(find_checkpoint(cfg.weights))}}
+        )
+    return configuration
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content, in hexadecimal digits.
+    """SHA-256 of a file's content, as hexadecimal digits.
 
     Args:
         path: the file.

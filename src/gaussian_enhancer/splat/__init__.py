@@ -1,1 +1,1 @@
-"""Gaussians and a camera to colour, depth and alpha; files in and out; fitting."""
+"""Splats: rendering of colour, depth and alpha, file formats, and fitting."""

@@ -1,11 +1,11 @@
-"""How the CPU kernels are compiled, the thresholds they share, and the exponential that LLVM can vectorise.
+"""Compilation settings of the CPU kernels, their common thresholds, and an exponential that LLVM can vectorise.
 
 Kernels are Numba functions on C-contiguous NumPy arrays. ``cache=True`` writes the machine code beside the source,
 or into the user's cache folder where the package is installed read-only (``NUMBA_CACHE_DIR`` names another place).
 ``fastmath`` leaves out ``nnan`` and ``ninf``, so that a comparison with NaN keeps its meaning.
 
-Threads: Numba's own count (``NUMBA_NUM_THREADS``, `numba.set_num_threads`). Its OpenMP layer does not survive a fork:
-a process that has run a kernel must start others that will by spawn.
+Numba sets the number of threads (``NUMBA_NUM_THREADS``, `numba.set_num_threads`). Its OpenMP threading layer does not
+survive a fork: a process that has run a kernel must use the spawn method to start processes that run kernels.
 """
 
 import inspect
@@ -17,29 +17,29 @@ import numpy as np
 from numba import njit
 
 ALPHA_MIN = 1.0 / 255.0
-"""A Gaussian's share below this is skipped."""
+"""A Gaussian is skipped at pixels where its alpha is below this."""
 ALPHA_MAX = 0.99
-"""Every share is capped here, so that transmittance never reaches zero."""
+"""Upper limit of alpha, so that transmittance never reaches zero."""
 TRANSMITTANCE_MIN = 1e-4 * (1 - 1e-4)
-"""A pixel stops before the Gaussian that would bring its transmittance below this: 1e-4, with room for rounding, as two
-capped shares leave (1 - 0.99)^2, which is 1e-4 exactly and must not stop a pixel in float32 alone."""
+"""A pixel stops before the Gaussian that would bring its transmittance below this: 1e-4 with a margin for rounding. Two
+Gaussians at the upper limit of alpha leave (1 - 0.99)^2 = 1e-4 exactly, which must not stop a pixel only in float32."""
 COVERED = 1e-3
-"""Below this accumulated alpha a pixel has no depth."""
+"""A pixel with less accumulated alpha than this has no depth: its depth is 0."""
 TILE = 16
-"""Edge of a tile in pixels: one AVX-512 register of float32."""
+"""Side of a tile in pixels: the number of float32 values in an AVX-512 register."""
 
 _OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp", "afn"},
-    "error_model": "numpy",  # the check for division by zero would be an exit from the loop
+    "error_model": "numpy",  # the check for division by zero would add an exit to the loop
     "cache": True,
     "nogil": True,
 }
 
 kernel_lock = threading.RLock()
-"""Held around every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered twice at once."""
+"""Held during every parallel kernel: Numba's fallback threading layer (workqueue) must not be entered concurrently."""
 
 
-# Under the shape checks of the tests a function arrives wrapped, which Numba cannot cache: hence `inspect.unwrap`.
+# The shape checks of the tests wrap functions, and Numba cannot cache a wrapped function: hence `inspect.unwrap`.
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that loops in parallel with ``prange``."""
     return njit(parallel=True, **_OPTIONS)(inspect.unwrap(function))
@@ -53,8 +53,8 @@ def inner(function: Callable[..., Any]) -> Any:
 def exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile a parallel function without ``fastmath``.
 
-    Code that was just compiled and code from the cache order and contract sums differently under ``fastmath``. Where
-    the result decides between alternatives, a difference in the last bit can decide otherwise.
+    Under ``fastmath``, freshly compiled code and code from the cache order and contract sums differently. Where a
+    comparison depends on the result, a difference in the last bit can change its outcome.
     """
     return njit(parallel=True, **(_OPTIONS | {"fastmath": False}))(inspect.unwrap(function))
 
@@ -74,9 +74,9 @@ _C3, _C4, _C5 = _F(0.05550713), _F(0.00967554), _F(0.00132765)
 
 @inner
 def exp2_nonpositive(t: np.float32) -> np.float32:
-    """2^t for t <= 0 without a branch or a call: 2^round(t) by its bits, the rest by a polynomial.
+    """2^t for t <= 0 without a branch or a call: 2^round(t) from its bits, times a polynomial of the remainder.
 
-    The polynomial is the least-maximum relative error fit of degree 5 on [-1/2, 1/2]; relative error below 2e-7.
+    The polynomial of degree 5 minimises the largest relative error on [-1/2, 1/2], which is below 2e-7.
     Below 2^-126, and for NaN, the result is 2^-126.
     """
     t = max(t, _LOWEST)

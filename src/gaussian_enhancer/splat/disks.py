@@ -1,4 +1,4 @@
-"""Disks in the world to what the rasteriser needs of them on the image (2DGS), forward and analytic backward.
+"""Projection of disks to the values that the rasteriser needs (2DGS), forward and analytic backward, on the CPU.
 
 Axes: n Gaussians. Symbols, for one disk and one camera: p centre in camera axes, t_u and t_v tangents scaled by the
 standard deviations, f focal lengths, d = (d_x, d_y) a pixel's offset from the projected centre.
@@ -14,9 +14,9 @@ and their cross product, in which the products d_x d_y cancel, is linear in d:
     (u, v) = C d / D,   z = p_z D_0 / D,   C = ((-b_v, a_v), (b_u, -a_u)),   D = D_0 + D_x d_x + D_y d_y,
     D_0 = a_u b_v - a_v b_u,   D_x = w_u b_v - w_v b_u,   D_y = a_u w_v - a_v w_u.
 
-C and D are kept divided by the largest |a|, |b| with the sign that makes D_0 >= 0: no over- or underflow, and an
-edge-on disk (D_0 = 0) is simply never in front (z = p_z D_0 / D > near fails) instead of a division by zero.
-All of this is in float64. Non-finite disks are nowhere visible, as are those with z <= near.
+C and D are stored divided by the largest of |a| and |b|, with the sign that makes D_0 >= 0. This prevents overflow and
+underflow. An edge-on disk (D_0 = 0) causes no division by zero: it never lies beyond the near plane, since the test
+z = p_z D_0 / D > near fails. All of this is in float64. Disks that are not finite or have z <= near are invisible.
 """
 
 import math
@@ -29,20 +29,20 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lock
 from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, camera_point, rotation_backward, rotation_of
 
-_IN_FRONT = 1e-4  # of 1 - r^2 |w|^2: below, the support reaches the camera's plane and may cover any pixel
+_IN_FRONT = 1e-4  # of 1 - r^2 |w|^2; below it the support reaches the camera plane and may cover any pixel
 _FINITE = 1e300
-_EVERYWHERE = 1e7  # half the side in pixels of such a support's box
+_EVERYWHERE = 1e7  # half the side in pixels of the bounding box of such a support
 
 
 class Disks(NamedTuple):
-    """Disks on the image.
+    """Disks projected to the image.
 
     Attributes:
-        footprints: where alpha can reach 1/255, see `splat.tiles`; half_width 0 where culled.
+        footprints: where alpha can reach 1/255, see `splat.tiles`; half_width is 0 for culled disks.
         geometry: projected centre x, y; C row by row; D_0, D_x, D_y; float64, as centres may be far away.
         peaks: log2 of the opacity.
         depths: z of the centres.
-        normals: unit, in camera axes, towards the camera.
+        normals: unit normals in camera axes that face the camera.
     """
 
     footprints: Float64[np.ndarray, "n 6"]
@@ -66,15 +66,15 @@ def project_disks(shape: Shape, view: View) -> Disks:
 def project_disks_backward(
     shape: Shape, view: View, wanted: Bool[np.ndarray, " n"], image: Float32[np.ndarray, "n 20"]
 ) -> ShapeGradient:
-    """Pull gradients back from the image to the parameters.
+    """Gradients with respect to the disks' parameters, from the gradients that the rasteriser returns.
 
-    The divisor of C and D counts as constant, since scaling both changes neither (u, v) nor z.
+    The divisor of C and D is treated as constant, since scaling both changes neither (u, v) nor z.
 
     Args:
         shape: as in `project_disks`.
         view: as in `project_disks`.
-        wanted: Gaussians that are in some tile; the others' gradients are 0.
-        image: what `splat.raster_disks.blend_disks_backward` gathered, summed over tiles.
+        wanted: mask of the Gaussians that some tile lists; the others' gradients are 0.
+        image: result of `splat.raster_disks.blend_disks_backward`, summed over tiles.
     """
     with kernel_lock:
         return ShapeGradient(*_project_backward(shape, view, wanted, image))
@@ -110,7 +110,7 @@ def _times_matrix(a, b, c, R):  # type: ignore[no-untyped-def]
 
 @inner
 def _planes(shape, g, view, p, axes):  # type: ignore[no-untyped-def]
-    """Scales over p_z; a, b, w as (u, v) pairs; D_0; the factor that C and D are kept multiplied by."""
+    """Scales divided by p_z; a, b, w as (u, v) pairs; D_0; the factor by which C and D are multiplied."""
     px, py = p[0] / p[2], p[1] / p[2]
     su, sv = math.exp(np.float64(shape.log_scales[g, 0])) / p[2], math.exp(np.float64(shape.log_scales[g, 1])) / p[2]
     w = su * axes[2][0], sv * axes[2][1]
@@ -123,11 +123,11 @@ def _planes(shape, g, view, p, axes):  # type: ignore[no-untyped-def]
 
 @inner
 def _footprint(x, y, a, b, w, square):  # type: ignore[no-untyped-def]
-    """An ellipse around where alpha can reach 1/255: the projected disk of radius r and the low-pass's circle.
+    """An ellipse around all points where alpha can reach 1/255: the projected disk of radius r and the low-pass circle.
 
     The image of the circle |(u, v)| = r has centre m = r^2 (a.w, b.w) / k and, with k = 1 - r^2 w.w > 0, matrix
-    S = r^2 ((a.a, a.b), (a.b, b.b)) / k + m m^T. Raising its half axes to the low-pass circle's radius r / sqrt(2)
-    plus |m| makes it cover both.
+    S = r^2 ((a.a, a.b), (a.b, b.b)) / k + m m^T. Its half axes are raised to at least r / sqrt(2) + |m|, r / sqrt(2)
+    being the radius of the low-pass circle, so that the ellipse covers both. ``square`` is r^2.
     """
     k = 1.0 - square * (w[0] * w[0] + w[1] * w[1])
     if not k > _IN_FRONT:

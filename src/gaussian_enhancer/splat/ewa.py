@@ -1,16 +1,17 @@
-"""Ellipsoids to ellipses on the image (3DGS and Mip-Splatting), forward and analytic backward, on the CPU.
+"""Projection of ellipsoids to ellipses in the image (3DGS and Mip-Splatting) on the CPU.
 
 Axes: n Gaussians. With W the world-to-camera rotation, J the perspective's Jacobian at the (clamped) centre, R and s
 the Gaussian's rotation and scales, the rows m1, m2 of M = J W R diag(s) give
 
     cov2d = M M^T + d I,   det = |m1 x m2|^2 + d (|m1|^2 + |m2|^2) + d^2
 
-The second form does not cancel, so that needles of any axis ratio keep a positive determinant; for the same reason the
-footprint is whitened along its own axes. All of this is in float64. Non-finite Gaussians are nowhere visible, as are
-those with z <= near.
+This form of the determinant has no cancelling terms, so that needles of any axis ratio keep a positive determinant. For
+the same reason the footprint is whitened along its principal axes. All of this is in float64. Gaussians that are not
+finite or have z <= near are invisible.
 
 Sources: Zwicker et al., EWA Splatting, 2002; Kerbl et al. 2023, appendix A; Yu et al., Mip-Splatting, 2024, eq. 9, 10.
-The clamp of x/z and y/z is gsplat's: 0.3 half fields of view beyond the image's own edges.
+The clamp of x/z and y/z is gsplat's: 0.3 half fields of view beyond the image's edges. The backward is in
+`splat.ewa_backward`.
 """
 
 import math
@@ -23,12 +24,12 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import ALPHA_MIN, inner, kernel, kernel_lock
 from gaussian_enhancer.types import Camera
 
-_LARGEST = 1e100  # of a determinant in pixels; beyond, the Gaussian is taken for not finite
+_LARGEST = 1e100  # of |x| + |y| + det; beyond it a Gaussian counts as not finite
 _WHITE = math.sqrt(0.5 * math.log2(math.e))  # exp(-q/2) = 2^-(WHITE^2 q)
 
 
 class View(NamedTuple):
-    """A camera as the kernels take it, float64."""
+    """A camera in the form that the kernels take, in float64."""
 
     rotation: Float64[np.ndarray, "3 3"]
     translation: Float64[np.ndarray, " 3"]
@@ -61,13 +62,13 @@ class Shape(NamedTuple):
 
 
 class Projection(NamedTuple):
-    """What is known of each Gaussian on the image.
+    """The Gaussians projected to the image.
 
     Attributes:
-        footprints: see `splat.tiles`; half_width 0 where culled.
+        footprints: see `splat.tiles`; half_width is 0 for culled Gaussians.
         whitening: (a, b, c, d, l): alpha = 2^(l - u^2 - v^2) with u = a dx + b dy along the footprint's minor axis and
             v = c dx + d dy along its major one, dx and dy in pixels from its centre.
-        depths: centre z.
+        depths: z of the centres.
     """
 
     footprints: Float64[np.ndarray, "n 6"]
@@ -76,7 +77,7 @@ class Projection(NamedTuple):
 
 
 class ShapeGradient(NamedTuple):
-    """Gradients of the loss with respect to the members of `Shape` that are learnt."""
+    """Gradients of the loss with respect to the members of `Shape` that are optimised."""
 
     means: Float32[np.ndarray, "n 3"]
     log_scales: Float32[np.ndarray, "n 3"]
@@ -102,7 +103,7 @@ def project(shape: Shape, view: View, dilation: float, mip: bool) -> Projection:
         shape: the Gaussians.
         view: the camera.
         dilation: variance d in square pixels that is added to both axes.
-        mip: whether the 2D filter keeps the energy and ``smoothing`` applies (Mip-Splatting).
+        mip: whether the 2D filter preserves energy and ``smoothing`` is applied (Mip-Splatting).
     """
     with kernel_lock:
         return Projection(*_project(shape, view, dilation, mip))
@@ -120,7 +121,7 @@ def rotation_of(w, x, y, z):  # type: ignore[no-untyped-def]
 
 @inner
 def rotation_backward(w, x, y, z, g):  # type: ignore[no-untyped-def]
-    """Gradient with respect to the unit quaternion, from that of the matrix (rows of ``g``)."""
+    """Gradient with respect to the unit quaternion, from the gradient ``g`` of the rotation matrix, row by row."""
     minus = g[2][1] - g[1][2], g[0][2] - g[2][0], g[1][0] - g[0][1]
     plus = g[2][1] + g[1][2], g[0][2] + g[2][0], g[1][0] + g[0][1]
     return (
@@ -133,7 +134,7 @@ def rotation_backward(w, x, y, z, g):  # type: ignore[no-untyped-def]
 
 @inner
 def camera_point(means, g, view):  # type: ignore[no-untyped-def]
-    """A centre in camera axes."""
+    """Centre of Gaussian ``g`` in camera axes."""
     R, t = view.rotation, view.translation
     a, b, c = np.float64(means[g, 0]), np.float64(means[g, 1]), np.float64(means[g, 2])
     return (
@@ -145,7 +146,7 @@ def camera_point(means, g, view):  # type: ignore[no-untyped-def]
 
 @inner
 def _clamp_tangents(x, y, z, view):  # type: ignore[no-untyped-def]
-    """Tangents x/z and y/z kept within the widened field of view, and whether each is its own."""
+    """Tangents x/z and y/z clamped to the widened field of view, and whether each was left unchanged."""
     beyond_x, beyond_y = 0.15 * view.width / view.fx, 0.15 * view.height / view.fy
     p, q = x / z, y / z
     u = min(max(p, -view.cx / view.fx - beyond_x), (view.width - view.cx) / view.fx + beyond_x)
@@ -173,7 +174,7 @@ def mix(p, a, q, b):  # type: ignore[no-untyped-def]
 
 @inner
 def _scales(shape, g, mip):  # type: ignore[no-untyped-def]
-    """Standard deviations after the 3D filter, and the factor on opacity that keeps the energy."""
+    """Standard deviations after the 3D filter, and the factor on opacity that preserves energy."""
     logs = shape.log_scales
     s = math.exp(np.float64(logs[g, 0])), math.exp(np.float64(logs[g, 1])), math.exp(np.float64(logs[g, 2]))
     if not mip:
@@ -185,7 +186,7 @@ def _scales(shape, g, mip):  # type: ignore[no-untyped-def]
 
 @inner
 def ellipse_of(shape, g, view, dilation, mip):  # type: ignore[no-untyped-def]
-    """What forward and backward share: camera point, tangents, rows of J W, R and M, scales, opacity factor."""
+    """Values that forward and backward share: camera point, tangents, rows of J W, R and M, scales, opacity factor."""
     x, y, z = camera_point(shape.means, g, view)
     tangents = _clamp_tangents(x, y, z, view)
     u, v, _, _ = tangents

@@ -1,16 +1,16 @@
-"""From gradients on the image back to the parameters of ellipsoids (3DGS and Mip-Splatting), on the CPU.
+"""Backward of the projection of ellipsoids (3DGS, Mip-Splatting): image gradients to parameter gradients, on the CPU.
 
-Axes: n Gaussians. With W the whitening (cov2d^-1 = W^T W), w = W (pixel - centre) and h = dL/dalpha alpha, the
-rasteriser gathers sum h, sum h w and H = sum h w w^T, from which
+Axes: n Gaussians. W is the whitening (cov2d^-1 = W^T W), w = W (pixel - centre) and h = dL/dalpha alpha. The
+rasteriser provides sum h, sum h w and H = sum h w w^T, from which
 
     dL/dcentre = W^T sum h w,    dL/dcov2d = W^T H W / 2
 
-Column k of M = J W R diag(s) is m_k = s_k p_k. Written with y_k = W p_k no large numbers cancel, however thin a needle:
+Column k of M (see `splat.ewa`) is m_k = s_k p_k. With y_k = W p_k no large terms cancel, however thin a needle is:
 
-    dL/dlog s_k = s_k^2 y_k^T H y_k,    dL/dangle about own axis 3 = (s_1^2 - s_2^2) y_1^T H y_2    (and cyclic)
+    dL/dlog s_k = s_k^2 y_k^T H y_k,    dL/dangle about axis 3 = (s_1^2 - s_2^2) y_1^T H y_2    (and cyclic)
 
-and a turn about own axes is carried to the quaternion by dq = q (0, dangle) / 2. Mip-Splatting's 2D factor adds its
-part through the columns. Everything is in float64.
+The angles are of rotations about the Gaussian's axes; the quaternion changes by dq = q (0, dangle) / 2. Mip-Splatting's
+2D factor contributes through the rows of M. All computations are in float64.
 """
 
 import math
@@ -22,7 +22,7 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import inner, kernel, kernel_lock
 from gaussian_enhancer.splat.ewa import Shape, ShapeGradient, View, cross, dot, ellipse_of, mix, whitening_of
 
-_NATURAL = 2.0 * math.log(2.0)  # the rasteriser's u^2 + v^2 is in powers of two
+_NATURAL = 2.0 * math.log(2.0)  # the rasteriser's u^2 + v^2 is an exponent of base 2
 
 
 def project_backward(
@@ -33,15 +33,15 @@ def project_backward(
     wanted: Bool[np.ndarray, " n"],
     image: Float32[np.ndarray, "n 16"],
 ) -> ShapeGradient:
-    """Pull gradients back from the image to the parameters.
+    """Gradients with respect to the Gaussians' parameters, from the gradients that the rasteriser returns.
 
     Args:
         shape: as in `project`.
         view: as in `project`.
         dilation: as in `project`.
         mip: as in `project`.
-        wanted: Gaussians that are in some tile; the others' gradients are 0.
-        image: what `splat.raster.blend_backward` gathered, summed over tiles.
+        wanted: mask of the Gaussians that some tile lists; the others' gradients are 0.
+        image: result of `splat.raster.blend_backward`, summed over tiles.
     """
     with kernel_lock:
         return ShapeGradient(*_project_backward(shape, view, dilation, mip, wanted, image))
@@ -68,7 +68,7 @@ def _filter_rows(weight, m1, m2, normal, covariance, dilation):  # type: ignore[
 
 @inner
 def _quaternion_gradient(unit, x, y, z):  # type: ignore[no-untyped-def]
-    """Gradient with respect to a unit quaternion, from that of turns about the own axes."""
+    """Gradient with respect to a unit quaternion, from the gradients of rotations about the Gaussian's axes."""
     w, i, j, k = unit
     return (
         2.0 * (-i * x - j * y - k * z),
@@ -80,7 +80,7 @@ def _quaternion_gradient(unit, x, y, z):  # type: ignore[no-untyped-def]
 
 @inner
 def _turn_gradients(wide, y1, y2, z1, z2, p1, p2, f1, f2):  # type: ignore[no-untyped-def]
-    """Gradients of turns about the three own axes; f are gradients of M's rows that are not in H."""
+    """Gradients of rotations about the Gaussian's three axes; f1 and f2 are gradients of M's rows beyond H's."""
     s0, s1, s2 = wide
     x = (s1 * s1 - s2 * s2) * (y1[1] * z1[2] + y2[1] * z2[2])
     y = (s2 * s2 - s0 * s0) * (y1[2] * z1[0] + y2[2] * z2[0])

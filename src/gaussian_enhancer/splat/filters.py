@@ -1,4 +1,4 @@
-"""How finely the training photos sampled each Gaussian: the size of Mip-Splatting's 3D low-pass filter.
+"""Mip-Splatting's 3D low-pass filter, whose size follows from how finely the training photos sample each Gaussian.
 
 Axes: n Gaussians.
 """
@@ -18,17 +18,18 @@ SCREEN_MARGIN = 0.15
 
 @torch.no_grad()
 def filter_size(means: Float[Tensor, "n 3"], cameras: Sequence[Camera], *, near: float = 0.01) -> Float[Tensor, " n"]:
-    """Standard deviation of the 3D filter that leaves no detail finer than the best photo could see.
+    """Standard deviation of the 3D filter that removes detail finer than the finest sampling by any photo.
 
-    f = sqrt(0.2) min over cameras that see the Gaussian of z / focal (Yu et al., Mip-Splatting, CVPR 2024,
-    equations 7 to 9; 0.2 is theirs). A camera sees what lies in front of z = near and projects into its image
-    enlarged by 15% on every side (their implementation's margin). Of two focal lengths the longer, finer one counts.
-    A Gaussian that no camera sees takes the largest size found, as theirs does.
+    f = sqrt(0.2) min z / focal over the cameras that see the Gaussian (Yu et al., Mip-Splatting, CVPR 2024, equations 7
+    to 9, with their factor 0.2). A camera sees a Gaussian whose centre lies beyond z = near and projects into its image
+    enlarged by 15% on every side (the margin of the authors' implementation). Of a camera's two focal lengths the
+    longer counts, since it samples more finely. A Gaussian that no camera sees gets the largest size of the others, as
+    in the authors' implementation.
 
     Args:
         means: centres in the world.
-        cameras: those that the splat is fitted to, all on one device with the means.
-        near: smallest z in scene units that counts as seen.
+        cameras: the cameras that the splat is fitted to, on any device.
+        near: smallest z in scene units at which a camera sees a Gaussian.
 
     Raises:
         InputError: if there are Gaussians but no camera sees any of them.
@@ -63,5 +64,5 @@ def apply_3d_filter(
         opacities: peak opacities in [0, 1].
         smoothing: the filter's standard deviation f, world units.
     """
-    wide = torch.sqrt(scales.square() + smoothing[:, None].square())
-    return wide, opacities * (scales / wide).prod(-1)
+    filtered_scales = torch.sqrt(scales.square() + smoothing[:, None].square())
+    return filtered_scales, opacities * (scales / filtered_scales).prod(-1)

@@ -1,9 +1,9 @@
 """Rendering on CUDA through the gsplat library (1.5 or newer), with the same contract as the CPU kernels.
 
 Axes: n Gaussians, h height, w width. Where gsplat differs from `splat.oracle`:
-    - disks: depths are the z of the centres, not of the intersections; shares are capped at 0.999 instead of 0.99
-      before version 1.6; the low-pass sits at the middle of the projected disk's box; intersections are not clipped
-      at the near plane;
+    - disks: depths are the z of the centres, not of the intersections; alpha is capped at 0.999 instead of 0.99
+      before version 1.6; the low-pass is centred on the bounding box of the projected disk; intersections are not
+      clipped at the near plane;
     - Mip-Splatting: from version 1.6 the factor on opacity is at least 0.005.
 """
 
@@ -36,11 +36,11 @@ def render_gsplat(
 
     Args:
         gaussians: float32; three scale axes for ellipsoids, two for disks.
-        camera: on any device; moved to the Gaussians'.
-        method: whose footprints to use.
+        camera: on any device; it is moved to the device of the Gaussians.
+        method: 3DGS, 2DGS or Mip-Splatting, which determines the footprints.
         background: colour behind everything, [0, 1].
         near: smallest z in scene units that is drawn.
-        screen: is filled with statistics for densification, if given.
+        screen: filled with statistics for densification, if given.
 
     Raises:
         InputError: if gsplat cannot be imported or the Gaussians are not float32.
@@ -52,7 +52,7 @@ def render_gsplat(
     median = normals = None
     if isinstance(method, TwoDGS):
         planes, alphas, world_normals, _, _, medians, meta = gsplat.rasterization_2dgs(**arguments)
-        # gsplat turns normals to the world and hands out a median even where less than half is covered.
+        # gsplat returns normals in world axes, and a median depth even where alpha is below one half.
         median = torch.where(alphas[0] >= 0.5, medians[0], 0.0).detach()
         unit = torch.nn.functional.normalize(world_normals[0] @ camera.rotation.to(planes).T, dim=-1)
         normals = torch.where(alphas[0] >= _COVERED, unit, 0.0)
@@ -69,7 +69,7 @@ def render_gsplat(
 
 
 def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float) -> dict[str, Any]:
-    """What both of gsplat's rasterisers take, with one camera as a batch."""
+    """Arguments that both rasterisers of gsplat take, with one camera as a batch."""
     scales, opacities = torch.exp(gaussians.log_scales), torch.sigmoid(gaussians.opacity_logits)
     if isinstance(method, TwoDGS):
         scales = torch.cat([scales, torch.ones_like(scales[:, :1])], 1)
@@ -93,7 +93,7 @@ def _arguments(gaussians: Gaussians, camera: Camera, method: Method, near: float
 
 
 def _fill(screen: ScreenStatistics, meta: dict[str, Any], planes: Tensor, disks: bool) -> None:
-    """Fill what the forward knows, and have the backward fill the gradients."""
+    """Set the visibility now, and register a hook by which the backward sets the gradients."""
     screen.visible = (meta["radii"][0] > 0).all(-1)
     screen.gradient = None
     source = meta["gradient_2dgs" if disks else "means2d"]

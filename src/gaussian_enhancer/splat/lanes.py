@@ -1,7 +1,7 @@
 """Sixteen float32 numbers as one value in compiled kernels: a vector register, or as many as the processor needs.
 
-LLVM vectorises a plain loop only if it sees through it, and leaves its sums' registers at the loop's end. Here the
-vector is written down, so that sums stay in registers over any loops: ``v = load(array, at) * 2``, ``total += v``.
+LLVM vectorises a plain loop only if it can analyse it, and keeps the loop's sums in registers only until the loop ends.
+With an explicit vector type, sums stay in registers across loops: ``v = load(array, at) * 2``, ``total += v``.
 """
 
 from collections.abc import Callable
@@ -43,11 +43,11 @@ def _constant(value: float | int, kind: ir.VectorType = _FLOATS) -> ir.Constant:
 
 
 def _spread(builder: Any, value: Any) -> Any:
-    """The same scalar in every lane; a vector as it is."""
+    """Broadcast a scalar to all lanes; a vector is returned unchanged."""
     if value.type == _FLOATS:
         return value
-    one = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), COUNT), [0] * COUNT))
+    vector = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), COUNT), [0] * COUNT))
 
 
 def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
@@ -58,12 +58,12 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
 
 def _row(context: Any, builder: Any, kind: Any, array: Any, row: Any) -> Any:
     """Pointer to a row's first element."""
-    held = context.make_array(kind)(context, builder, array)
-    return cgutils.get_item_pointer(context, builder, kind, held, [row, context.get_constant(types.intp, 0)])
+    array_struct = context.make_array(kind)(context, builder, array)
+    return cgutils.get_item_pointer(context, builder, kind, array_struct, [row, context.get_constant(types.intp, 0)])
 
 
 def _operator(symbol: Callable[..., Any], instruction: str) -> None:
-    """Teach an operator vectors, on one side or on both."""
+    """Overload an operator for vectors on one side or on both."""
 
     @intrinsic  # type: ignore[untyped-decorator]
     def apply(typing: Any, a: Any, b: Any) -> Any:
@@ -99,7 +99,7 @@ def count_up(typing: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def prefetch(typing: Any, array: Any, row: Any) -> Any:
-    """Ask for a row's first cache line, that it may be there when it is needed."""
+    """Prefetch the first cache line of a row."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
@@ -114,7 +114,10 @@ def prefetch(typing: Any, array: Any, row: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def load(typing: Any, array: Any, at: Any) -> Any:
-    """Sixteen elements of a contiguous float32 array, which begins on a cache line, from a multiple of 16 on."""
+    """Load sixteen elements of a contiguous float32 array from ``at`` on.
+
+    The array must begin on a cache line, and ``at`` must be a multiple of 16.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         return builder.load(_place(context, builder, signature.args[0], *given), align=64)
@@ -124,7 +127,7 @@ def load(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def store(typing: Any, array: Any, at: Any, value: Any) -> Any:
-    """Put a vector where `load` would read it."""
+    """Store a vector where `load` would read it."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         builder.store(given[2], _place(context, builder, signature.args[0], *given[:2]), align=64)
@@ -135,7 +138,7 @@ def store(typing: Any, array: Any, at: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def choose_less(typing: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
-    """``yes if a < b else no`` lane by lane; NaN is not less. All may be vectors or float32."""
+    """``yes if a < b else no`` lane by lane; NaN is not less. Each argument may be a vector or a float32."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         left, right, first, second = (_spread(builder, value) for value in given)
@@ -146,7 +149,7 @@ def choose_less(typing: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
 
 @inner
 def least(a, b):  # type: ignore[no-untyped-def]
-    """The smaller of a vector and a float32."""
+    """The smaller of a vector and a float32, lane by lane."""
     return choose_less(a, b, a, b)
 
 
@@ -166,7 +169,7 @@ _POLYNOMIAL = (0.00132765, 0.00967554, 0.05550713, 0.2402212, 0.69314697, 1.0000
 
 @intrinsic  # type: ignore[untyped-decorator]
 def exp2_of(typing: Any, value: Any) -> Any:
-    """2^t for t in [-126, 0], any number elsewhere; the polynomial of `splat.compiled.exp2_nonpositive`."""
+    """2^t for t in [-126, 0], undefined elsewhere; by the polynomial of `splat.compiled.exp2_nonpositive`."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         (t,) = given
@@ -183,9 +186,9 @@ def exp2_of(typing: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def store_sums(typing: Any, array: Any, row: Any, vectors: Any) -> Any:
-    """Write the sum over lanes of each of up to 16 vectors to the first columns of a row with 16, the rest 0.
+    """Sum each of up to 16 vectors over its lanes and write the sums to a row of 16 columns; other columns get 0.
 
-    Vectors are folded in pairs: after four foldings of 16 the lanes of one vector hold all sums.
+    Vectors are added in pairs: after four such steps the lanes of one vector hold the sums of all 16.
     """
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
@@ -193,7 +196,7 @@ def store_sums(typing: Any, array: Any, row: Any, vectors: Any) -> Any:
         parts = [builder.extract_value(given[2], k) for k in range(len(signature.args[2]))]
         parts += [_constant(0.0)] * (COUNT - len(parts))
         for width in (8, 4, 2, 1):
-            # Lanes that differ by `width` are added; the second vector's sums fill the gaps.
+            # Adds lanes whose indices differ by `width`; sums of the second vector fill the lanes that become free.
             low = [i if not i & width else COUNT + i - width for i in range(COUNT)]
             high = [i + width if not i & width else COUNT + i for i in range(COUNT)]
             parts = [_folded(builder, parts[k], parts[k + len(parts) // 2], low, high) for k in range(len(parts) // 2)]

@@ -1,7 +1,6 @@
-"""The three ways to turn Gaussians into pixels that this package knows, as plain values.
+"""The three rendering methods of this package (3DGS, 2DGS, Mip-Splatting), as plain values.
 
-A method says how a Gaussian's footprint on the image is made; sorting, blending and
-thresholds are common to all.
+A method determines a Gaussian's footprint in the image. Sorting, blending and thresholds are the same for all methods.
 """
 
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ class ThreeDGS:
     Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023; Zwicker et al., EWA Splatting, 2002.
 
     Args:
-        dilation: variance in square pixels that is added to every footprint: none falls between pixels.
+        dilation: variance in square pixels that is added to every footprint, so that none falls between pixels.
     """
 
     name: ClassVar[str] = "3dgs"
@@ -37,7 +36,7 @@ class TwoDGS:
 
 @dataclass(frozen=True)
 class MipSplatting:
-    """Ellipsoids smoothed in 3D by the sampling limit and in 2D by a pixel-sized filter that keeps energy.
+    """Ellipsoids smoothed in 3D by the sampling limit and in 2D by a pixel-sized filter that preserves energy.
 
     3D: scales -> sqrt(s^2 + f^2) and opacity *= prod(s / sqrt(s^2 + f^2)), f the Gaussians' ``smoothing``.
     2D: cov2d + dilation I and opacity *= sqrt(det(cov2d) / det(cov2d + dilation I)).
@@ -55,7 +54,7 @@ Method = ThreeDGS | TwoDGS | MipSplatting
 
 
 def choose_method(name: str, gaussians: Gaussians) -> Method:
-    """The method of a name.
+    """Return the rendering method with a given name.
 
     Args:
         name: "3dgs", "2dgs", "mip_splatting", or "auto": disks are drawn by 2DGS, ellipsoids with a 3D filter by
@@ -66,9 +65,9 @@ def choose_method(name: str, gaussians: Gaussians) -> Method:
         InputError: the name is unknown.
     """
     disks = gaussians.log_scales.shape[1] == 2
-    own = TwoDGS() if disks else ThreeDGS() if gaussians.smoothing is None else MipSplatting()
-    known: tuple[Method, ...] = (ThreeDGS(), TwoDGS(), MipSplatting())
-    methods: dict[str, Method] = {"auto": own, **{one.name: one for one in known}}
+    automatic = TwoDGS() if disks else ThreeDGS() if gaussians.smoothing is None else MipSplatting()
+    all_methods: tuple[Method, ...] = (ThreeDGS(), TwoDGS(), MipSplatting())
+    methods: dict[str, Method] = {"auto": automatic, **{method.name: method for method in all_methods}}
     if name not in methods:
         raise InputError("method", f"is {name!r}", f"choose {', '.join(methods)}")
     return methods[name]

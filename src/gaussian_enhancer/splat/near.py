@@ -1,4 +1,4 @@
-"""Where drawing begins, for scenes of any unit."""
+"""Near plane of a scene, for scenes in any unit of length."""
 
 from collections.abc import Sequence
 
@@ -6,21 +6,21 @@ from gaussian_enhancer.splat.fit.geometry import camera_extent
 from gaussian_enhancer.types import Camera
 
 NEAR = 0.01
-"""Smallest z that is drawn, in scene units: 3DGS's."""
+"""Near plane in scene units, as in 3DGS: the smallest z that is drawn."""
 ORDINARY = (0.01, 1e4)
-"""Camera extents for which that serves, from a few centimetres in metres to a region."""
+"""Camera extents for which `NEAR` is used: in metres, from about a centimetre to 10 km."""
 SHARE = 0.0025
-"""The same as a share of the camera extent in other scenes: 0.01 of an extent of 4."""
+"""Near plane of other scenes as a share of the camera extent: 0.01 at an extent of 4."""
 
 
 def near_plane(cameras: Sequence[Camera]) -> float:
-    """Smallest z that is drawn of a scene.
+    """Near plane of a scene: the smallest z that is drawn.
 
-    3DGS's 0.01 cuts everything off in a scene in units of 10 km, and nothing in one of micrometres: outside of ordinary
-    extents the near plane follows the cameras' extent.
+    3DGS's 0.01 would cut off everything in a scene in units of 10 km, and nothing in a scene in micrometres. The near
+    plane is therefore proportional to the camera extent where the extent is outside `ORDINARY`.
 
     Args:
-        cameras: of the scene; without any its unit is taken to be an ordinary one.
+        cameras: cameras of the scene; without any, `NEAR` is returned.
     """
     extent = camera_extent(cameras) if cameras else 1.0
     return NEAR if ORDINARY[0] <= extent <= ORDINARY[1] else SHARE * extent

@@ -1,7 +1,7 @@
-"""The readable torch twin of the rasterisers: every Gaussian against every pixel, any float dtype, autograd.
+"""Reference rasteriser in plain PyTorch: every Gaussian at every pixel, in any float dtype, with autograd.
 
-It has no tiles, no bounding boxes and no hand-written gradient, so it is what the compiled kernels and
-the CUDA backend are held against; use it in float64 for that.
+It has no tiles, no bounding boxes and no hand-written gradient. The compiled kernels and the CUDA backend are compared
+with it; use float64 for such comparisons.
 
 Axes: n Gaussians (those in front of the camera, sorted by z), k spherical-harmonics coefficients,
 p pixels, h height, w width.
@@ -42,13 +42,13 @@ SH_3 = (
 
 
 class Layers(NamedTuple):
-    """Sorted Gaussians seen from one camera: all that compositing needs, one entry a Gaussian.
+    """Everything that compositing needs of the Gaussians seen from one camera, sorted by z; one entry per Gaussian.
 
     Args:
         falloff: maps pixel centres to half the squared Mahalanobis distance and to z, one row a pixel.
-        opacity: peak alpha, compensation included.
-        colour: in direction of the camera, not negative.
-        normals: unit, in camera axes, towards the camera; None for ellipsoids.
+        opacity: peak alpha, with Mip-Splatting's compensation.
+        colour: colour in the direction of the camera, not negative.
+        normals: unit normals in camera axes that face the camera; None for ellipsoids.
     """
 
     falloff: Callable[[Float[Tensor, "p 2"]], tuple[Float[Tensor, "p n"], Float[Tensor, "p n"]]]
@@ -67,19 +67,19 @@ def render_oracle(
 ) -> Render:
     """Render one view by definition: C = sum_i c_i a_i prod_{j<i} (1 - a_j) + T background.
 
-    Gaussians that are not finite or have z <= near are culled, the rest sorted by their centre's z; a = min(0.99,
-    opacity exp(-power)), left out below 1/255; a pixel stops before the Gaussian that would bring T below 1e-4 (Kerbl
+    Gaussians that are not finite or have z <= near are culled, the rest are sorted by their centre's z. a = min(0.99,
+    opacity exp(-power)) is set to 0 below 1/255. A pixel stops before the Gaussian that would bring T below 1e-4 (Kerbl
     et al. 2023).
 
     Args:
         gaussians: in the dtype to compute in; three scale axes for ellipsoids, two for disks.
         camera: in the same dtype.
-        method: whose footprints to use.
+        method: 3DGS, 2DGS or Mip-Splatting, which determines the footprints.
         background: colour behind everything.
         near: smallest z in scene units that is drawn.
 
     Raises:
-        InputError: if the number of scale axes does not suit the method.
+        InputError: if the number of scale axes does not match the method.
     """
     layers = project(gaussians, camera, method, near)
     pixels = _pixel_centres(camera, gaussians.means)
@@ -98,33 +98,33 @@ def render_oracle(
 
 
 def project(gaussians: Gaussians, camera: Camera, method: Method, near: float) -> Layers:
-    """Cull, sort by z and turn parameters into footprints, opacities and colours."""
+    """Cull Gaussians, sort them by z and convert their parameters to footprints, opacities and colours."""
     axes = 2 if isinstance(method, TwoDGS) else 3
     if gaussians.log_scales.shape[1] != axes:
         received = f"has {gaussians.log_scales.shape[1]} scale axes"
         raise InputError(f"splat for method {method.name}", received, f"use one with {axes}, or another method")
     z = (gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3])[:, 2]
     order = torch.argsort(z.detach(), stable=True)
-    sorted_ = gaussians[order[(z.detach()[order] > near) & _is_finite(gaussians)[order]]]
-    centres = sorted_.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    axes_camera = camera.rotation @ rotations(sorted_.quaternions)
-    directions = torch.nn.functional.normalize(sorted_.means - camera.centre, dim=-1)
-    colour = (sh_values(sorted_.sh, directions) + 0.5).clamp_min(0)
-    opacity = torch.sigmoid(sorted_.opacity_logits)
-    scales = torch.exp(sorted_.log_scales)
+    visible_gaussians = gaussians[order[(z.detach()[order] > near) & _is_finite(gaussians)[order]]]
+    centres = visible_gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    axes_camera = camera.rotation @ rotations(visible_gaussians.quaternions)
+    directions = torch.nn.functional.normalize(visible_gaussians.means - camera.centre, dim=-1)
+    colour = (sh_values(visible_gaussians.sh, directions) + 0.5).clamp_min(0)
+    opacity = torch.sigmoid(visible_gaussians.opacity_logits)
+    scales = torch.exp(visible_gaussians.log_scales)
     if isinstance(method, TwoDGS):
         normals = axes_camera[..., 2]
-        towards = torch.where((normals * centres).sum(-1, keepdim=True) > 0, -1.0, 1.0)
-        return Layers(_disk_falloff(centres, axes_camera, scales, camera, near), opacity, colour, normals * towards)
-    if isinstance(method, MipSplatting) and sorted_.smoothing is not None:
-        smoothed = torch.sqrt(scales**2 + sorted_.smoothing[:, None] ** 2)
-        opacity = opacity * (scales / smoothed).prod(-1)
-        scales = smoothed
+        facing_sign = torch.where((normals * centres).sum(-1, keepdim=True) > 0, -1.0, 1.0)
+        return Layers(_disk_falloff(centres, axes_camera, scales, camera, near), opacity, colour, normals * facing_sign)
+    if isinstance(method, MipSplatting) and visible_gaussians.smoothing is not None:
+        filtered_scales = torch.sqrt(scales**2 + visible_gaussians.smoothing[:, None] ** 2)
+        opacity = opacity * (scales / filtered_scales).prod(-1)
+        scales = filtered_scales
     return _ellipse_layers(centres, axes_camera * scales[:, None, :], opacity, colour, camera, method)
 
 
 def _is_finite(gaussians: Gaussians) -> Bool[Tensor, " n"]:
-    """Which Gaussians have a place, a size and a direction."""
+    """Mask of Gaussians with finite centres, scales and quaternions."""
     shapes = gaussians.means, gaussians.log_scales.exp(), gaussians.quaternions
     return torch.stack([part.isfinite().all(-1) for part in shapes]).all(0)
 
@@ -143,26 +143,29 @@ def _ellipse_layers(
     are sums of non-negative terms, so needles lose no digits to cancellation.
     """
     rows = _affine_jacobian(centres, camera) @ axes
-    square = rows.square().sum(-1)
-    mixed = (rows[:, 0] * rows[:, 1]).sum(-1)
+    variances = rows.square().sum(-1)
+    cross_term = (rows[:, 0] * rows[:, 1]).sum(-1)
     area = torch.linalg.vector_norm(torch.linalg.cross(rows[:, 0], rows[:, 1]), dim=-1)
-    determinant = area**2 + method.dilation * square.sum(-1) + method.dilation**2
+    determinant = area**2 + method.dilation * variances.sum(-1) + method.dilation**2
     if isinstance(method, MipSplatting):
         opacity = opacity * area / determinant.sqrt()
-    cov_x, cov_y = (square + method.dilation).unbind(-1)
+    cov_x, cov_y = (variances + method.dilation).unbind(-1)
     focal, principal = camera.K.diagonal()[:2], camera.K[:2, 2]
-    middle = centres[:, :2] / centres[:, 2:] * focal + principal
+    projected_centres = centres[:, :2] / centres[:, 2:] * focal + principal
 
     def falloff(pixels: Tensor) -> tuple[Tensor, Tensor]:
-        x, y = (pixels[:, None] - middle).unbind(-1)
-        power = 0.5 * (cov_y * x**2 - 2 * mixed * x * y + cov_x * y**2) / determinant
+        x, y = (pixels[:, None] - projected_centres).unbind(-1)
+        power = 0.5 * (cov_y * x**2 - 2 * cross_term * x * y + cov_x * y**2) / determinant
         return power, centres[:, 2].expand_as(power)
 
     return Layers(falloff, opacity, colour, None)
 
 
 def _affine_jacobian(centres: Float[Tensor, "n 3"], camera: Camera) -> Float[Tensor, "n 2 3"]:
-    """Derivative of the projection at each centre, x/z and y/z clamped to 1.3 half fields of view (as gsplat)."""
+    """Derivative of the projection at each centre, x/z and y/z clamped as in gsplat.
+
+    The limit is 0.3 half fields of view beyond the image's edges.
+    """
     z = centres[:, 2]
     rows = []
     for axis, size in enumerate((camera.width, camera.height)):
@@ -186,11 +189,11 @@ def _disk_falloff(
 
     With H = (s_u t_u, s_v t_v, centre) as columns and the pixel's ray (x, y, 1), the planes k = x H_z - H_x and
     l = y H_z - H_y meet in (u, v, 1) ~ k cross l. Half of min(u^2 + v^2, 2 |pixel - centre|^2) is the power.
-    An intersection that does not exist (disk edge-on) or lies at z <= near leaves the low-pass alone.
+    Where no intersection exists (disk edge-on) or it lies at z <= near, the low-pass alone counts.
     """
     H = torch.cat([axes[..., :2] * scales[:, None, :], centres[..., None]], -1)
     focal, principal = camera.K.diagonal()[:2], camera.K[:2, 2]
-    middle = centres[:, :2] / centres[:, 2:] * focal + principal
+    projected_centres = centres[:, :2] / centres[:, 2:] * focal + principal
     centre_z = centres[:, 2]
 
     def falloff(pixels: Tensor) -> tuple[Tensor, Tensor]:
@@ -198,8 +201,8 @@ def _disk_falloff(
         k = x[:, None, None] * H[:, 2] - H[:, 0]
         l = y[:, None, None] * H[:, 2] - H[:, 1]
         point = torch.linalg.cross(k, l)
-        low_pass = DISK_LOW_PASS * (pixels[:, None] - middle).square().sum(-1)
-        # A disk counts as missed where its distance would exceed the low-pass's anyway, before dividing.
+        low_pass = DISK_LOW_PASS * (pixels[:, None] - projected_centres).square().sum(-1)
+        # Decided before the division: a disk counts as missed where the low-pass would be the minimum anyway.
         hit = point[..., :2].square().sum(-1) < low_pass * point[..., 2].square()
         uv = point[..., :2] / torch.where(hit, point[..., 2], 1.0)[..., None]
         z = uv[..., 0] * H[:, 2, 0] + uv[..., 1] * H[:, 2, 1] + centre_z
@@ -219,19 +222,19 @@ def _composite(
     power, z = layers.falloff(pixels)
     alpha = (layers.opacity * torch.exp(-power)).clamp_max(ALPHA_MAX)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha, 0.0)
-    after = torch.cumprod(1 - alpha, -1)
-    included = after.detach() >= TRANSMITTANCE_MIN
-    before = torch.cat([torch.ones_like(after[:, :1]), after], -1)[:, :-1]
-    weight = torch.where(included, alpha * before, 0.0)
+    transmittance_after = torch.cumprod(1 - alpha, -1)
+    included = transmittance_after.detach() >= TRANSMITTANCE_MIN
+    transmittance_before = torch.cat([torch.ones_like(transmittance_after[:, :1]), transmittance_after], -1)[:, :-1]
+    weight = torch.where(included, alpha * transmittance_before, 0.0)
     total = weight.sum(-1, keepdim=True)
     colour = weight @ layers.colour + (1 - total) * weight.new_tensor(background)
-    solid = total >= DEPTH_ALPHA_MIN
-    depth = torch.where(solid, (weight * z).sum(-1, keepdim=True) / torch.where(solid, total, 1.0), 0.0)
-    crosses = included & (before > 0.5) & (after <= 0.5)
-    median = torch.where(crosses, z, 0.0).detach().sum(-1, keepdim=True)
+    covered = total >= DEPTH_ALPHA_MIN
+    depth = torch.where(covered, (weight * z).sum(-1, keepdim=True) / torch.where(covered, total, 1.0), 0.0)
+    crosses_half = included & (transmittance_before > 0.5) & (transmittance_after <= 0.5)
+    median = torch.where(crosses_half, z, 0.0).detach().sum(-1, keepdim=True)
     normals = torch.zeros_like(colour)
     if layers.normals is not None:
-        normals = torch.where(solid, torch.nn.functional.normalize(weight @ layers.normals, dim=-1), 0.0)
+        normals = torch.where(covered, torch.nn.functional.normalize(weight @ layers.normals, dim=-1), 0.0)
     return colour, depth, total, median, normals
 
 
@@ -247,7 +250,7 @@ def rotations(quaternions: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:
 
 
 def sh_values(sh: Float[Tensor, "n k 3"], directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-    """Real spherical harmonics of degree 0 to 3 in the order and sign of 3DGS, summed with their coefficients."""
+    """Sum of real spherical harmonics of degree 0 to 3 times their coefficients, in the order and sign of 3DGS."""
     x, y, z = directions.unbind(-1)
     xx, yy, zz = x * x, y * y, z * z
     a, b = SH_2, SH_3

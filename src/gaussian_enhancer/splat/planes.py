@@ -1,7 +1,7 @@
-"""The block of planes that a 16x16 tile is blended in: what blending of Gaussians and of disks share.
+"""Scratch memory in which a 16x16 tile is blended, shared by the rasterisers of ellipsoids and of disks.
 
-A plane holds one value of each of the tile's pixels, row after row. The first is the transmittance T, which is negative
-once a pixel has stopped and outside the image.
+The memory consists of planes. A plane holds one value for each pixel of the tile, row by row. The first plane is the
+transmittance T, which is negative for pixels that have stopped and for pixels outside the image.
 """
 
 import numpy as np
@@ -10,15 +10,15 @@ from gaussian_enhancer.splat.compiled import ALPHA_MAX, ALPHA_MIN, COVERED, TILE
 
 PIXELS = TILE * TILE
 EVERY = 8
-"""Entries of a tile's list between two looks at whether it is finished."""
+"""Number of entries of a tile's list between two checks whether all its pixels have stopped."""
 AHEAD = 8
-"""Entries between asking memory for a Gaussian and blending it."""
+"""Number of entries by which a Gaussian is prefetched before it is blended."""
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 LARGEST_ALPHA = np.float32(ALPHA_MAX)
 LOG2_SMALLEST_ALPHA = np.float32(np.log2(ALPHA_MIN))
 SMALLEST_T = np.float32(TRANSMITTANCE_MIN)
 LEAST_OPACITY = np.float32(COVERED)
-# Where planes begin, as unsigned offsets: with signed ones Numba's wraparound would hinder vectorisation.
+# Unsigned offsets of the planes: with signed ones, Numba's handling of negative indices would hinder vectorisation.
 P1, P2, P3, P4 = np.uint64(PIXELS), np.uint64(2 * PIXELS), np.uint64(3 * PIXELS), np.uint64(4 * PIXELS)
 P5, P6, P7, P8 = np.uint64(5 * PIXELS), np.uint64(6 * PIXELS), np.uint64(7 * PIXELS), np.uint64(8 * PIXELS)
 P9, P10, P11 = np.uint64(9 * PIXELS), np.uint64(10 * PIXELS), np.uint64(11 * PIXELS)
@@ -26,7 +26,7 @@ P9, P10, P11 = np.uint64(9 * PIXELS), np.uint64(10 * PIXELS), np.uint64(11 * PIX
 
 @inner
 def scratch(count):  # type: ignore[no-untyped-def]
-    """Memory for so many planes that begins on a cache line, as `splat.lanes.load` asks."""
+    """Allocate ``count`` planes that begin on a cache line, as `splat.lanes.load` requires."""
     memory = np.empty(count * PIXELS + 16, np.float32)
     first = (-(memory.ctypes.data // 4)) % 16
     return memory[first : first + count * PIXELS]
@@ -34,7 +34,7 @@ def scratch(count):  # type: ignore[no-untyped-def]
 
 @inner
 def coordinates(planes, at):  # type: ignore[no-untyped-def]
-    """Fill two planes with the pixels' column and row within the tile."""
+    """Fill the planes ``at`` and ``at + 1`` with the pixels' column and row within the tile."""
     for p in range(PIXELS):
         planes[at * PIXELS + p] = p % TILE
         planes[(at + 1) * PIXELS + p] = p // TILE
@@ -42,7 +42,7 @@ def coordinates(planes, at):  # type: ignore[no-untyped-def]
 
 @inner
 def begin(planes, sums, left, top, width, height):  # type: ignore[no-untyped-def]
-    """Empty a tile: all sums 0, T = 1 inside the image."""
+    """Reset a tile: all sums are 0, T is 1 inside the image and -1 outside."""
     planes[: sums * PIXELS] = ZERO
     for p in range(PIXELS):
         inside = (p % TILE < width - left) & (p // TILE < height - top)
@@ -52,7 +52,7 @@ def begin(planes, sums, left, top, width, height):  # type: ignore[no-untyped-de
 @inner
 def is_opaque(planes):  # type: ignore[no-untyped-def]
     """Whether every pixel of the tile has stopped."""
-    left = ZERO
+    remaining = ZERO
     for p in range(PIXELS):
-        left += max(planes[p], ZERO)
-    return left == ZERO
+        remaining += max(planes[p], ZERO)
+    return remaining == ZERO

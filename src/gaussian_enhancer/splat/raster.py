@@ -5,13 +5,14 @@ Axes: n Gaussians, e entries of the tile lists, t tiles, h height, w width.
     alpha_i = min(0.99, 2^(l - u^2 - v^2)),  T_i = prod_{j<i} (1 - alpha_j),
     colour = sum_i T_i alpha_i c_i + T background
 
-The innermost loop runs over a Gaussian's pixel rows of one tile: 16 pixels share an instruction (`splat.lanes`), and
-what the backward sums stays in registers. Memory for the Gaussians to come is asked for ahead.
-The backward goes front to back as well: with v_i the derivative of the loss by the weight w_i = T_i alpha_i,
+The innermost loop runs over the pixel rows of one tile that a Gaussian touches. One instruction processes the 16 pixels
+of a row (`splat.lanes`), and the sums of the backward stay in registers. The data of the next Gaussians is prefetched.
+The backward also goes front to back. With v_i the derivative of the loss with respect to the weight w_i = T_i alpha_i,
 
     dL/dalpha_i = T_i v_i - (sum_{j>i} w_j v_j + T v_background) / (1 - alpha_i)
 
-where the bracket is the whole pixel's sum, known from the forward's output, less what has been passed already.
+where the bracket is the sum over the whole pixel, known from the output of the forward, minus the terms of Gaussians up
+to i.
 """
 
 from typing import NamedTuple
@@ -56,7 +57,7 @@ h = dL/dalpha alpha."""
 
 
 class Splats(NamedTuple):
-    """What is blended: `splat.ewa.Projection`'s footprints, whitening and depths, and colours."""
+    """Inputs of the blending: footprints, whitening and depths of `splat.ewa.Projection`, and colours."""
 
     footprints: Float64[np.ndarray, "n 6"]
     whitening: Float64[np.ndarray, "n 5"]
@@ -65,7 +66,7 @@ class Splats(NamedTuple):
 
 
 class Image(NamedTuple):
-    """Blended planes, and how far into its list each tile went before all its pixels had stopped."""
+    """Blended planes, and how many entries of its list each tile blended before all its pixels had stopped."""
 
     colour: Float32[np.ndarray, "3 h w"]
     depth: Float32[np.ndarray, "1 h w"]
@@ -79,7 +80,7 @@ def blend(splats: Splats, lists: TileLists, background: Float32[np.ndarray, " 3"
 
     Args:
         splats: projected Gaussians.
-        lists: their tiles.
+        lists: the Gaussians of each tile.
         background: colour behind everything.
         height: image height in pixels.
         width: image width in pixels.
@@ -101,7 +102,7 @@ def blend_backward(
     Args:
         splats: as in `blend`.
         lists: as in `blend`.
-        image: what `blend` returned.
+        image: result of `blend`.
         colour: gradient of the loss with respect to the colour.
         depth: gradient with respect to the expected depth.
         alpha: gradient with respect to the accumulated alpha.
@@ -112,7 +113,10 @@ def blend_backward(
 
 @kernel
 def _packed(splats, first):  # type: ignore[no-untyped-def]
-    """What tiles read of each visible Gaussian on one cache line: centre, whitening (float64), peak and colour."""
+    """Pack what tiles read of each visible Gaussian into one cache line.
+
+    That is its centre and whitening in float64, its peak and colour in float32.
+    """
     n = len(first) - 1
     memory = np.empty(8 * n + 8, np.float64)
     begins = (-(memory.ctypes.data // 8)) % 8
@@ -133,7 +137,7 @@ def _packed(splats, first):  # type: ignore[no-untyped-def]
 def _local(record, left, top, columns):  # type: ignore[no-untyped-def]
     """Whitened coordinates of the tile's first row of pixel centres, and the slopes a, b, c, d.
 
-    The first pixel's are in float64, as the centre may be far away.
+    Those of the first pixel are computed in float64, since the centre may be far away.
     """
     dx, dy = left + 0.5 - record[0], top + 0.5 - record[1]
     a, b, c, d = record[2], record[3], record[4], record[5]
@@ -144,7 +148,10 @@ def _local(record, left, top, columns):  # type: ignore[no-untyped-def]
 
 @inner
 def _blend_entry(planes, rows, u, v, slopes, single, z):  # type: ignore[no-untyped-def]
-    """Add one Gaussian to the rows that it touches. Planes: T (negative once stopped), r, g, b, depths, median."""
+    """Blend one Gaussian into the rows that it touches.
+
+    Planes: T (negative once stopped), r, g, b, sum of depths, median depth.
+    """
     _, b, _, d = slopes
     peak, red, green, blue = single[12], single[13], single[14], single[15]
     u, v = u + b * np.float32(rows[0]), v + d * np.float32(rows[0])
@@ -163,13 +170,13 @@ def _blend_entry(planes, rows, u, v, slopes, single, z):  # type: ignore[no-unty
         store(planes, p + 4 * PIXELS, load(planes, p + 4 * PIXELS) + weight * z)
         median = load(planes, p + 5 * PIXELS)
         reached = choose_less(HALF, T, choose_less(ZERO, weight, spread(z), median), median)
-        store(planes, p + 5 * PIXELS, reached)  # depths only grow
+        store(planes, p + 5 * PIXELS, reached)  # depths only grow: the last Gaussian that meets T > 1/2 remains
         u, v = u + b, v + d
 
 
 @inner
 def _write(planes, left, top, background, colour, depth, alpha, median):  # type: ignore[no-untyped-def]
-    """Normalise a tile's sums and put them into the image."""
+    """Normalise a tile's sums and write them to the image."""
     height, width = depth.shape[1], depth.shape[2]
     for j in range(min(TILE, height - top)):
         for i in range(min(TILE, width - left)):
@@ -215,7 +222,10 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 
 @inner
 def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # type: ignore[no-untyped-def]
-    """Gradients of one Gaussian. Planes: T, what lies behind, gradients (r, g, b, depth, alpha)."""
+    """Gradients of one Gaussian, summed over the rows that it touches.
+
+    Planes: T, the sum over what lies behind (the bracket above), gradients (r, g, b, depth, alpha).
+    """
     _, b, _, d = slopes
     peak, red, green, blue = single[12], single[13], single[14], single[15]
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = spread(ZERO)
@@ -247,7 +257,7 @@ def _unblend_entry(planes, rows, u, v, slopes, single, z, gathered, slot):  # ty
 
 @inner
 def _read(planes, left, top, image, colour, depth, alpha):  # type: ignore[no-untyped-def]
-    """Set up a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
+    """Initialise a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
     planes[: 7 * PIXELS] = ZERO
     for j in range(min(TILE, height - top)):

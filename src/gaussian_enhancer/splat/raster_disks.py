@@ -2,14 +2,16 @@
 
 Axes: n Gaussians, e entries of the tile lists, t tiles, h height, w width.
 
-The twin of `splat.raster` for disks: the same scratch planes, the same branch-free loop over a disk's pixel rows and
-the same front-to-back backward. A pixel's alpha and depth differ (see `splat.disks` for U, V and D, linear in the
-pixel; Huang et al. 2024, equation 11):
+The counterpart of `splat.raster` for disks: the same scratch planes, a branch-free loop over a disk's pixel rows and
+the same front-to-back backward. The formulas of alpha and depth differ (Huang et al. 2024, equation 11). U, V and D of
+`splat.disks` are linear in the pixel's position. With d the pixel's offset from the projected centre and l the log2 of
+the opacity,
 
     (u, v) = (U, V) / D,   alpha = min(0.99, 2^(l - log2(e)/2 min(u^2 + v^2, 2 |d|^2))),   z = z_0 D_0 / D,
 
-where the ray's hit counts if it lies in front of the near plane and is nearer than the low-pass 2 |d|^2, which else
-takes over with the centre's z_0; the test is free of divisions, so that disks seen edge-on need no special case.
+where the ray's intersection with the disk counts if it lies beyond the near plane and u^2 + v^2 is less than the
+low-pass 2 |d|^2. Otherwise the low-pass replaces it, and the depth is the centre's z_0. The test contains no division,
+so that disks seen edge-on need no special case.
 """
 
 from typing import NamedTuple
@@ -49,15 +51,16 @@ from gaussian_enhancer.splat.tiles import TileLists
 
 GATHERED = 20
 """Columns of `blend_disks_backward`: colour (3), centre x and y, C (4), D_0, D_x, D_y, z_0 D_0 (hits), z_0 (low-pass),
-log opacity, normal (3), and the centre's x and y with every pixel's share taken absolute. Nothing reads the last two;
-without them the compiler sums the centre's x and y in another order, and gradients differ in the last bit."""
+log opacity, normal (3), and the sums of the absolute values of the pixels' terms of the centre's x and y. The last two
+are not read. Without them the compiler sums the centre's x and y in another order, and gradients differ in the last
+bit."""
 
 _HALF_LOG2_E = np.float32(0.5 * np.log2(np.e))
-_FAINT = np.float32(1e-12)  # shortest summed normal that has a direction, as torch.nn.functional.normalize
+_FAINT = np.float32(1e-12)  # a shorter sum of normals has no direction, as in torch.nn.functional.normalize
 
 
 class DiskSplats(NamedTuple):
-    """What is blended: members of `splat.disks.Disks`, colours, and the near plane."""
+    """Inputs of the blending: members of `splat.disks.Disks`, colours, and the near plane."""
 
     geometry: Float64[np.ndarray, "n 9"]
     peaks: Float32[np.ndarray, " n"]
@@ -68,7 +71,7 @@ class DiskSplats(NamedTuple):
 
 
 class DiskImage(NamedTuple):
-    """Blended planes; summed normals before they are made unit; how far each tile went into its list."""
+    """Blended planes, the summed normals before normalisation, and how many entries of its list each tile blended."""
 
     colour: Float32[np.ndarray, "3 h w"]
     depth: Float32[np.ndarray, "1 h w"]
@@ -86,7 +89,7 @@ def blend_disks(
 
     Args:
         splats: projected disks.
-        lists: their tiles.
+        lists: the disks of each tile.
         background: colour behind everything.
         height: image height in pixels.
         width: image width in pixels.
@@ -109,7 +112,7 @@ def blend_disks_backward(
     Args:
         splats: as in `blend_disks`.
         lists: as in `blend_disks`.
-        image: what `blend_disks` returned.
+        image: result of `blend_disks`.
         colour: gradient of the loss with respect to the colour.
         depth: gradient with respect to the expected depth.
         alpha: gradient with respect to the accumulated alpha.
@@ -121,7 +124,10 @@ def blend_disks_backward(
 
 @inner
 def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
-    """U, V and D as (constant, by x, by y) from the tile's first pixel centre, that centre's offset, and z_0 D_0."""
+    """U, V and D as (constant, slope in x, slope in y) about the tile's first pixel centre, its offset, and z_0 D_0.
+
+    The offset is from the projected centre of the disk to that pixel centre.
+    """
     geometry = splats.geometry
     dx, dy = left + 0.5 - geometry[g, 0], top + 0.5 - geometry[g, 1]
     c00, c01, c10, c11 = geometry[g, 2], geometry[g, 3], geometry[g, 4], geometry[g, 5]
@@ -134,9 +140,9 @@ def _local(splats, g, left, top):  # type: ignore[no-untyped-def]
 
 @inner
 def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
-    """Add one disk to some rows of a tile.
+    """Blend one disk into the pixels ``first`` to ``end`` of a tile.
 
-    Planes: T (negative once stopped), r, g, b, sum of depths, median, three of normals, x, y.
+    Planes: T (negative once stopped), r, g, b, sum of depths, median depth, three of normals, x, y.
     """
     for p in range(first, end):
         x, y = planes[p + P9], planes[p + P10]
@@ -160,7 +166,7 @@ def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colo
         planes[p + P2] += weight * colour[1]
         planes[p + P3] += weight * colour[2]
         planes[p + P4] += weight * z
-        planes[p + P5] += z if adds & (T > HALF) & (rest <= HALF) else ZERO  # happens once
+        planes[p + P5] += z if adds & (T > HALF) & (rest <= HALF) else ZERO  # true for one disk a pixel at most
         planes[p + P6] += weight * normal[0]
         planes[p + P7] += weight * normal[1]
         planes[p + P8] += weight * normal[2]
@@ -168,7 +174,7 @@ def _blend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colo
 
 @inner
 def _write(planes, left, top, background, image):  # type: ignore[no-untyped-def]
-    """Normalise a tile's sums and put them into the image."""
+    """Normalise a tile's sums and write them to the image."""
     colour, depth, alpha, median, normals, summed = image
     height, width = depth.shape[1], depth.shape[2]
     for j in range(min(TILE, height - top)):
@@ -222,9 +228,10 @@ def _blend(splats, lists, background, height, width, lanes):  # type: ignore[no-
 
 @inner
 def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, colour, normal):  # type: ignore[no-untyped-def]
-    """Gradients of one disk from some rows.
+    """Gradients of one disk, summed over the pixels ``first`` to ``end`` of a tile.
 
-    Planes: T, what lies behind, eight gradients (r, g, b, depth, alpha, three of normals), x, y.
+    Planes: T, the sum over what lies behind (the bracket in `splat.raster`), eight gradients (r, g, b, depth, alpha,
+    three of normals), x, y.
     """
     red = green = blue = sx = sy = su = sux = suy = sv = svx = svy = ZERO
     sd = sdx = sdy = sz = sz0 = so = snx = sny = snz = ax = ay = ZERO
@@ -291,7 +298,7 @@ def _unblend_rows(planes, first, end, u, v, d, offset, hit_z, z0, near, peak, co
 
 @inner
 def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ignore[no-untyped-def]
-    """Set up a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
+    """Initialise a tile for the backward; pixels outside the image have T = 0 and gradients 0."""
     height, width = depth.shape[1], depth.shape[2]
     planes[: 10 * PIXELS] = ZERO
     for j in range(min(TILE, height - top)):
@@ -322,7 +329,7 @@ def _read(planes, left, top, image, colour, depth, alpha, normals):  # type: ign
 
 @inner
 def _store(row, ends, moments, offset):  # type: ignore[no-untyped-def]
-    """Turn moments about the tile's first pixel into those about the disk's centre."""
+    """Write an entry's gradients; moments about the tile's first pixel become moments about the disk's centre."""
     (red, green, blue, sx, sy), (sz, sz0, so, snx, sny, snz, ax, ay) = ends
     su, sux, suy, sv, svx, svy, sd, sdx, sdy = moments
     dx, dy = offset

@@ -1,4 +1,4 @@
-"""Gaussians and a camera to an image: one differentiable function, three backends.
+"""Differentiable rendering of Gaussians from a camera, by one function with three backends.
 
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes, h height, w width.
 """
@@ -33,23 +33,24 @@ def render(
 ) -> Render:
     """Render one view, differentiably in the Gaussians' tensors (``smoothing`` excepted).
 
-    float32 on the CPU runs the compiled kernels, float64 the plain torch twin (`splat.oracle`), CUDA gsplat. Half
-    precision cannot address pixels: float16 and bfloat16 are computed in float32, and the image is float32.
+    On the CPU, float32 uses the compiled kernels and float64 the reference implementation in plain PyTorch
+    (`splat.oracle`). CUDA uses gsplat. Half precision is too coarse for pixel positions: float16 and bfloat16 are
+    computed in float32, and the image is float32.
 
-    Gaussians with values that are not finite, or beyond `splat.io.validity.LIMITS`, are nowhere visible and get
-    gradients of 0.
+    Gaussians with values that are not finite, or beyond `splat.io.validity.LIMITS`, are invisible and get gradients
+    of 0.
 
     Args:
         gaussians: the splat; three scale axes for ellipsoids, two for disks.
-        camera: on any device; its size is the image's.
-        method: whose footprints to use.
+        camera: on any device; its height and width are those of the image.
+        method: 3DGS, 2DGS or Mip-Splatting, which determines the footprints.
         background: colour behind everything, [0, 1].
         near: smallest z in scene units that is drawn.
-        screen: is filled with statistics for densification, if given.
+        screen: filled with statistics for densification, if given.
 
     Raises:
-        InputError: if the scale axes do not suit the method, or the camera or dtype cannot be used; in the backward
-            pass, if a gradient is larger than the splat's own dtype holds.
+        InputError: if the number of scale axes does not match the method, or the camera or dtype cannot be used; in the
+            backward pass, if a gradient exceeds the range of the splat's dtype.
     """
     if gaussians.means.dtype in (torch.float16, torch.bfloat16):
         gaussians = _to_float32(gaussians)
@@ -71,13 +72,13 @@ def render(
 
 
 def _to_float32(gaussians: Gaussians) -> Gaussians:
-    """A splat of half precision in float32, whose gradients are refused where half precision cannot hold them."""
-    wide, largest = gaussians.to(torch.float32), torch.finfo(gaussians.means.dtype).max
-    for field in dataclasses.fields(wide):
-        value = getattr(wide, field.name)
+    """Convert a half-precision splat to float32; a gradient beyond the range of half precision raises an error."""
+    converted, largest = gaussians.to(torch.float32), torch.finfo(gaussians.means.dtype).max
+    for field in dataclasses.fields(converted):
+        value = getattr(converted, field.name)
         if value is not None and value.requires_grad:
             value.register_hook(partial(_held, field.name, str(gaussians.means.dtype), largest))
-    return wide
+    return converted
 
 
 def _held(name: str, dtype: str, largest: float, gradient: Tensor) -> None:
@@ -86,11 +87,13 @@ def _held(name: str, dtype: str, largest: float, gradient: Tensor) -> None:
 
 
 def _check(gaussians: Gaussians, camera: Camera, method: Method, near: float, screen: ScreenStatistics | None) -> None:
-    axes = 2 if isinstance(method, TwoDGS) else 3
-    found = gaussians.log_scales.shape[1]
-    if found != axes:
+    required_axes = 2 if isinstance(method, TwoDGS) else 3
+    scale_axes = gaussians.log_scales.shape[1]
+    if scale_axes != required_axes:
         raise InputError(
-            f"splat for method {method.name}", f"has {found} scale axes", f"use one with {axes}, or another method"
+            f"splat for method {method.name}",
+            f"has {scale_axes} scale axes",
+            f"use one with {required_axes}, or another method",
         )
     if gaussians.sh.shape[1] not in (1, 4, 9, 16):
         received = f"has {gaussians.sh.shape[1]} spherical-harmonics coefficients"
@@ -124,7 +127,7 @@ def _render_ellipsoids(
 
 
 class _Kept(NamedTuple):
-    """What the forward leaves for the backward besides the tensors that autograd watches."""
+    """Values that the forward stores for the backward, besides the tensors that autograd tracks."""
 
     view: "ewa.View"
     dilation: float
@@ -156,9 +159,9 @@ class _Ellipsoids(torch.autograd.Function):
         from gaussian_enhancer.splat import sh as harmonics
 
         camera, method, background, near, screen = options
-        filters = np.zeros(len(means), np.float32) if smoothing is None else numpy_view(smoothing)
+        filter_sizes = np.zeros(len(means), np.float32) if smoothing is None else numpy_view(smoothing)
         shape = ewa.Shape(
-            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), filters
+            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), filter_sizes
         )
         view, dilation, mip = ewa.view_of(camera, near), float(method.dilation), isinstance(method, MipSplatting)
         projection = ewa.project(shape, view, dilation, mip)
@@ -172,7 +175,9 @@ class _Ellipsoids(torch.autograd.Function):
             screen.gradient = None
         colour, depth, alpha, median = (torch.from_numpy(plane) for plane in image[:4])
         ctx.save_for_backward(means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha)
-        ctx.kept = _Kept(view, dilation, mip, filters, visible, splats, lists, image.median_depth, image.used, screen)
+        ctx.kept = _Kept(
+            view, dilation, mip, filter_sizes, visible, splats, lists, image.median_depth, image.used, screen
+        )
         ctx.mark_non_differentiable(median)
         return colour, depth, alpha, median
 
@@ -186,13 +191,21 @@ class _Ellipsoids(torch.autograd.Function):
         means, log_scales, quaternions, opacity_logits, sh, colour, depth, alpha = map(numpy_view, ctx.saved_tensors)
         shape = ewa.Shape(means, log_scales, quaternions, opacity_logits, kept.smoothing)
         image = raster.Image(colour, depth, alpha, kept.median_depth, kept.used)
-        entries = raster.blend_backward(kept.splats, kept.lists, image, *map(numpy_view, gradients[:3]))
-        gathered = tiles.sum_over_tiles(entries, kept.lists)
-        back = ewa_backward.project_backward(shape, kept.view, kept.dilation, kept.mip, kept.visible, gathered)
-        by_sh = harmonics.shade_backward(
-            means, sh, kept.view.centre, kept.visible, kept.splats.colours, gathered, back.means
+        entry_gradients = raster.blend_backward(kept.splats, kept.lists, image, *map(numpy_view, gradients[:3]))
+        gaussian_gradients = tiles.sum_over_tiles(entry_gradients, kept.lists)
+        parameter_gradients = ewa_backward.project_backward(
+            shape, kept.view, kept.dilation, kept.mip, kept.visible, gaussian_gradients
+        )
+        sh_gradient = harmonics.shade_backward(
+            means,
+            sh,
+            kept.view.centre,
+            kept.visible,
+            kept.splats.colours,
+            gaussian_gradients,
+            parameter_gradients.means,
         )
         if kept.screen is not None:
-            pulled = ewa_backward.screen_gradients(kept.splats.whitening, gathered)
-            kept.screen.gradient = torch.from_numpy(np.linalg.norm(pulled, axis=1))
-        return *map(torch.from_numpy, (*back, by_sh)), None, None
+            mean_gradients = ewa_backward.screen_gradients(kept.splats.whitening, gaussian_gradients)
+            kept.screen.gradient = torch.from_numpy(np.linalg.norm(mean_gradients, axis=1))
+        return *map(torch.from_numpy, (*parameter_gradients, sh_gradient)), None, None

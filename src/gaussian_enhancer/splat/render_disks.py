@@ -31,7 +31,7 @@ def render_disks(
         camera: on any device.
         background: colour behind everything, [0, 1].
         near: smallest z in scene units that is drawn, of centres and of intersections.
-        screen: is filled with statistics for densification, if given.
+        screen: filled with statistics for densification, if given.
     """
     planes = _Disks.apply(
         gaussians.means,
@@ -58,9 +58,9 @@ class _Disks(torch.autograd.Function):
         options: tuple[Camera, tuple[float, float, float], float, ScreenStatistics | None],
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         camera, background, near, screen = options
-        unused = np.zeros(len(means), np.float32)
+        no_smoothing = np.zeros(len(means), np.float32)
         shape = ewa.Shape(
-            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), unused
+            numpy_view(means), numpy_view(log_scales), numpy_view(quaternions), numpy_view(opacity_logits), no_smoothing
         )
         view = ewa.view_of(camera, near)
         projected = disks.project_disks(shape, view)
@@ -70,8 +70,8 @@ class _Disks(torch.autograd.Function):
         splats = raster_disks.DiskSplats(
             projected.geometry, projected.peaks, projected.depths, projected.normals, colours, float(near)
         )
-        behind = np.asarray(background, np.float32)
-        image = raster_disks.blend_disks(splats, lists, behind, camera.height, camera.width)
+        background_colour = np.asarray(background, np.float32)
+        image = raster_disks.blend_disks(splats, lists, background_colour, camera.height, camera.width)
         if screen is not None:
             screen.visible = torch.from_numpy(visible)
         ctx.saved = shape, numpy_view(sh), view, visible, splats, lists, image, screen
@@ -85,12 +85,20 @@ class _Disks(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         shape, sh, view, visible, splats, lists, image, screen = ctx.saved
         colour, depth, alpha, _, normals = (numpy_view(gradient) for gradient in gradients)
-        entries = raster_disks.blend_disks_backward(splats, lists, image, colour, depth, alpha, normals)
-        gathered = tiles.sum_over_tiles(entries, lists)
-        back = disks.project_disks_backward(shape, view, visible, gathered)
-        by_colour = np.ascontiguousarray(gathered[:, :3])
-        by_sh = harmonics.shade_backward(shape.means, sh, view.centre, visible, splats.colours, by_colour, back.means)
+        entry_gradients = raster_disks.blend_disks_backward(splats, lists, image, colour, depth, alpha, normals)
+        gaussian_gradients = tiles.sum_over_tiles(entry_gradients, lists)
+        parameter_gradients = disks.project_disks_backward(shape, view, visible, gaussian_gradients)
+        colour_gradient = np.ascontiguousarray(gaussian_gradients[:, :3])
+        sh_gradient = harmonics.shade_backward(
+            shape.means, sh, view.centre, visible, splats.colours, colour_gradient, parameter_gradients.means
+        )
         if screen is not None:
-            screen.gradient = torch.from_numpy(np.linalg.norm(gathered[:, 3:5], axis=1))
-        learnt = (back.means, back.log_scales, back.quaternions, back.opacity_logits, by_sh)
-        return *(torch.from_numpy(gradient) for gradient in learnt), None
+            screen.gradient = torch.from_numpy(np.linalg.norm(gaussian_gradients[:, 3:5], axis=1))
+        input_gradients = (
+            parameter_gradients.means,
+            parameter_gradients.log_scales,
+            parameter_gradients.quaternions,
+            parameter_gradients.opacity_logits,
+            sh_gradient,
+        )
+        return *(torch.from_numpy(gradient) for gradient in input_gradients), None

@@ -1,4 +1,4 @@
-"""A backend's output on each Gaussian besides the image, and the passing of tensors to compiled kernels.
+"""Statistics of each Gaussian from a render and its backward, and NumPy views of tensors for compiled kernels.
 
 Axes: n Gaussians.
 """
@@ -12,13 +12,15 @@ from torch import Tensor
 
 @dataclass
 class ScreenStatistics:
-    """Whether each Gaussian is seen and how strongly the image pulls it; what densification decides by.
+    """Visibility and screen gradient of each Gaussian, on which densification is based.
 
-    Handed to `render`, which fills the first member; its backward fills the other. Each render overwrites.
+    An instance is passed to `render`. The forward sets ``visible``, the backward sets ``gradient``. The next render and
+    its backward overwrite both.
 
     Attributes:
-        visible: whether any tile lists the Gaussian.
-        gradient: length of the loss's gradient by the 2D mean in pixels (3DGS's criterion, there in half images).
+        visible: whether the Gaussian's footprint touches the image (on the CPU: whether any tile lists it).
+        gradient: norm of the gradient of the loss with respect to the 2D mean in pixels. This is the criterion of 3DGS,
+            which measures it in units of half the image instead.
     """
 
     visible: Bool[Tensor, " n"] | None = None

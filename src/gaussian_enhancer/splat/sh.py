@@ -29,13 +29,13 @@ def shade(
     centre: Float64[np.ndarray, " 3"],
     wanted: Bool[np.ndarray, " n"],
 ) -> Float32[np.ndarray, "n 3"]:
-    """Each wanted Gaussian's colour as the camera sees it; 0 for the others.
+    """Colour of each selected Gaussian as seen by the camera; 0 for the others.
 
     Args:
         means: Gaussian centres in the world.
         sh: coefficients.
         centre: the camera's position in the world.
-        wanted: which Gaussians to shade.
+        wanted: mask of the Gaussians to shade.
     """
     with kernel_lock:
         return _shade(means, sh, centre, wanted, get_num_threads())
@@ -57,9 +57,9 @@ def shade_backward(
         sh: as in `shade`.
         centre: as in `shade`.
         wanted: as in `shade`.
-        colours: what `shade` returned; a channel that was cut off at 0 passes nothing back.
+        colours: result of `shade`; a channel that was clamped to 0 gets no gradient.
         colour_gradient: gradient of the loss with respect to ``colours``, in the first three columns.
-        mean_gradient: is added to, in place.
+        mean_gradient: gradient with respect to the means, changed in place.
     """
     with kernel_lock:
         return _shade_backward(means, sh, centre, wanted, colours, colour_gradient, mean_gradient, get_num_threads())
@@ -91,7 +91,7 @@ def basis(count, x, y, z, out):  # type: ignore[no-untyped-def]
 
 @inner
 def basis_gradient(count, x, y, z, f):  # type: ignore[no-untyped-def]
-    """Gradient of sum_k f_k basis_k with respect to x, y and z, taken as three free variables."""
+    """Gradient of sum_k f_k basis_k with respect to x, y and z, treated as independent variables."""
     gx = gy = gz = 0.0
     if count > 1:
         gx -= _Y1 * f[3]

@@ -1,17 +1,19 @@
-"""Which Gaussians touch which 16x16 tile of the image, front to back.
+"""Lists of the Gaussians that touch each 16x16 tile of the image, front to back.
 
 Axes: n Gaussians, e entries (a Gaussian in a tile), t tiles in row-major order.
 
-The binning knows nothing of a method's projection: it takes each Gaussian's *footprint*, the region outside of which
+Binning does not depend on the rendering method. Its input is each Gaussian's *footprint*, the region outside of which
 its alpha is below 1/255. A footprint is a row of six numbers in pixels,
 
     (x, y, half_width, half_height, slope, chord)
 
-the ellipse with centre (x, y), bounding box x +- half_width, y +- half_height, and at horizontal offset dx the vertical
-range  slope dx +- chord sqrt(1 - (dx / half_width)^2).  For a covariance C and radius r: half_width = r sqrt(Cxx),
-half_height = r sqrt(Cyy), slope = Cxy / Cxx, chord = r sqrt(det C / Cxx). A negative chord means the whole box (for
-footprints that are no ellipse); a half_width that is not positive, or anything not finite, means nowhere.
-The lists are exact: a tile (and within it a pixel row) is left out only if none of its pixel centres is inside.
+for the ellipse with centre (x, y), bounding box x +- half_width, y +- half_height, and at horizontal offset dx the
+vertical range  slope dx +- chord sqrt(1 - (dx / half_width)^2).  For a covariance C and radius r:
+half_width = r sqrt(Cxx), half_height = r sqrt(Cyy), slope = Cxy / Cxx, chord = r sqrt(det C / Cxx).
+
+With a negative chord the footprint is the whole bounding box (for footprints that are not ellipses). With a half_width
+that is not positive, or with a value that is not finite, it is empty.
+A tile, and within it a pixel row, is left out only if none of its pixel centres is inside the footprint.
 """
 
 import math
@@ -23,8 +25,8 @@ from numba import get_num_threads, prange
 
 from gaussian_enhancer.splat.compiled import TILE, inner, kernel, kernel_lock
 
-_SLACK = 1e-3  # pixels; rounding may grow a footprint, never shrink it
-_LARGEST = 1e100  # pixels; a footprint beyond is taken for not finite
+_SLACK = 1e-3  # pixels; rounding can only enlarge a footprint, never shrink it
+_LARGEST = 1e100  # pixels; a larger footprint counts as not finite
 
 
 class TileLists(NamedTuple):
@@ -32,10 +34,11 @@ class TileLists(NamedTuple):
 
     Attributes:
         starts: tile t's entries are ``starts[t]:starts[t + 1]``.
-        gaussians: which Gaussian an entry is; within a tile by depth, ties by index.
+        gaussians: index of each entry's Gaussian; sorted by depth within a tile, ties by index.
         rows: pixel rows [first, end) of the tile, 0..16, that the footprint touches.
-        first: Gaussian g's slots are ``first[g]:first[g + 1]``; none if it is nowhere visible.
-        slots: where an entry's sums are put, one Gaussian's beside each other; for sums over its tiles without atomics.
+        first: Gaussian g's slots are ``first[g]:first[g + 1]``; there are none if it is invisible.
+        slots: where the sums of an entry are stored. The slots of a Gaussian are contiguous, so that sums over its
+            tiles need no atomic operations.
     """
 
     starts: Int64[np.ndarray, " t+1"]
@@ -56,8 +59,8 @@ def bin_tiles(
     """List the Gaussians of every tile by increasing depth.
 
     Args:
-        footprints: float64, as the module's head says.
-        depths: positive centre z; read only where the footprint is not empty.
+        footprints: in float64, as defined in the module's docstring.
+        depths: z of the centres, positive; read only where the footprint is not empty.
         height: image height in pixels.
         width: image width in pixels.
     """
@@ -71,7 +74,7 @@ def bin_tiles(
 
 
 def sum_over_tiles(values: Float32[np.ndarray, "e c"], lists: TileLists) -> Float32[np.ndarray, "n c"]:
-    """Add up what each Gaussian gathered in its tiles, always in the same order."""
+    """Sum the values of each Gaussian over its tiles, always in the same order."""
     with kernel_lock:
         return _sum_over_tiles(values, lists.first, get_num_threads())
 
@@ -150,7 +153,7 @@ def _depth_keys(first, depths):  # type: ignore[no-untyped-def]
 
 @kernel
 def _pairs(footprints, first, height, width):  # type: ignore[no-untyped-def]
-    """Tile and rows of every entry, Gaussian by Gaussian."""
+    """Tile and pixel rows of every entry, in the order of the Gaussians."""
     n, across = len(footprints), -(-width // TILE)
     tile_of = np.empty(first[n], np.int32)
     rows_of = np.empty((first[n], 2), np.uint8)
@@ -171,7 +174,7 @@ def _pairs(footprints, first, height, width):  # type: ignore[no-untyped-def]
 
 @kernel
 def _sort_entries(first, keys, tile_of, rows_of, tiles, lanes):  # type: ignore[no-untyped-def]
-    """Sort entries by tile, by counting; each lane takes a run of the keys, whose order stays."""
+    """Sort entries by tile with a counting sort; each lane takes a contiguous range of keys and keeps their order."""
     total, count = len(tile_of), len(keys)
     cursors = np.zeros((lanes, tiles), np.int64)
     for lane in prange(lanes):

@@ -1,4 +1,4 @@
-"""When a training writes the checkpoint that it resumes from."""
+"""Checkpoint callback that writes checkpoints only where a resumed training gives the same result."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 
 
 class TrainingCheckpoint(ModelCheckpoint):
-    """Lightning's checkpoint every so many steps, but none from which a resumed training would end otherwise.
+    """Lightning's periodic checkpoint, timed so that a resumed training gives the same result as an uninterrupted one.
 
-    - The one that is due with a batch is written before the next batch begins. Lightning would write it before the
-      batch's metrics are logged, and a training that resumed there would not log them.
-    - The one that is due with the last batch of an epoch is written after the epoch's validation. A training that
-      resumed before it would not validate.
-    - None is written after the last step. A training that resumed there would make no step, for which Lightning calls
-      no callback: the moving average of the weights would not take their place.
+    - A checkpoint due after a batch is written before the next batch begins. Lightning would write it before the
+      batch's metrics are logged, and a training resumed from it would not log them.
+    - A checkpoint due after the last batch of an epoch is written after the epoch's validation. A training resumed
+      from an earlier checkpoint would skip this validation.
+    - No checkpoint is written after the last step. A training resumed from it would make no step, and Lightning would
+      then call no callback: the weights would not be replaced by their moving average.
     """
 
     _due = False
@@ -27,20 +27,20 @@ class TrainingCheckpoint(ModelCheckpoint):
         self._due = not ended and trainer.global_step % self._every_n_train_steps == 0
 
     def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
-        """Write the checkpoint that was due with the batch before."""
+        """Write the checkpoint that became due after the previous batch."""
         if self._due:
             progress = trainer.fit_loop.epoch_loop.batch_progress
-            for counted in (progress.total, progress.current):  # the batch that begins is not a part of it
-                counted.ready -= 1
+            for counts in (progress.total, progress.current):  # the checkpoint must not count the new batch
+                counts.ready -= 1
             self._write(trainer, pl_module)
-            for counted in (progress.total, progress.current):
-                counted.ready += 1
+            for counts in (progress.total, progress.current):
+                counts.ready += 1
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Write the checkpoint that was due with the epoch's last batch."""
+        """Write the checkpoint that became due after the epoch's last batch."""
         if self._due:
             loop = trainer.fit_loop.epoch_loop
-            loop._batches_that_stepped -= 1  # on resuming, Lightning adds the batch that it takes to be unfinished
+            loop._batches_that_stepped -= 1  # on resuming, Lightning adds 1 for an unfinished batch
             self._write(trainer, pl_module)
             loop._batches_that_stepped += 1
         super().on_train_epoch_end(trainer, pl_module)

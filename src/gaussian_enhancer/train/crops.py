@@ -1,4 +1,4 @@
-"""Crops by seed, batches of them, and the order in which they are drawn."""
+"""Dataset of seeded crops, their collation into batches, and the sampler that draws them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +17,8 @@ class Crops(Dataset[tuple]):
     """Crops by (sample, seed): the same pair always gives the same crop.
 
     Args:
-        samples: what is cut from.
-        augmentation: how.
+        samples: samples that crops are cut from.
+        augmentation: how they are cut, and which references are kept.
     """
 
     def __init__(self, samples: Sequence[Sample], augmentation: Augmentation) -> None:
@@ -28,28 +28,28 @@ class Crops(Dataset[tuple]):
         return len(self.samples)
 
     def __getitem__(self, index: tuple[int, int]) -> tuple:
-        """Planes of a crop, its sample and its seed, and the same crop of the fine planes where it has them."""
-        number, seed = index
+        """Planes of a crop, its sample, its seed, and the same crop of the fine planes if the sample has them."""
+        position, seed = index
         generator = torch.Generator().manual_seed(seed)
-        sample = self.samples[number]
+        sample = self.samples[position]
         planes = self.augmentation.cut(sample.planes(), generator)
         item = self.augmentation.drop(planes, generator), sample, seed
-        fine = sample.fine_planes()
-        if fine is None:
+        fine_planes = sample.fine_planes()
+        if fine_planes is None:
             return item
         generator.manual_seed(seed)
-        fine = self.augmentation.cut(fine, generator, finer=4)
-        return *item, self.augmentation.drop(fine, generator, FINE, FINE)
+        fine_planes = self.augmentation.cut(fine_planes, generator, finer=4)
+        return *item, self.augmentation.drop(fine_planes, generator, FINE, FINE)
 
 
 @dataclass(frozen=True)
 class Collate:
-    """Crops to a batch: simulated where they are to be, then relit.
+    """Collates crops into a batch: renders are simulated where chosen, then light and exposure are varied.
 
     Args:
-        references: places for references.
-        augmentation: how samples are relit.
-        simulation: which crops' renders are simulated, and by what; None for none.
+        references: number of references per sample; missing ones are filled with zeros.
+        augmentation: how light and exposure are varied.
+        simulation: chooses the crops whose renders are simulated, and simulates them; None for no simulation.
     """
 
     references: int
@@ -57,11 +57,11 @@ class Collate:
     simulation: Simulation | None = None
 
     def __call__(self, items: list[tuple], share: ProcessShare | None = None, has_renders: bool = True) -> Batch:
-        """A batch, or a share of one.
+        """A whole batch, or one process's share of it.
 
         Args:
-            items: planes, sample, seed and, where all have them, fine planes of each crop, as `Crops` gives them.
-            share: the whole batch that the crops are a share of; None where they are all of it.
+            items: planes, sample, seed and, where all have them, fine planes of each crop, as `Crops` returns them.
+            share: position of these crops in the whole batch; None if they are the whole batch.
             has_renders: whether the splat's renders of the references' views are known for the whole batch.
         """
         planes, samples, seeds, *fine = zip(*items, strict=True)
@@ -78,43 +78,44 @@ class Collate:
 
 @dataclass(frozen=True)
 class SharedCollate:
-    """Batch one process's share of crops as the whole batch would be, cut to the share.
+    """Collates one process's share of a batch, so that it equals this part of the whole batch.
 
     Args:
-        collate: of whole batches.
-        samples: all that crops are cut from.
+        collate: collates whole batches.
+        samples: all samples that crops are cut from.
     """
 
     collate: Collate
     samples: Sequence[Sample]
 
     def __call__(self, items: list[tuple[tuple, ProcessShare]]) -> Batch:
-        """A batch.
+        """The share as a batch.
 
         Args:
-            items: crops, as `SharedCrops` gives them.
+            items: crops, as `SharedCrops` returns them.
         """
         crops, (share, *_) = zip(*items, strict=True)
-        has_renders = all(self.samples[number].has_reference_renders for number, _ in share.crops)
+        has_renders = all(self.samples[position].has_reference_renders for position, _ in share.crops)
         return self.collate(list(crops), share, has_renders)
 
 
 def never(seed: int) -> bool:
-    """No crop is simulated."""
+    """Return False for every seed: no crop is simulated."""
     return False
 
 
 class BalancedDraw(Sampler[tuple[int, int]]):
-    """Draws a source, then one of its samples, then a seed for the crop.
+    """Draws a source, one of its samples, and a seed for the crop. Every source is drawn equally often on average.
 
     Args:
-        sizes: samples of each source, which lie one after another.
-        count: draws of an epoch.
-        seed: of the first epoch; each epoch takes the next.
-        further: samples of each source that follow its own and are drawn for simulated crops alone; none by default.
+        sizes: number of samples of each source; the dataset holds the sources one after another.
+        count: draws per epoch.
+        seed: seed of the first epoch; each later epoch adds 1.
+        further: number of additional samples of each source, stored after its ordinary ones and drawn for simulated
+            crops only; 0 by default.
         simulated: whether the crop of a seed is simulated.
-        drawn: how many crops training has had when a pass begins, so that a resumed one goes on with those that it
-            has not seen; None counts whole passes.
+        drawn: returns how many crops the training has already used when an epoch begins, so that a resumed training
+            continues with the next crop; None counts completed epochs instead.
     """
 
     def __init__(
@@ -134,14 +135,14 @@ class BalancedDraw(Sampler[tuple[int, int]]):
         return self.count
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
-        epoch, seen = divmod(self.drawn() if self.drawn is not None else self.passes * self.count, self.count)
+        epoch, used = divmod(self.drawn() if self.drawn is not None else self.passes * self.count, self.count)
         generator = torch.Generator().manual_seed(1_000_003 * (self.seed + epoch))
         self.passes += 1
         starts = [sum(self.sizes[:i]) + sum(self.further[:i]) for i in range(len(self.sizes))]
-        for number in range(self.count):
+        for position in range(self.count):
             source, seed = torch.randint(2**31, (2,), generator=generator).tolist()
-            inside = int(torch.randint(2**31, (), generator=generator))
+            choice = int(torch.randint(2**31, (), generator=generator))
             source %= len(self.sizes)
             size = self.sizes[source] + (self.further[source] if self.simulated(seed) else 0)
-            if number >= seen:
-                yield starts[source] + inside % size, seed
+            if position >= used:
+                yield starts[source] + choice % size, seed

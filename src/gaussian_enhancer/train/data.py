@@ -1,4 +1,4 @@
-"""The data module of both trainings: samples of fitted runs, and photos whose renders are simulated."""
+"""Lightning data module of both trainings: samples of fitted runs, and photos with simulated renders."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,10 +26,11 @@ class Loading:
     """How crops are drawn and loaded.
 
     Args:
-        batch_size: crops in a step, of all processes together.
-        workers: processes that load crops, for each that trains; threads that prepare samples, at least one. A daemonic
-            process, as one of the suite's is, may start none: it loads the same crops itself.
-        seed: of crops and their order.
+        batch_size: crops per step, over all processes together.
+        workers: processes that load crops, per training process; also the number of threads that prepare samples, at
+            least one. A daemonic process, such as one of the suite's, may not start processes: it loads the same crops
+            itself.
+        seed: seed of the crops and their order.
     """
 
     batch_size: int = 4
@@ -40,18 +41,18 @@ class Loading:
 class RunsData(LightningDataModule):
     """Held-out views of fitted runs: random crops to train on, whole images to validate on.
 
-    Where several processes train together, each takes its part of every batch and of the whole images.
+    Where several processes train together, each takes its part of every batch and of the validation images.
 
     Args:
-        train: patterns of run folders. Each pattern is one source and is drawn from equally often, however many
-            runs and views it names, so that a large source does not drown the others.
-        validation: patterns of run folders that are only measured on.
+        train: patterns of run folders. Each pattern is one source. Sources are drawn equally often, however many runs
+            and views they have, so that a large source does not dominate.
+        validation: patterns of run folders used for validation only.
         samples: how a run becomes samples.
-        loading: batches, worker processes and seed; None takes the defaults.
-        augmentation: what training varies; None takes the defaults.
-        simulation: renders that are made from photos; None where none are made.
+        loading: batch size, worker processes and seed; None takes the defaults.
+        augmentation: augmentation of the crops; None takes the defaults.
+        simulation: simulation of renders from photos; None for no simulation.
         steps_per_epoch: steps between two validations.
-        validation_views: at most so many whole images, spread evenly over those that there are.
+        validation_views: maximum number of validation images, spread evenly over the available ones.
     """
 
     def __init__(
@@ -75,39 +76,42 @@ class RunsData(LightningDataModule):
         self.held_out: list[Sample] = []
 
     def prepare_data(self) -> None:
-        """Warp all references of all samples, unless the cache has them."""
+        """Prepare all samples that are not yet in the cache: warp their references."""
         self.setup()
 
     def setup(self, stage: str | None = None) -> None:
-        """List the samples.
+        """Prepare the samples or read them from the cache.
 
         Raises:
-            InputError: a pattern names no run.
+            InputError: a pattern matches no run, a run is used for both training and validation, or too many samples
+                are not finite.
         """
         if not self.sources:
             self._collect()
 
     def train_dataloader(self) -> DataLoader[Any]:
-        """Random crops; every epoch's differ, and are the same for the same seed, however often training was killed."""
+        """Random crops, different in every epoch. They depend on the seed only, even if training is resumed."""
         crops = Crops([sample for source in self.sources for sample in source], self.augmentation)
-        pairs = [sum(sample.held_out for sample in source) for source in self.sources]
-        photos = [len(source) - count for source, count in zip(self.sources, pairs, strict=True)]
+        held_out_counts = [sum(sample.held_out for sample in source) for source in self.sources]
+        training_view_counts = [
+            len(source) - count for source, count in zip(self.sources, held_out_counts, strict=True)
+        ]
         simulated = never if self.simulation is None else self.simulation.is_simulated
-        size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
-        count = size * self.steps_per_epoch
-        draw = BalancedDraw(pairs, count, self.loading.seed, photos, simulated, self._drawn)
+        batch_size, workers = self.loading.batch_size, 0 if current_process().daemon else self.loading.workers
+        count = batch_size * self.steps_per_epoch
+        sampler = BalancedDraw(held_out_counts, count, self.loading.seed, training_view_counts, simulated, self._drawn)
         collate = Collate(self.samples.reference_config.references, self.augmentation, self.simulation)
         rank, ranks = self._place()
         if ranks > 1:
-            shares = SharedBatches(draw, size, rank, ranks)
-            several = SharedCollate(collate, crops.samples)
-            return DataLoader(SharedCrops(crops), batch_sampler=shares, collate_fn=several, num_workers=workers)
-        return DataLoader(crops, size, sampler=draw, collate_fn=collate, num_workers=workers, drop_last=True)
+            batches = SharedBatches(sampler, batch_size, rank, ranks)
+            shared_collate = SharedCollate(collate, crops.samples)
+            return DataLoader(SharedCrops(crops), batch_sampler=batches, collate_fn=shared_collate, num_workers=workers)
+        return DataLoader(crops, batch_size, sampler=sampler, collate_fn=collate, num_workers=workers, drop_last=True)
 
     def val_dataloader(self) -> DataLoader[Any]:
-        """Whole images, one by one."""
-        every = max(1, -(-len(self.held_out) // max(1, self.validation_views)))
-        chosen = self.held_out[::every]
+        """Whole images, in batches of one."""
+        stride = max(1, -(-len(self.held_out) // max(1, self.validation_views)))
+        chosen = self.held_out[::stride]
         references = self.samples.reference_config.references
         simulation = self.simulation if self.simulation is not None and self.simulation.validation else None
 
@@ -118,28 +122,30 @@ class RunsData(LightningDataModule):
 
         rank, ranks = self._place()
         views: Any = list(enumerate(chosen))
-        # Torch's own sampler would repeat views until all processes have as many, and so change the mean.
-        own = UnrepeatedDistributedSampler(views, ranks, rank, shuffle=False)
-        return DataLoader(views, batch_size=1, sampler=own, collate_fn=collate)
+        # Torch's DistributedSampler would repeat views until all processes have equally many, which changes the mean.
+        sampler = UnrepeatedDistributedSampler(views, ranks, rank, shuffle=False)
+        return DataLoader(views, batch_size=1, sampler=sampler, collate_fn=collate)
 
     def _drawn(self) -> int:
-        """How many crops the training has had."""
+        """Number of crops that the training has used so far."""
         return 0 if self.trainer is None else int(self.trainer.global_step) * self.loading.batch_size
 
     def _place(self) -> tuple[int, int]:
-        """This process's number and how many train together."""
+        """Rank of this process, and the number of training processes."""
         return (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)
 
     def _collect(self) -> None:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         runs = {side: [find_runs(pattern) for pattern in patterns] for side, patterns in self.patterns.items()}
-        train, held_out = ({run for group in runs[side] for run in group} for side in ("train", "validation"))
-        refuse_untrained(sorted(train))
-        refuse_frozen(sorted(held_out))
-        if train & held_out:
-            both = sorted(train & held_out)[0]
-            raise InputError(both, "is both trained and validated on", "name disjoint runs")
+        train_runs, validation_runs = (
+            {run for group in runs[side] for run in group} for side in ("train", "validation")
+        )
+        refuse_untrained(sorted(train_runs))
+        refuse_frozen(sorted(validation_runs))
+        if train_runs & validation_runs:
+            shared_run = sorted(train_runs & validation_runs)[0]
+            raise InputError(shared_run, "is both trained and validated on", "name disjoint runs")
         bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -150,24 +156,24 @@ class RunsData(LightningDataModule):
         training_views = self.simulation is not None and self.simulation.training_views
         with bar:
             task = bar.add_task("warping references", total=None)
-            given = max(1, self.loading.workers), lambda: bar.advance(task)
+            options = max(1, self.loading.workers), lambda: bar.advance(task)
             for group in runs["train"]:
-                source = [sample for run in group for sample in self.samples.held_out(run, *given)]
+                source = [sample for run in group for sample in self.samples.held_out(run, *options)]
                 if training_views:
-                    source += [sample for run in group for sample in self.samples.training_views(run, *given)]
+                    source += [sample for run in group for sample in self.samples.training_views(run, *options)]
                 self.sources.append(source)
             validated = [run for group in runs["validation"] for run in group]
-            self.held_out = [sample for run in validated for sample in self.samples.held_out(run, *given)]
+            self.held_out = [sample for run in validated for sample in self.samples.held_out(run, *options)]
         self._leave_out()
 
     def _leave_out(self) -> None:
-        """Leave out the samples that are not finite.
+        """Remove the samples that are not finite.
 
         Raises:
-            InputError: they are too many.
+            InputError: too many samples are not finite.
         """
-        every = [sample for source in (*self.sources, self.held_out) for sample in source]
-        bad = [f"{sample.name}: its {sample.bad} is not finite" for sample in every if sample.bad]
-        refuse_bad(bad, len(every), self.samples.bad_share)
+        samples = [sample for source in (*self.sources, self.held_out) for sample in source]
+        bad = [f"{sample.name}: its {sample.bad} is not finite" for sample in samples if sample.bad]
+        refuse_bad(bad, len(samples), self.samples.bad_share)
         self.sources = [[sample for sample in source if not sample.bad] for source in self.sources]
         self.held_out = [sample for sample in self.held_out if not sample.bad]

@@ -1,4 +1,4 @@
-"""Training the simulator's second stage, in two steps, on real pairs of photo and render.
+"""Training of the simulator's second stage, in two steps, on real pairs of photo and render.
 
 Axes: b batch, h height, w width.
 """
@@ -26,10 +26,10 @@ class GeneratorLoss:
     """Weights of the second stage's losses.
 
     Args:
-        pixels: of the mean absolute difference between L and R.
-        texture: of the difference between the local strengths of their detail.
-        size: of z's mean square, which keeps codes where noise can reach them.
-        noise: standard deviation of the noise on z in the first step: what z says must survive it.
+        pixels: weight of the mean absolute difference between the output L and the real render R.
+        texture: weight of the difference between the local strengths of their detail.
+        size: weight of the mean square of the code z, which keeps z small compared with the noise.
+        noise: standard deviation of the noise added to z in the first step. The information in z must survive it.
     """
 
     pixels: float = 3.0
@@ -39,7 +39,7 @@ class GeneratorLoss:
 
 
 class _GeneratorModule(LightningModule):
-    """Common part of both steps: a batch's content and the optimizer."""
+    """Base of both steps: reads a batch and configures the optimizer."""
 
     def __init__(
         self,
@@ -54,14 +54,18 @@ class _GeneratorModule(LightningModule):
         self.loss, self.optimizer, self.lr_scheduler, self.seed = loss, optimizer, lr_scheduler, seed
 
     def prepared(self, batch: Batch, index: int) -> tuple[Tensor, Tensor, tuple[torch.Generator, ...]]:
-        """Stage 1's output M, the real renders R, and generators that follow from the index and the seed."""
+        """Stage 1's output M, the real renders R, and generators seeded by the index and the seed.
+
+        Raises:
+            InputError: the batch has no real renders, because nothing was simulated.
+        """
         if batch.real is None:
             raise InputError("data", "simulates nothing", "train the generator with data.simulation.share=1")
         generator = torch.Generator().manual_seed(1_000_003 * self.seed + index)
         return batch.views.render, batch.real, spawn(len(batch.names), generator)
 
     def configure_optimizers(self) -> Any:
-        """The optimizer of the parameters that this step trains."""
+        """Optimizer of the parameters that this step trains."""
         groups = [{"params": [p for p in self.parameters() if p.requires_grad]}]
         return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/paired")
 
@@ -70,14 +74,14 @@ class _GeneratorModule(LightningModule):
 
 
 class PairedModule(_GeneratorModule):
-    """First step: extractor and combiner on real pairs, z = DE(M, R) + noise, L = DC(M, z) near R.
+    """First step: trains extractor DE and combiner DC on real pairs: z = DE(M, R) + noise, L = DC(M, z) close to R.
 
     Args:
-        model: stage 2's networks; the denoiser is left alone.
+        model: stage 2's networks; the denoiser is not trained.
         loss: weights of the terms.
         optimizer: makes the optimizer from parameter groups.
         lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
-        seed: of all noise.
+        seed: seed of all noise.
     """
 
     def __init__(
@@ -95,8 +99,8 @@ class PairedModule(_GeneratorModule):
         """Loss of a batch of crops."""
         manual, real, generators = self.prepared(batch, self.global_step)
         factors = self.model.extractor(manual, real)
-        noisy = factors.linear_combination(_white(factors), 1.0, self.loss.noise)
-        output = self.model.combine(manual, noisy, generators).float()
+        noisy_factors = factors.linear_combination(_white(factors), 1.0, self.loss.noise)
+        output = self.model.combine(manual, noisy_factors, generators).float()
         self._scale(factors)
         with torch.autocast(self.device.type, enabled=False):
             parts = {
@@ -109,7 +113,7 @@ class PairedModule(_GeneratorModule):
         return loss.pixels * parts["pixels"] + loss.texture * parts["texture"] + loss.size * parts["size"]
 
     def validation_step(self, batch: Batch, index: int) -> None:
-        """How much nearer L is to R than M: in dB of PSNR, and as the share of the texture's difference left."""
+        """Log how much closer L is to R than M is: gain in PSNR, and remaining share of the texture difference."""
         manual, real, generators = self.prepared(batch, index)
         output = self.model.combine(manual, self.model.extractor(manual, real), generators).float().clamp(0, 1)
         self.log("gain/paired", _nearer(manual, output, real), prog_bar=True, batch_size=1)
@@ -117,29 +121,29 @@ class PairedModule(_GeneratorModule):
 
     @torch.no_grad()
     def _scale(self, factors: Factors) -> None:
-        """Keep track of the size of codes, with their noise: the denoiser's unit."""
+        """Update the running root mean square of codes with noise, by which the denoiser's codes are scaled."""
         for buffer, part, dims in (
             (self.model.vector_scale, factors.vector, (0,)),
             (self.model.grid_scale, factors.grid, (0, 2, 3)),
         ):
-            spread = (part.float().square().mean(dims) + self.loss.noise**2).sqrt().view_as(buffer)
-            buffer.lerp_(spread, 0.01)
+            rms = (part.float().square().mean(dims) + self.loss.noise**2).sqrt().view_as(buffer)
+            buffer.lerp_(rms, 0.01)
 
 
 class DiffusedModule(_GeneratorModule):
-    """Second step: the denoiser learns the codes of the first step's extractor; everything else is frozen.
+    """Second step: trains the denoiser on the codes of the first step's extractor; all other weights are frozen.
 
-    DiffIR unrolls its four steps and asks for the extractor's very code (L1), which makes samples of a code that M
-    does not determine collapse to one. Here the denoiser is trained at a random time to predict the code (L2), which is
-    what sampling needs. The combiner has seen codes with noise, and takes sampled ones as they are.
+    DiffIR unrolls its four steps and compares the result with the extractor's code (L1). Where M does not determine
+    the code, all samples then collapse to one. Here the denoiser is trained at a random time to predict the code (L2),
+    as sampling requires. The combiner was trained on codes with noise, and takes sampled codes unchanged.
 
     Args:
         model: stage 2's networks after the first step.
-        loss: ``noise`` is that of the first step.
+        loss: only ``noise`` is used, with the value of the first step.
         optimizer: makes the optimizer from parameter groups.
         sampler: how codes are sampled in validation.
         lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
-        seed: of all noise.
+        seed: seed of all noise.
     """
 
     def __init__(
@@ -164,7 +168,7 @@ class DiffusedModule(_GeneratorModule):
         return denoising
 
     def validation_step(self, batch: Batch, index: int) -> None:
-        """Share of the code that the denoiser cannot predict, and the distance of sampled views to R."""
+        """Log the denoising error, and how much closer sampled views are to R than M is."""
         manual, real, generators = self.prepared(batch, index)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(index)
@@ -175,7 +179,7 @@ class DiffusedModule(_GeneratorModule):
         self.log("texture/diffused", _texture_left(manual, output, real), prog_bar=True, batch_size=1)
 
     def _denoising(self, manual: Tensor, real: Tensor, model: FactorModel) -> Tensor:
-        """Mean squared error of the clean code at a random time, in units of the code's own size."""
+        """Mean squared error of the predicted clean code at a random time, on standardised codes."""
         with torch.no_grad():
             factors = model.extractor(manual, real)
             factors = Factors(factors.vector.float(), factors.grid.float())
@@ -183,8 +187,8 @@ class DiffusedModule(_GeneratorModule):
         time = torch.rand(len(manual), device=manual.device)
         signal = SCHEDULES[model.design.schedule].signal(time)
         noisy = clean.linear_combination(_white(clean), signal, (1 - signal.square()).clamp_min(0).sqrt())
-        found = model.denoiser(noisy, time, model.denoiser.features(manual))
-        pairs = ((found.vector, clean.vector), (found.grid, clean.grid))
+        predicted = model.denoiser(noisy, time, model.denoiser.features(manual))
+        pairs = ((predicted.vector, clean.vector), (predicted.grid, clean.grid))
         return torch.stack([F.mse_loss(a.float(), b) for a, b in pairs if b.numel() > 0]).mean()
 
 

@@ -1,4 +1,4 @@
-"""Loggers of a training, any of Lightning's; and one that keeps a resumed training's rows.
+"""Construction of the loggers of a training, and a CSV logger that keeps its rows when a training is resumed.
 
 Every choice of ``conf/logger`` has the CSV logger: reports are made from its ``metrics.csv``.
 """
@@ -23,16 +23,18 @@ from gaussian_enhancer.runs.runtime import start
 
 
 def make_loggers(node: DictConfig) -> list[Logger]:
-    """The loggers of a configuration: one with ``_target_``, or several by name.
+    """Build the loggers of a configuration.
 
     Args:
-        node: names any Lightning loggers.
+        node: the configuration of one Lightning logger, with ``_target_``, or of several by name.
 
     Raises:
-        InputError: one needs a package that is not installed.
+        InputError: a logger needs a package that is not installed.
     """
-    nodes = {"logger": node} if "_target_" in node else {f"logger.{name!s}": one for name, one in node.items() if one}
-    return [_make(str(name), one) for name, one in nodes.items()]
+    nodes = (
+        {"logger": node} if "_target_" in node else {f"logger.{name!s}": entry for name, entry in node.items() if entry}
+    )
+    return [_make(str(name), entry) for name, entry in nodes.items()]
 
 
 def _make(name: str, node: DictConfig) -> Logger:
@@ -51,15 +53,15 @@ class RunSetup(Callback):
     """Sets up every process of a training, and passes the run's configuration to loggers.
 
     Args:
-        runtime: of the job's configuration.
-        values: what determines the run.
+        runtime: the section ``runtime`` of the job's configuration.
+        values: the part of the configuration that determines the result; it is logged.
     """
 
     def __init__(self, runtime: DictConfig, values: Mapping[str, Any]) -> None:
         self.runtime, self.values = runtime, dict(values)
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Threads and memory as the job has them; the configuration once."""
+        """Set up the process as the job's configuration demands, and log the configuration before fitting."""
         start(self.runtime)
         if stage == "fit":
             for logger in trainer.loggers:
@@ -67,23 +69,23 @@ class RunSetup(Callback):
 
 
 class ResumableCSVLogger(CSVLogger):
-    """Lightning's CSV logger, but a resumed training keeps its earlier rows; Lightning's own deletes them.
+    """Lightning's CSV logger, but with the earlier rows kept when a training is resumed; Lightning's own deletes them.
 
-    Rows from the first step that is logged again onwards were written between the last checkpoint and the kill: they
-    are dropped.
+    Rows from the first newly logged step onwards are dropped: they were written after the checkpoint that the training
+    resumes from.
     """
 
     @property
     @rank_zero_experiment
     def experiment(self) -> Any:
-        """The writer; it starts with the rows of the file."""
+        """The writer of the file; it keeps the rows that the file already has."""
         if self._experiment is None:
             self._experiment = _ResumableWriter(self.log_dir)
         return self._experiment
 
 
 class _ResumableWriter(ExperimentWriter):
-    """Writes rows so that a file which was cut, by a full disk for instance, loses at most the row being written."""
+    """Writer that tolerates a truncated file, for instance after a full disk: at most the last row is lost."""
 
     def __init__(self, log_dir: str) -> None:
         self.resumed = False
@@ -103,7 +105,7 @@ class _ResumableWriter(ExperimentWriter):
         super().log_metrics(metrics_dict, step)
 
     def save(self) -> None:
-        """Append the recorded rows; a new file, or one with new columns, is written whole."""
+        """Append the recorded rows; if the file is new or gets new columns, write the whole file."""
         if not self.metrics:
             return
         exists = Path(self.metrics_file_path).is_file()
@@ -121,7 +123,7 @@ class _ResumableWriter(ExperimentWriter):
             writer.writerows(rows)
 
     def _complete_rows(self) -> tuple[list[str], list[dict[str, str]]]:
-        """Columns and rows of the file, without a last row that was cut."""
+        """Columns and rows of the file, without a truncated last row."""
         with open(self.metrics_file_path, newline="") as file:
             lines = [line for line in file if line.endswith("\n")]
         reader = tables.DictReader(lines)
@@ -130,7 +132,7 @@ class _ResumableWriter(ExperimentWriter):
 
 @contextmanager
 def finish_wandb_run(loggers: Sequence[Logger]) -> Iterator[None]:
-    """End wandb's run with the training, so that the next one of a sweep in the same process is a run of its own."""
+    """End wandb's run with the training, so that a sweep's next training in this process starts a new run."""
     failed = True
     try:
         yield

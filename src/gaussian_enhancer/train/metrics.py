@@ -1,4 +1,4 @@
-"""Validation metrics: how much better an enhanced image is than the render, as a torchmetrics collection."""
+"""Validation metrics: gain of an enhanced image over the render, as a torchmetrics collection."""
 
 from collections.abc import Callable
 
@@ -8,14 +8,14 @@ from torchmetrics import MeanMetric, MetricCollection
 from gaussian_enhancer.ssim import ssim_map
 
 Quality = Callable[[Tensor, Tensor], Tensor]
-"""A figure of an image against its photo, higher is better."""
+"""A quality measure of an image and its photo; higher is better."""
 
 
 class MeanGain(MeanMetric):
-    """Mean over views of quality(enhanced, photo) - quality(render, photo); torchmetrics syncs it over processes.
+    """Mean over views of quality(enhanced, photo) - quality(render, photo), synchronised over processes.
 
     Args:
-        quality: a figure of an image against its photo.
+        quality: a quality measure of an image and its photo.
     """
 
     def __init__(self, quality: Quality) -> None:
@@ -23,25 +23,25 @@ class MeanGain(MeanMetric):
         self.quality = quality
 
     def update(self, enhanced: Tensor, render: Tensor, photo: Tensor) -> None:  # type: ignore[override]
-        """Take one view into the mean.
+        """Add one view to the mean.
 
         Args:
             enhanced: the network's image.
-            render: the splat's, enlarged to its size.
-            photo: the truth.
+            render: the splat's render, enlarged to the size of the enhanced image.
+            photo: the ground truth.
         """
         super().update(self.quality(enhanced, photo) - self.quality(render, photo))
 
 
 def gains(**qualities: Quality) -> MetricCollection:
-    """The mean gain of each quality, as ``gain/NAME``."""
+    """Metrics with the mean gain of each quality measure, named ``gain/NAME``."""
     return MetricCollection(
-        {name: MeanGain(one) for name, one in qualities.items()}, prefix="gain/", compute_groups=False
+        {name: MeanGain(quality) for name, quality in qualities.items()}, prefix="gain/", compute_groups=False
     )
 
 
 def psnr(enhanced: Tensor, photo: Tensor) -> Tensor:
-    """Peak signal-to-noise ratio in dB of images in [0, 1], 100 at most."""
+    """Peak signal-to-noise ratio of images in [0, 1] in dB, at most 100."""
     from torchmetrics.functional.image import peak_signal_noise_ratio
 
     return peak_signal_noise_ratio(enhanced, photo, data_range=1.0).clamp_max(100)

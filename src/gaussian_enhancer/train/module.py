@@ -1,4 +1,4 @@
-"""The thin layer between a network and Lightning."""
+"""Lightning module that trains and validates a network."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,12 +21,12 @@ from gaussian_enhancer.types import Batch, quantise_8_bit, single_precision
 
 @dataclass(frozen=True)
 class ValidationMetrics:
-    """What a validation found of one view.
+    """Validation metrics of one view.
 
     Args:
-        place: of the view among all.
+        place: position of the view among all validation views.
         name: set and view.
-        gains: over the raw render, by metric.
+        gains: gain over the raw render, by metric.
     """
 
     place: int
@@ -35,22 +35,22 @@ class ValidationMetrics:
 
 
 class EnhancerModule(LightningModule):
-    """Trains a network and validates it; the callback ``WeightAveraging`` puts the average of the weights in its place.
+    """Trains and validates a network. The callback ``WeightAveraging`` validates and keeps the averaged weights.
 
-    Several processes that share a training log what one would: means over all their crops and views.
+    Several processes that share a training log the same values as one process: means over all crops and views.
 
     Args:
         network: maps views to enhanced images.
-        loss: what is minimised.
+        loss: the training loss.
         metrics: gains over the raw render, updated with enhanced image, render and photo (`train.metrics.gains`).
         optimizer: makes the optimizer from parameter groups.
-        lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate.
-        coarse: weight of the loss at each coarser scale of a network that has several (NeRFLiX++'s
-            intermediate supervision).
-        bad_share: share of the crops that may be dropped for not being finite, before the training fails.
+        lr_scheduler: makes the learning-rate scheduler from the optimizer; None keeps the learning rate constant.
+        coarse: weight of the loss at each coarser scale of a multi-scale network (NeRFLiX++'s intermediate
+            supervision).
+        bad_share: share of the crops that may be dropped because they are not finite; above it the training fails.
 
     Raises:
-        InputError: the share is none.
+        InputError: ``bad_share`` is not in [0, 1].
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class EnhancerModule(LightningModule):
         self.optimizer, self.lr_scheduler, self.coarse = optimizer, lr_scheduler, coarse
         self.judged: list[ValidationMetrics] = []
         self.non_finite = NonFiniteFilter(bad_share)
-        self.crops = 0  # of a step, in this process
+        self.crops = 0  # crops per step in this process
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch of crops.
@@ -86,71 +86,78 @@ class EnhancerModule(LightningModule):
     def batch_loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of a batch, and the means of its terms.
 
-        Samples that are not finite, before the network or after it, are dropped: they weigh nothing, and the batch
-        keeps its size, so that several processes stay in step.
+        Samples whose inputs or outputs are not finite are dropped: their weight is 0, but the batch keeps its size, so
+        that several processes stay synchronised.
 
         Raises:
             InputError: see `training_step`.
         """
-        kept = finite_samples(batch)
-        self.crops = len(kept)
-        if bool(kept.all()):
+        finite = finite_samples(batch)
+        self.crops = len(finite)
+        if bool(finite.all()):
             images = self.network.stages(batch.views)
-            kept = torch.stack([image.detach().flatten(1).float().sum(1).isfinite() for image in images]).all(0)
-            if bool(kept.all()):
+            finite = torch.stack([image.detach().flatten(1).float().sum(1).isfinite() for image in images]).all(0)
+            if bool(finite.all()):
                 return self._loss_at_all_scales(images, batch.views.render, batch.photo)
-        self.non_finite.add([name for name, good in zip(batch.names, kept.tolist(), strict=True) if not good])
+        self.non_finite.add(
+            [name for name, is_finite in zip(batch.names, finite.tolist(), strict=True) if not is_finite]
+        )
         self.non_finite.refuse_many((self.global_step + 1) * self.crops)
-        batch = zero_samples(batch, kept)
+        batch = zero_samples(batch, finite)
         images = self.network.stages(batch.views)
         if not all(bool(image.isfinite().all()) for image in images):
             received = f"has weights that are not finite at step {self.global_step}"
             raise InputError("training", received, "lower optimizer.lr, or warm it up for longer")
-        if not bool(kept.any()):
-            nothing = images[-1].detach().new_zeros(())
+        if not bool(finite.any()):
+            zero = images[-1].detach().new_zeros(())
             return torch.stack([0.0 * image.float().sum() for image in images]).sum(), dict.fromkeys(
-                self.loss.terms, nothing
+                self.loss.terms, zero
             )
-        chosen = tuple(image[kept] for image in images)
-        total, parts = self._loss_at_all_scales(chosen, batch.views.render[kept], batch.photo[kept])
-        return total * kept.float().mean(), parts
+        kept_images = tuple(image[finite] for image in images)
+        total, parts = self._loss_at_all_scales(kept_images, batch.views.render[finite], batch.photo[finite])
+        return total * finite.float().mean(), parts
 
     def _loss_at_all_scales(
         self, images: tuple[Tensor, ...], drawn: Tensor, truth: Tensor
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss of enhanced images at all scales, coarse to fine, given renders and photos."""
+        """Loss of enhanced images at all scales, coarse to fine, given renders and photos."""
         *coarser, enhanced = images
         with torch.autocast(self.device.type, enabled=False):
-            start = upsample_bicubic(drawn, self.network.scale).clamp(0, 1)
-            total, parts = self.loss(single_precision(enhanced), truth, start)
+            enlarged_render = upsample_bicubic(drawn, self.network.scale).clamp(0, 1)
+            total, parts = self.loss(single_precision(enhanced), truth, enlarged_render)
             for image in coarser:
                 photo, render = (
-                    F.adaptive_avg_pool2d(full, (image.shape[-2], image.shape[-1])) for full in (truth, start)
+                    F.adaptive_avg_pool2d(full_size, (image.shape[-2], image.shape[-1]))
+                    for full_size in (truth, enlarged_render)
                 )
                 total = total + self.coarse * self.loss(single_precision(image), photo, render)[0]
         return total, parts
 
     def on_train_end(self) -> None:
-        """Judge how many crops were dropped, by all processes together."""
+        """Fail if all processes together have dropped too many crops."""
         self.non_finite.refuse_many_of_all(self.global_step * self.crops * self.trainer.world_size)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Store the dropped samples; a checkpoint without any has no such entry, as before they were counted."""
+        """Store the counts of dropped samples, if any; without any, the entry is left out, as in older checkpoints."""
         counts = self.non_finite.dropped_by_all()
         if counts:
             checkpoint["dropped"] = counts
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Resume the count; the first process takes the dropped samples of all."""
+        """Restore the counts of dropped samples; the first process takes those of all processes."""
         if self.trainer.is_global_zero:
             self.non_finite.counts = dict(checkpoint.get("dropped", {}))
 
     def on_validation_epoch_start(self) -> None:
-        """Forget the last validation."""
+        """Clear the results of the last validation."""
         self.judged = []
 
     def validation_step(self, batch: Batch, index: int) -> dict[str, Any]:
-        """Gain over the raw render on a whole image, both quantised to 8 bit; returns its place and image."""
+        """Measure the gain over the raw render on a whole image, both quantised to 8 bits.
+
+        Returns:
+            Position of the view, and the enhanced image.
+        """
         enhanced = quantise_8_bit(self.network(batch.views).float())
         raw = quantise_8_bit(upsample_bicubic(batch.views.render, self.network.scale))
         with torch.autocast(self.device.type, enabled=False):
@@ -162,10 +169,10 @@ class EnhancerModule(LightningModule):
         return {"place": position, "enhanced": enhanced}
 
     def on_validation_epoch_end(self) -> None:
-        """Gather the results of single views from all processes, in the views' order."""
+        """Gather the results of the views from all processes, in the order of the views."""
         self.judged = sorted(gather(self.judged), key=lambda one: one.place)
 
     def configure_optimizers(self) -> Any:
-        """The optimizer on the network's parameters, of which convolutions' weights alone decay."""
+        """Optimizer of the network's parameters, with weight decay on the weights of convolutions only."""
         groups = decayed_groups(self.network.parameters())
         return optimizer_configuration(groups, self.optimizer, self.lr_scheduler, monitor="gain/psnr")

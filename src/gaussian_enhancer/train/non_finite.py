@@ -1,4 +1,4 @@
-"""Training samples that are not finite: found, named, counted, and left without weight.
+"""Handling of training samples that are not finite: they are detected, reported, counted and given no weight.
 
 Axes: b batch.
 """
@@ -19,17 +19,17 @@ from gaussian_enhancer.types import Batch
 BAD_SHARE = 0.01
 """Default share of the samples that may be dropped."""
 FEWEST = 1000
-"""Crops that are counted at least before their share is judged: one bad crop among the first ten is no tenth of all."""
+"""Smallest crop count that the share of dropped crops is relative to, so that a single early bad crop is tolerated."""
 
 
 class NonFiniteFilter:
-    """What a training left out.
+    """Counts the samples that a training drops, and fails if they are too many.
 
     Args:
-        share: of all crops that may be dropped, in [0, 1].
+        share: share of all crops that may be dropped, in [0, 1].
 
     Raises:
-        InputError: the share is none.
+        InputError: the share is not in [0, 1].
     """
 
     def __init__(self, share: float) -> None:
@@ -38,37 +38,37 @@ class NonFiniteFilter:
         self.counts: dict[str, int] = {}
 
     def add(self, names: Iterable[str]) -> None:
-        """Count samples; each is named on standard error the first time."""
+        """Count dropped samples, and report each on standard error the first time."""
         for name in names:
             if name not in self.counts:
                 print(f"dropped {name}: it is not finite", file=sys.stderr)
             self.counts[name] = self.counts.get(name, 0) + 1
 
     def refuse_many(self, seen: int) -> None:
-        """Fail where this process has dropped too large a share of its crops.
+        """Fail if this process has dropped too large a share of its crops.
 
         Args:
-            seen: crops that it had so far.
+            seen: crops that this process has used so far.
 
         Raises:
-            InputError: it has.
+            InputError: too large a share was dropped.
         """
         _refuse_sample(self.counts, self.share, seen, max(seen, FEWEST))
 
     def refuse_many_of_all(self, seen: int) -> None:
-        """Fail where all processes together have dropped too large a share; all of them have to ask.
+        """Fail if all processes together have dropped too large a share. Every process has to call this.
 
         Args:
-            seen: crops that they had from first to last.
+            seen: crops that all processes used over the whole training.
 
         Raises:
-            InputError: they have.
+            InputError: too large a share was dropped.
         """
         _refuse_sample(self.dropped_by_all(), self.share, seen, seen)
 
     def dropped_by_all(self) -> dict[str, int]:
-        """What all processes dropped, by name; all of them have to ask."""
-        return dict(sum((Counter(one) for one in gather([self.counts])), Counter()))
+        """Number of drops of each sample over all processes. Every process has to call this."""
+        return dict(sum((Counter(counts) for counts in gather([self.counts])), Counter()))
 
 
 def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -> None:
@@ -80,17 +80,17 @@ def _refuse_sample(counts: dict[str, int], share: float, seen: int, base: int) -
 
 
 def refuse_share(share: float) -> None:
-    """Refuse a value that is no share.
+    """Refuse a share outside [0, 1].
 
     Raises:
-        InputError: it is not in [0, 1].
+        InputError: the share is not in [0, 1].
     """
     if not 0 <= share <= 1:
         raise InputError("bad_share", f"is {share}", "give a share from 0 to 1")
 
 
 def finite_samples(batch: Batch) -> Bool[Tensor, " b"]:
-    """Which samples are finite in all that a network reads; depth that is not finite counts as unknown, and is."""
+    """Which samples have finite photos and inputs. Depth is not checked: non-finite values count as unknown."""
     views = batch.views
     images = {
         f.name: getattr(views, f.name) for f in dataclasses.fields(views) if f.name not in ("depth", "depth_unit")
@@ -100,7 +100,7 @@ def finite_samples(batch: Batch) -> Bool[Tensor, " b"]:
 
 
 def zero_samples(batch: Batch, kept: Bool[Tensor, " b"]) -> Batch:
-    """The batch with zeros in place of the samples that are not kept."""
+    """The batch with the samples that are not kept set to zero."""
 
     def zeroed(image: Tensor, finer: int = 1) -> Tensor:
         return torch.where(kept.view(-1, *[1] * (image.dim() - 1)), image, torch.zeros_like(image))
@@ -109,18 +109,18 @@ def zero_samples(batch: Batch, kept: Bool[Tensor, " b"]) -> Batch:
 
 
 def refuse_bad(bad: Sequence[str], count: int, share: float) -> None:
-    """Name prepared samples that are not finite, and fail where they are too many.
+    """Report prepared samples that are not finite, and fail if they are too many.
 
     Args:
-        bad: each with what is wrong.
-        count: of all prepared samples.
-        share: of them that may be bad.
+        bad: a message for each sample that is not finite.
+        count: number of all prepared samples.
+        share: share of the samples that may be bad.
 
     Raises:
-        InputError: they are more.
+        InputError: a larger share is bad.
     """
-    for one in bad:
-        print(f"dropped {one}", file=sys.stderr)
+    for message in bad:
+        print(f"dropped {message}", file=sys.stderr)
     if len(bad) > share * count:
         received = f"has {len(bad)} samples of {count} that are not finite, first {bad[0]}"
         raise InputError("training data", received, f"mend them, or allow more than bad_share={share:g}")

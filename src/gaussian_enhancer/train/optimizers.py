@@ -1,4 +1,4 @@
-"""Build the result of Lightning's ``configure_optimizers`` from a configuration's partial constructors."""
+"""Optimizers and schedulers for Lightning's ``configure_optimizers``, from a configuration's partial constructors."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -14,28 +14,31 @@ MakeScheduler = Callable[[Optimizer], LRScheduler]
 
 
 def decayed_groups(parameters: Iterable[Tensor]) -> list[dict[str, Any]]:
-    """Parameter groups in which the weights of convolutions alone decay: those that are trained, of any optimizer."""
+    """Two parameter groups of the trainable parameters: weights of convolutions, and the rest without weight decay."""
     trained = [parameter for parameter in parameters if parameter.requires_grad]
-    others = {"params": [parameter for parameter in trained if parameter.dim() != 4], "weight_decay": 0.0}
-    return [{"params": [parameter for parameter in trained if parameter.dim() == 4]}, others]
+    undecayed = {"params": [parameter for parameter in trained if parameter.dim() != 4], "weight_decay": 0.0}
+    return [{"params": [parameter for parameter in trained if parameter.dim() == 4]}, undecayed]
 
 
 def optimizer_configuration(
     groups: list[dict[str, Any]], optimizer: MakeOptimizer, lr_scheduler: MakeScheduler | None, monitor: str
 ) -> dict[str, Any]:
-    """Optimizer and learning-rate scheduler as Lightning takes them.
+    """Optimizer and learning-rate scheduler in the form that Lightning expects.
 
-    A scheduler is stepped after every optimizer step; ``ReduceLROnPlateau`` after every validation.
+    A scheduler is stepped after every optimizer step, but ``ReduceLROnPlateau`` after every validation.
 
     Args:
         groups: parameter groups.
         optimizer: makes the optimizer.
-        lr_scheduler: makes the scheduler; None keeps the learning rate.
-        monitor: the validation metric that ``ReduceLROnPlateau`` follows.
+        lr_scheduler: makes the scheduler; None keeps the learning rate constant.
+        monitor: the validation metric that ``ReduceLROnPlateau`` monitors.
     """
-    made = optimizer(groups)
+    built_optimizer = optimizer(groups)
     if lr_scheduler is None:
-        return {"optimizer": made}
-    scheduler = lr_scheduler(made)
+        return {"optimizer": built_optimizer}
+    scheduler = lr_scheduler(built_optimizer)
     interval = "epoch" if isinstance(scheduler, ReduceLROnPlateau) else "step"
-    return {"optimizer": made, "lr_scheduler": {"scheduler": scheduler, "interval": interval, "monitor": monitor}}
+    return {
+        "optimizer": built_optimizer,
+        "lr_scheduler": {"scheduler": scheduler, "interval": interval, "monitor": monitor},
+    }

@@ -1,4 +1,4 @@
-"""Several processes of one machine that do a job together, started by Lightning Fabric."""
+"""Launching of a job in several processes on one machine, by Lightning Fabric."""
 
 import os
 import pickle
@@ -13,7 +13,7 @@ from gaussian_enhancer.errors import InputError, LostProcessError
 
 
 def launched_externally() -> bool:
-    """Whether torchrun or a cluster has started the processes already, each of which runs the whole command."""
+    """Whether torchrun or a cluster has already started the processes, so that each runs the whole command."""
     from lightning.fabric.plugins.environments import (
         LightningEnvironment,
         LSFEnvironment,
@@ -32,20 +32,20 @@ def is_first() -> bool:
 
 
 def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: int, *given: Any) -> Any:
-    """Run a function in several processes and return the first one's result.
+    """Run a function in several processes and return the first process's result.
 
-    Lightning's own default would start the others by repeating the command line, which in a sweep is the whole sweep
-    and in a notebook nothing at all; Fabric spawns them instead. Where one fails the others are ended.
+    Lightning's default would start the other processes by repeating the command line. In a sweep this would repeat the
+    whole sweep, and in a notebook it does not work. Fabric spawns them instead. If one fails, the others are ended.
 
     Args:
-        work: a function at the top of a module, called with cfg and ``given``.
-        cfg: the job's configuration; progress bars are the first process's alone.
-        accelerator: Lightning's name of it.
-        count: how many processes; with one the work is done in this process.
-        *given: further arguments.
+        work: a function at module level, called with ``cfg`` and ``given``.
+        cfg: the job's configuration; only the first process shows progress bars.
+        accelerator: Lightning's name of the accelerator.
+        count: number of processes; with 1 the function runs in this process.
+        *given: further arguments of the function.
 
     Raises:
-        InputError: the work refuses its input.
+        InputError: the function raised it.
         LostProcessError: one of the processes was killed.
     """
     if count == 1:
@@ -67,14 +67,14 @@ def launch(work: Callable[..., Any], cfg: DictConfig, accelerator: str, count: i
 
 
 def _in_a_process(fabric: Any, call: bytes) -> bytes:
-    """What the work returns. Calls and answers are bytes: Fabric would take frozen dataclasses apart for tensors."""
-    work, cfg, given = pickle.loads(call)
+    """Run the pickled call and pickle its result: Fabric would search unpickled frozen dataclasses for tensors."""
+    work, cfg, arguments = pickle.loads(call)
     cfg.runtime.progress = cfg.runtime.progress and fabric.is_global_zero
-    return pickle.dumps(work(cfg, *given))
+    return pickle.dumps(work(cfg, *arguments))
 
 
 def _refusal(traceback: str) -> InputError | None:
-    """The user's mistake that ended a process, parsed from its traceback, which is all that it returns."""
+    """The InputError that ended a process, parsed from its traceback; None if another error ended it."""
     name = f"{InputError.__module__}.{InputError.__qualname__}: "
     lines = [line.removeprefix(name) for line in traceback.splitlines() if line.startswith(name)]
     if not lines:

@@ -1,4 +1,4 @@
-"""Fitted runs as samples: which renders of a run are taken, and their warped references."""
+"""Preparation of training samples from fitted runs: selection of their renders, and cached warping of references."""
 
 import dataclasses
 import glob
@@ -23,15 +23,17 @@ class RunSamples:
     Args:
         reference_config: how references are aligned; each (target, reference) pair is warped once and cached.
         cache: folder for prepared samples.
-        snapshots: take the renders of all of a run's snapshots (weak fits teach most), or of the last alone.
-        match_exposure: bring each held-out photo to the exposure of its render: nothing that the network sees tells it.
-        views_per_run: at most so many held-out views of each run, spread evenly; None takes all.
-        finer: gives the views of a run their photos 4 times as fine, where the reference configuration asks for them.
-        bad_share: share of all samples that may be left out for not being finite.
-        progress: show a bar while samples are prepared.
+        snapshots: use the renders of all snapshots of a run (weak fits are the most useful ones to train on), or of the
+            last one only.
+        match_exposure: match each held-out photo to the exposure of its render, because no network input tells the
+            photo's exposure.
+        views_per_run: maximum number of held-out views of each run, spread evenly; None takes all.
+        finer: adds photos 4 times as fine to the views of a run; required if the reference configuration uses them.
+        bad_share: share of all samples that may be left out because they are not finite.
+        progress: show a progress bar while samples are prepared.
 
     Raises:
-        InputError: fine photos are asked for and nothing gives them, or the number of views is not positive.
+        InputError: fine photos are required but ``finer`` is None, or the number of views is not positive.
     """
 
     reference_config: ReferenceConfig
@@ -50,21 +52,21 @@ class RunSamples:
             raise InputError("views_per_run", f"is {self.views_per_run}", "give at least 1")
 
     def held_out(self, run: Path, threads: int, advance: Callable[[], None]) -> list[Sample]:
-        """The held-out views of a run.
+        """Samples of the held-out views of a run.
 
         Args:
-            run: its folder.
-            threads: that prepare samples.
+            run: the run's folder.
+            threads: number of threads that prepare samples.
             advance: called after each sample.
         """
-        steps, found = run_steps(run), []
+        steps, samples = run_steps(run), []
         for step in steps if self.snapshots else steps[-1:]:
             views, identity = self._thin(self._read(run, step), _identity(run, step))
-            found += self._prepare(views, identity, True, threads, advance)
-        return found
+            samples += self._prepare(views, identity, True, threads, advance)
+        return samples
 
     def training_views(self, run: Path, threads: int, advance: Callable[[], None]) -> list[Sample]:
-        """Training views with the depth of the last snapshot; the photos of all snapshots are the same."""
+        """Samples of the training views, with the depth of the last snapshot; all snapshots have the same photos."""
         step = run_steps(run)[-1]
         views = training_targets(self._read(run, step))
         return self._prepare(views, _identity(run, step), False, threads, advance)
@@ -74,12 +76,12 @@ class RunSamples:
         return self.finer(run, views) if self.reference_config.fine and self.finer is not None else views
 
     def _thin(self, views: RenderedSet, identity: str) -> tuple[RenderedSet, str]:
-        """The views of a run, and the identity of this selection."""
-        count, most = len(views.targets), self.views_per_run
-        if most is None or count <= most:
+        """At most ``views_per_run`` of the views, and the identity of this selection for the cache."""
+        count, limit = len(views.targets), self.views_per_run
+        if limit is None or count <= limit:
             return views, identity
-        chosen = tuple(views.targets[(2 * i + 1) * count // (2 * most)] for i in range(most))
-        return dataclasses.replace(views, targets=chosen), f"{identity} {most} views"
+        chosen = tuple(views.targets[(2 * i + 1) * count // (2 * limit)] for i in range(limit))
+        return dataclasses.replace(views, targets=chosen), f"{identity} {limit} views"
 
     def _prepare(
         self, views: RenderedSet, identity: str, held_out: bool, threads: int, advance: Callable[[], None]
@@ -94,12 +96,12 @@ def _identity(run: Path, step: int) -> str:
 
 
 def find_runs(pattern: str) -> list[Path]:
-    """The run folders with held-out renders that a pattern names, sorted.
+    """The run folders with held-out renders that match a pattern, sorted.
 
     Raises:
-        InputError: there is none, or one of them is a fit that was not finished.
+        InputError: no folder matches, or one is of an unfinished fit.
     """
-    runs = sorted(Path(found) for found in glob.glob(pattern, recursive=True) if run_steps(Path(found)))
+    runs = sorted(Path(folder) for folder in glob.glob(pattern, recursive=True) if run_steps(Path(folder)))
     if not runs:
         raise InputError(pattern, "names no run with held-out renders", "fit scenes first, or correct the pattern")
     for run in runs:

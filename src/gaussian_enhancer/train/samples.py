@@ -1,9 +1,10 @@
-"""Prepared training tuples on disk: every reference is warped once, at full size.
+"""Prepared training samples on disk, whose references are warped once, at full size.
 
-A sample is one `.npy` of 8-bit planes (p h w), which is memory-mapped so that a crop reads only its own rows:
-render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte first), then for each reference colour 3, visibility 1
-and the splat's own render of its view 3. Warping commutes with cropping and flipping, so that augmentation is local.
-A training view, prepared for simulation alone, has its photo in place of its render: that was fitted to the photo.
+A sample is one `.npy` file of 8-bit planes (p h w): render 3, photo 3, alpha 1, inverse depth 2 (16 bits, high byte
+first), then for each reference colour 3, visibility 1 and the splat's own render of its view 3, warped alike. The file
+is memory-mapped, so that a crop reads only its own rows. Warping commutes with cropping and flipping, so that
+augmentation can work on the warped planes.
+A training view is prepared for simulation only. It has its photo in place of its render, which was fitted to the photo.
 For super-resolution a second `.npy` holds planes 4 times as fine: photo 3, then 3 for each reference.
 Axes: p planes, h height, w width, r references, H = 4 h, W = 4 w.
 """
@@ -34,28 +35,33 @@ from gaussian_enhancer.scene.rendered import RenderedSet
 from gaussian_enhancer.types import Batch, NetworkInput
 
 LAYOUT = 5
+"""Version of the layout of planes; part of the cache key."""
 FIXED = 9
+"""Planes before those of the references."""
 EACH = 7
+"""Planes per reference."""
 FINE = 3
+"""Fine planes of the photo, and of each reference."""
 NEAREST = 4.0
+"""Largest normalised inverse depth; stored as 65535."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One prepared tuple.
+    """One prepared training sample.
 
     Args:
         name: set and view.
-        path: of the planes.
+        path: file of the planes.
         height: in pixels.
         width: in pixels.
-        references: how many references it has.
+        references: number of references.
         has_depth: whether depth is known.
         has_alpha: whether opacity is known.
-        held_out: whether the render was not fitted to the photo, so that the two are a pair to learn from.
+        held_out: whether the render was not fitted to the photo, so that the pair can be trained on.
         has_reference_renders: whether the splat's own renders of the references' views are known.
-        fine: path of the planes that are 4 times as fine; empty where there are none.
-        bad: what is not finite, where the view cannot be learnt from; then there are no planes.
+        fine: file of the planes that are 4 times as fine; empty if there are none.
+        bad: names of the images that are not finite; such a sample has no planes and cannot be used. Empty otherwise.
     """
 
     name: str
@@ -71,11 +77,11 @@ class Sample:
     bad: str = ""
 
     def planes(self) -> np.ndarray:
-        """The planes, mapped from the file."""
+        """The planes, memory-mapped."""
         return load_array(self.path)
 
     def fine_planes(self) -> np.ndarray | None:
-        """The planes that are 4 times as fine, mapped from their file; None where there are none."""
+        """The planes that are 4 times as fine, memory-mapped; None if there are none."""
         return load_array(self.fine) if self.fine else None
 
 
@@ -89,17 +95,19 @@ def prepare_samples(
     held_out: bool = True,
     match_exposure: bool = False,
 ) -> list[Sample]:
-    """The samples of a set, prepared now or found in the cache; of trainings that begin together one prepares them.
+    """Prepare the samples of a set, or read them from the cache.
+
+    A file lock makes sure that only one of several simultaneous trainings prepares them.
 
     Args:
         rendered: targets with photos, and references.
         reference_config: how references are aligned.
         cache: folder of prepared sets.
-        identity: what tells the content of the set, for instance its folder, step and time of completion.
-        workers: threads.
+        identity: text that identifies the content of the set, for instance its folder, step and time of completion.
+        workers: number of threads.
         progress: called after each view.
-        held_out: whether the targets are held-out views; False for the set that `training_targets` gives.
-        match_exposure: bring each photo to the exposure of its render (`fit_exposure`).
+        held_out: whether the targets are held-out views; False for the result of `training_targets`.
+        match_exposure: match each photo to the exposure of its render (`fit_exposure`).
 
     Raises:
         InputError: a view has no photo, or the cache cannot be written.
@@ -137,14 +145,14 @@ def prepare_samples(
 
 
 def _listed(index: Path) -> list[Sample]:
-    """The samples that a finished set names."""
+    """Read the samples of a prepared set from its index."""
     return [Sample(**entry) for entry in json.loads(index.read_text())]
 
 
 def training_targets(rendered: RenderedSet) -> RenderedSet:
-    """The training views of a set as targets to simulate: photos in place of their renders, the fit's depth.
+    """The set with its training views as targets for simulation: photos in place of the renders, the fit's depth.
 
-    The other training views are their references.
+    The references of a training view are the other training views.
 
     Args:
         rendered: a fitted run's views.
@@ -154,7 +162,7 @@ def training_targets(rendered: RenderedSet) -> RenderedSet:
 
 
 def _entry(sample: Sample) -> dict[str, Any]:
-    """A sample's values; those of a good sample without fine planes are what they were before there were others."""
+    """A sample's values as stored in the index; empty ``fine`` and ``bad`` are left out, as in older indices."""
     return {name: value for name, value in dataclasses.asdict(sample).items() if name not in ("fine", "bad") or value}
 
 
@@ -170,7 +178,7 @@ def _prepare(
     target = read_target(view)
     photo = _photo(view.name, view.read_photo, *target.image.shape[-2:])
     if bad := _not_finite({"render": target.image, "photo": photo, "opacity": target.alpha}):
-        # Rounded to bytes, NaN would be a colour like any other.
+        # Rounding to bytes would turn NaN into an ordinary colour.
         height, width = target.image.shape[-2:]
         return Sample(f"{rendered.name}/{view.name}", "", height, width, 0, False, False, bad=bad)
     exposure = fit_exposure(photo, target.image) if match_exposure else None
@@ -181,31 +189,45 @@ def _prepare(
     if target.depth is not None:
         depth = target.depth[None]
         inverse = normalised_inverse_depth(depth, depth_unit(depth))[0] / NEAREST
-    fine = (inverse * 65535).round().int()
+    depth_levels = (inverse * 65535).round().int()
     alpha = torch.ones_like(inverse) if target.alpha is None else target.alpha
     renders = torch.zeros_like(aligned.references) if aligned.renders is None else aligned.renders
     references = torch.cat([aligned.references, aligned.visibility, renders], dim=1).flatten(0, 1)
     planes = torch.cat(
-        [_bytes(target.image), _bytes(photo), _bytes(alpha), fine // 256, fine % 256, _bytes(references)]
+        [
+            _bytes(target.image),
+            _bytes(photo),
+            _bytes(alpha),
+            depth_levels // 256,
+            depth_levels % 256,
+            _bytes(references),
+        ]
     )
     path = folder / f"{number:04d}.npy"
     save_array(path, planes.to(torch.uint8).numpy())
     height, width = planes.shape[-2:]
-    finer = ""
+    fine_path = ""
     if reference_config.fine:
-        finer = str(folder / f"{number:04d}-fine.npy")
-        truth = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
-        truth = truth if exposure is None else apply_colour(truth, exposure)
-        save_array(finer, _fine_planes(truth, aligned).to(torch.uint8).numpy())
-    known = target.depth is not None, target.alpha is not None
+        fine_path = str(folder / f"{number:04d}-fine.npy")
+        fine_photo = _photo(view.name, view.read_fine_photo, 4 * height, 4 * width)
+        fine_photo = fine_photo if exposure is None else apply_colour(fine_photo, exposure)
+        save_array(fine_path, _fine_planes(fine_photo, aligned).to(torch.uint8).numpy())
+    has_geometry = target.depth is not None, target.alpha is not None
     name, has_renders = f"{rendered.name}/{view.name}", aligned.renders is not None
     return Sample(
-        name, str(path), height, width, len(aligned.names), *known, has_reference_renders=has_renders, fine=finer
+        name,
+        str(path),
+        height,
+        width,
+        len(aligned.names),
+        *has_geometry,
+        has_reference_renders=has_renders,
+        fine=fine_path,
     )
 
 
 def _not_finite(images: Mapping[str, Tensor | None]) -> str:
-    """The names of images that are not finite everywhere; empty where all are."""
+    """Names of the images with values that are not finite; empty if there are none."""
     return ", ".join(n for n, image in images.items() if image is not None and not bool(torch.isfinite(image).all()))
 
 
@@ -233,34 +255,36 @@ def batch_of(
     references: int,
     fine: Sequence[UInt8[np.ndarray, "_ H W"] | None] = (),
 ) -> Batch:
-    """A batch from planes of equal size; missing references have visibility 0.
+    """Make a batch from planes of equal size; missing references have visibility 0.
 
-    The references' renders are given where all samples have them, and likewise the fine photo and references.
+    The references' renders are included if all samples have them. The same applies to the fine photo and references.
 
     Args:
-        planes: crops or whole images.
-        samples: what they belong to.
-        references: places for references.
-        fine: the same, 4 times as fine.
+        planes: planes of crops or of whole images.
+        samples: the sample of each.
+        references: number of references per sample in the batch.
+        fine: the same planes 4 times as fine.
     """
-    values = _stack(planes, FIXED + EACH * references)
-    height, width = values.shape[-2:]
-    images = values.float() / 255
-    inverse = (values[:, 7:8].float() * 256 + values[:, 8:9].float()) * (NEAREST / 65535)
+    stacked = _stack(planes, FIXED + EACH * references)
+    height, width = stacked.shape[-2:]
+    images = stacked.float() / 255
+    inverse = (stacked[:, 7:8].float() * 256 + stacked[:, 8:9].float()) * (NEAREST / 65535)
     known = torch.tensor([sample.has_depth for sample in samples])[:, None, None, None]
     depth = torch.where((inverse > 0) & known, 1 / inverse.clamp_min(1e-6), torch.zeros_like(inverse))
-    stack = images[:, FIXED:].view(len(samples), references, EACH, height, width)
-    renders = stack[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
+    reference_planes = images[:, FIXED:].view(len(samples), references, EACH, height, width)
+    renders = reference_planes[:, :, 4:] if all(sample.has_reference_renders for sample in samples) else None
     unit = torch.ones(len(samples))
-    views = NetworkInput(images[:, :3], stack[:, :, :3], stack[:, :, 3:4], depth, images[:, 6:7], unit, renders)
-    photo, finer = images[:, 3:6], [layer for layer in fine if layer is not None]
-    if finer and len(finer) == len(samples):
-        layers = _stack(finer, FINE * (1 + references)).float() / 255
-        photo, others = layers[:, :FINE], layers[:, FINE:].unflatten(1, (references, FINE))
-        views = dataclasses.replace(views, fine_references=others)
+    views = NetworkInput(
+        images[:, :3], reference_planes[:, :, :3], reference_planes[:, :, 3:4], depth, images[:, 6:7], unit, renders
+    )
+    photo, fine_crops = images[:, 3:6], [layer for layer in fine if layer is not None]
+    if fine_crops and len(fine_crops) == len(samples):
+        fine_planes = _stack(fine_crops, FINE * (1 + references)).float() / 255
+        photo, fine_references = fine_planes[:, :FINE], fine_planes[:, FINE:].unflatten(1, (references, FINE))
+        views = dataclasses.replace(views, fine_references=fine_references)
     return Batch(views, photo, tuple(sample.name for sample in samples))
 
 
 def _stack(planes: Sequence[UInt8[np.ndarray, "_ h w"]], count: int) -> UInt8[Tensor, "b p h w"]:
-    wide = [np.pad(p, ((0, count - len(p)), (0, 0), (0, 0))) for p in planes]
-    return torch.from_numpy(np.ascontiguousarray(np.stack(wide)))
+    padded = [np.pad(p, ((0, count - len(p)), (0, 0), (0, 0))) for p in planes]
+    return torch.from_numpy(np.ascontiguousarray(np.stack(padded)))

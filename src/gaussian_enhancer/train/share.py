@@ -1,8 +1,8 @@
-"""The share of a training for each of several processes, whose sum equals a training in one process.
+"""Splitting of training batches over several processes, with the same result as training in one process.
 
-A step's crops are drawn for all; each process makes its own part of them. What is drawn for a batch as a whole (the
-light of its samples, whether references' renders are known) follows from the whole batch in every process. Torch's
-``DistributedSampler`` would give each process other crops than one process has, and a batch's light to each share.
+Every process draws the crops of the whole batch and loads its own part of them. Choices for a whole batch (the light
+of its samples, whether it has the references' renders) are the same in every process. Torch's
+``DistributedSampler`` would draw other crops than a single process, and would choose the light for each part anew.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,11 +19,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ProcessShare:
-    """The position of a part in its whole batch.
+    """Position of a process's part in the whole batch.
 
     Args:
         crops: sample and seed of every crop of the whole batch.
-        start: the first of them that is in this part.
+        start: index of the first crop of this part.
     """
 
     crops: tuple[tuple[int, int], ...]
@@ -34,13 +34,13 @@ class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
     """One process's part of every batch: sample, seed and share of each crop.
 
     Args:
-        draw: sample and seed of all crops, the same in every process.
-        size: of a whole batch.
-        rank: the process.
-        ranks: how many there are.
+        draw: sampler of sample and seed of all crops, the same in every process.
+        size: size of a whole batch.
+        rank: rank of this process.
+        ranks: number of processes.
 
     Raises:
-        InputError: a batch cannot be split evenly, so that crops would weigh differently.
+        InputError: a batch cannot be split evenly, so that crops would have unequal weights.
     """
 
     def __init__(self, draw: Sampler[tuple[int, int]], size: int, rank: int, ranks: int) -> None:
@@ -59,29 +59,29 @@ class SharedBatches(Sampler[list[tuple[int, int, ProcessShare]]]):
             batch.append(crop)
             if len(batch) == self.size:
                 share = ProcessShare(tuple(batch), self.rank * part)
-                yield [(*own, share) for own in batch[share.start : share.start + part]]
+                yield [(*crop_index, share) for crop_index in batch[share.start : share.start + part]]
                 batch = []
 
 
 class SharedCrops(Dataset[tuple[tuple, ProcessShare]]):
-    """Crops by (sample, seed, share), with the share passed on.
+    """Dataset of crops by (sample, seed, share), which also returns the share.
 
     Args:
-        crops: by (sample, seed).
+        crops: dataset of crops by (sample, seed).
     """
 
     def __init__(self, crops: Dataset[tuple]) -> None:
         self.crops = crops
 
     def __getitem__(self, index: tuple[int, int, ProcessShare]) -> tuple[tuple, ProcessShare]:
-        number, seed, share = index
-        return self.crops[number, seed], share
+        position, seed, share = index
+        return self.crops[position, seed], share
 
 
 def gather(own: Sequence[T]) -> list[T]:
-    """Gather a value from all processes in each of them; with one process, its own value."""
+    """Concatenate the lists of all processes, in every process; with one process, return its own list."""
     if not (torch.distributed.is_available() and torch.distributed.is_initialized()):
         return list(own)
-    every: list[Any] = [None] * torch.distributed.get_world_size()
-    torch.distributed.all_gather_object(every, list(own))
-    return [one for part in every for one in part]
+    parts: list[Any] = [None] * torch.distributed.get_world_size()
+    torch.distributed.all_gather_object(parts, list(own))
+    return [item for part in parts for item in part]

@@ -1,4 +1,4 @@
-"""Crops whose render the simulator made from the photo, in place of a fit's.
+"""Replacement of a fit's renders by renders that the simulator makes from the photos.
 
 Axes: b batch, h height, w width.
 """
@@ -21,14 +21,14 @@ from gaussian_enhancer.types import Batch
 
 @dataclass(frozen=True)
 class Simulation:
-    """Which crops are simulated, and by which artefacts; both depend on the crop's seed alone, not on its batch.
+    """Chooses the crops to simulate, and simulates them. The result depends on the crop's seed only, not on its batch.
 
     Args:
-        simulator: photos in, renders out.
-        share: chance that a held-out view's crop is simulated, in (0, 1]; a training view's always is.
-        training_views: simulate on the runs' training views too. Their own renders are never used: they were fitted
-            to the photos.
-        validation: validate on simulated renders as well, as the training of a simulator does.
+        simulator: makes simulated renders from photos.
+        share: probability that a crop of a held-out view is simulated, in (0, 1]; crops of training views always are.
+        training_views: simulate on the runs' training views too. Their own renders are never used, because they were
+            fitted to the photos.
+        validation: validate on simulated renders as well; used to train a simulator.
 
     Raises:
         InputError: the share is out of range, or a simulator would be trained on training views.
@@ -43,33 +43,33 @@ class Simulation:
         if not 0 < self.share <= 1:
             raise InputError("simulation.share", f"is {self.share}", "give a share above 0 and up to 1")
         if self.validation and self.training_views:
-            # Their own renders were fitted to their photos: no real degradation can be learnt from the pair.
+            # Renders of training views were fitted to the photos: such pairs show no real degradation.
             raise InputError("training_views", "are asked for by a simulator's training", "use held-out views alone")
 
     def is_simulated(self, seed: int) -> bool:
-        """Whether the crop of a seed is simulated."""
+        """Whether the crop of a held-out view with this seed is simulated."""
         return float(torch.rand((), generator=_generators(seed)[0])) < self.share
 
     def __call__(self, batch: Batch, samples: Sequence[Sample], seeds: Sequence[int]) -> Batch:
-        """The batch with render, depth and opacity of the chosen crops replaced; photos and references stay.
+        """The batch with simulated render, depth and opacity in the chosen crops; photos and references stay.
 
-        The renders that were there are kept as ``real``.
+        The original renders are kept as ``real``.
 
-        Only a held-out view's real render is shown to a second stage that asks for one: a training view's was fitted
-        to its photo and is as good as it, so that no factor could be learnt from the two.
+        Only the real renders of held-out views are passed to the simulator's second stage. The render of a training
+        view was fitted to its photo and is nearly equal to it, so that no degradation factors can be extracted.
 
         Args:
             batch: crops, depth in units of the view's median.
-            samples: what they belong to.
-            seeds: of the crops.
+            samples: the sample of each crop.
+            seeds: the seed of each crop.
         """
         batch = dataclasses.replace(batch, real=batch.views.render)
-        chosen = [i for i in range(len(samples)) if not samples[i].held_out or self.is_simulated(seeds[i])]
-        # What is unknown of one sample must not be taken from its neighbours in the batch.
-        kinds = {_known(samples[i]): None for i in chosen}
-        for kind in kinds:
-            alike = [i for i in chosen if _known(samples[i]) == kind]
-            batch = self._replace_renders(batch, alike, *kind, seeds=[seeds[i] for i in alike])
+        simulated = [i for i in range(len(samples)) if not samples[i].held_out or self.is_simulated(seeds[i])]
+        # Crops are grouped by what is known of them: unknown depth or opacity must not be simulated as if known.
+        known_inputs = {_known(samples[i]): None for i in simulated}
+        for known in known_inputs:
+            group = [i for i in simulated if _known(samples[i]) == known]
+            batch = self._replace_renders(batch, group, *known, seeds=[seeds[i] for i in group])
         return batch
 
     def _replace_renders(
@@ -81,7 +81,7 @@ class Simulation:
             return plane[index] if plane is not None and is_known else None
 
         photo = batch.photo[index]
-        if photo.shape[-2:] != views.render.shape[-2:]:  # of super-resolution
+        if photo.shape[-2:] != views.render.shape[-2:]:  # super-resolution: the photo is finer
             photo = F.interpolate(photo, views.render.shape[-2:], mode="area")
         photos = View(photo, known(views.depth, has_depth), known(views.alpha, has_alpha))
         with torch.no_grad():
@@ -102,5 +102,5 @@ def _known(sample: Sample) -> tuple[bool, bool, bool]:
 
 
 def _generators(seed: int) -> tuple[torch.Generator, ...]:
-    """Two sources that have nothing to do with each other, nor with the crop's place, which the seed itself draws."""
+    """Two generators, independent of each other and of the generator seeded directly, which draws the crop."""
     return spawn(2, torch.Generator().manual_seed(seed))

@@ -1,4 +1,4 @@
-"""What training jobs share: a Lightning trainer from the configuration, in a run's folder."""
+"""Construction of the Lightning trainer of a run from the configuration, shared by all training jobs."""
 
 import copy
 import logging
@@ -22,19 +22,19 @@ SPAWNED = ("auto", "ddp", "ddp_spawn")
 
 
 def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **overrides: Any) -> Any:
-    """A trainer that logs and keeps its checkpoint in a run's folder.
+    """Make a trainer that logs and writes checkpoints in a run's folder.
 
-    Callbacks are those of the group ``callbacks`` and, after them, the user's own in ``trainer.callbacks``.
+    Its callbacks are those of the group ``callbacks``, followed by the user's own in ``trainer.callbacks``.
 
     Args:
         cfg: the job's configuration with ``trainer``, ``callbacks``, ``logger``, ``profiler`` and ``runtime``.
         job: the run.
-        checkpoint: name of the file, without ending, that a killed training goes on from.
-        part: of the run, where it has several trainings; each logs in a folder of its own.
-        **overrides: options of the trainer that win over the configuration's.
+        checkpoint: file name, without ending, of the checkpoint that an interrupted training resumes from.
+        part: name of this training if the run has several; each logs in its own folder.
+        **overrides: options of the trainer that take precedence over the configuration.
 
     Raises:
-        InputError: the logger needs a package that is not installed.
+        InputError: a logger needs a package that is not installed.
     """
     from lightning.pytorch.strategies import DDPStrategy
 
@@ -45,7 +45,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
     loggers = make_loggers(cfg.logger)
     options: dict[str, Any] = {"use_distributed_sampler": False}  # samples are split by the data module
     if spawns_processes(cfg) and device_count(cfg) > 1:
-        # Nothing is sent between two steps but gradients: processes may have unequal numbers of views.
+        # Only gradients are exchanged, no buffers: processes may have unequal numbers of validation views.
         options["strategy"] = DDPStrategy(find_unused_parameters=True, broadcast_buffers=False)
     if cfg.get("profiler") is not None:
         options["profiler"] = build(cfg.profiler, dirpath=str(job.folder))
@@ -61,7 +61,7 @@ def make_trainer(cfg: DictConfig, job: Run, checkpoint: str, part: str = "", **o
 
 
 def _with_run_description(cfg: DictConfig, job: Run, part: str) -> DictConfig:
-    """The configuration with ``this_run``, to which loggers refer, filled in."""
+    """The configuration with the section ``this_run``, which loggers refer to."""
     dash = f"-{part}" if part else ""
     configuration = copy.deepcopy(cfg)
     with open_dict(configuration):
@@ -75,21 +75,27 @@ def _with_run_description(cfg: DictConfig, job: Run, part: str) -> DictConfig:
 
 
 def _callbacks(cfg: DictConfig, job: Run, checkpoint: str) -> list[Any]:
-    """The callbacks of the group, and after them the user's own."""
+    """Build the callbacks of the group ``callbacks``, followed by the user's own."""
     from hydra.utils import get_object
     from lightning.pytorch.callbacks import ModelCheckpoint, ProgressBar
 
     group = [node for node in cfg.get("callbacks", {}).values() if node is not None]
     built = []
     for node in (*group, *(cfg.trainer.get("callbacks") or ())):
-        made = get_object(node._target_)
-        kept = isinstance(made, type) and issubclass(made, ModelCheckpoint) and node.get("dirpath") is None
-        built.append(build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if kept else {})))
-    return [one for one in built if cfg.runtime.progress or not isinstance(one, ProgressBar)]
+        callback_type = get_object(node._target_)
+        is_default_checkpoint = (
+            isinstance(callback_type, type)
+            and issubclass(callback_type, ModelCheckpoint)
+            and node.get("dirpath") is None
+        )
+        built.append(
+            build(node, **({"dirpath": str(job.folder), "filename": checkpoint} if is_default_checkpoint else {}))
+        )
+    return [callback for callback in built if cfg.runtime.progress or not isinstance(callback, ProgressBar)]
 
 
 def _image_logger(loggers: list[Any]) -> list[Any]:
-    """The callback that logs tables and images, where a logger takes them."""
+    """The callback that logs tables and images, if a logger accepts them."""
     from gaussian_enhancer.train.validation_images import ABLE, ValidationImages
 
     return [ValidationImages(loggers)] if any(isinstance(logger, ABLE) for logger in loggers) else []
@@ -98,49 +104,50 @@ def _image_logger(loggers: list[Any]) -> list[Any]:
 def result_configuration(cfg: DictConfig) -> DictConfig:
     """The part of the configuration that determines the result: no logger, profiler, devices or limit on bad samples.
 
-    Runs that differ in these alone have one folder, so that a training may go on under another logger, or shared.
+    Runs that differ only in the other parts share a folder, so that a training can be resumed with another logger, or
+    on another number of devices.
 
     Args:
         cfg: the job's whole configuration.
     """
-    same = copy.deepcopy(cfg)
-    with open_dict(same):
+    configuration = copy.deepcopy(cfg)
+    with open_dict(configuration):
         for name in ("logger", "this_run", "profiler", "study", "bad_share"):
-            same.pop(name, None)
+            configuration.pop(name, None)
         for name in ("devices", "strategy"):
-            same.trainer.pop(name, None)
-    return same
+            configuration.trainer.pop(name, None)
+    return configuration
 
 
 def spawns_processes(cfg: DictConfig) -> bool:
-    """Whether the job starts the processes of a shared training, and not Lightning's strategy or a cluster."""
+    """Whether the job itself starts the processes of a multi-process training, and not Lightning's strategy."""
     return cfg.trainer.get("strategy", "auto") in SPAWNED
 
 
 def spawn_count(cfg: DictConfig) -> int:
-    """How many processes the job has to start.
+    """Number of processes that the job has to start.
 
     Args:
         cfg: the job's whole configuration.
 
     Raises:
-        InputError: the number of devices cannot be used.
+        InputError: ``trainer.devices`` is not valid.
     """
     return 1 if not spawns_processes(cfg) or launched_externally() else device_count(cfg)
 
 
 def device_count(cfg: DictConfig) -> int:
-    """How many devices train together: ``trainer.devices`` as Lightning takes it, a number, a list, or auto.
+    """Number of devices that train together, from ``trainer.devices``: a number, a list, or auto, as in Lightning.
 
     Raises:
-        InputError: it is none of these, or a number below 1.
+        InputError: ``trainer.devices`` is none of these, or a number below 1.
     """
     devices, accelerator = cfg.trainer.get("devices", "auto"), cfg.trainer.get("accelerator", "auto")
     if OmegaConf.is_list(devices) and len(devices):
         return len(devices)
     if devices in ("auto", -1, "-1"):
-        cards = torch.cuda.device_count() if accelerator in ("auto", "gpu", "cuda") else 0
-        return max(1, cards)
+        gpus = torch.cuda.device_count() if accelerator in ("auto", "gpu", "cuda") else 0
+        return max(1, gpus)
     if isinstance(devices, bool) or not isinstance(devices, int) or devices < 1:
         raise InputError("trainer.devices", f"is {devices!r}", "give auto, or the number of processes, 1 or more")
     return devices
@@ -148,15 +155,15 @@ def device_count(cfg: DictConfig) -> int:
 
 @contextmanager
 def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
-    """Raise KeyboardInterrupt where Ctrl-C stops a trainer.
+    """Context in which Ctrl-C raises KeyboardInterrupt while a trainer works.
 
-    Lightning ends the process with exit code 1 instead, and leaves Ctrl-C without effect from then on.
+    Lightning would end the process with exit code 1 instead, and leave Ctrl-C without effect afterwards.
 
     Args:
-        trainer: works inside the context.
+        trainer: the trainer that works inside the context.
     """
-    in_main = threading.current_thread() is threading.main_thread()  # no other can be interrupted
-    before = signal.getsignal(signal.SIGINT)
+    in_main_thread = threading.current_thread() is threading.main_thread()  # only the main thread handles signals
+    handler = signal.getsignal(signal.SIGINT)
     try:
         yield
     except SystemExit:
@@ -164,13 +171,15 @@ def stopped_by_ctrl_c(trainer: Any) -> Iterator[None]:
             raise
         raise KeyboardInterrupt from None
     finally:
-        if in_main:
-            signal.signal(signal.SIGINT, before)
+        if in_main_thread:
+            signal.signal(signal.SIGINT, handler)
 
 
 def quieten() -> None:
     """Silence Lightning's routine messages."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
-    known = "exists and is not empty|many workers|is deprecated|in eval mode|recommended to use|find_unused_parameters"
-    warnings.filterwarnings("ignore", message=f".*({known}).*")
+    patterns = (
+        "exists and is not empty|many workers|is deprecated|in eval mode|recommended to use|find_unused_parameters"
+    )
+    warnings.filterwarnings("ignore", message=f".*({patterns}).*")

@@ -1,4 +1,4 @@
-"""What a validation shows beyond scalars: every view's gains as a table, a few views before and after.
+"""Logging of validation results beyond scalars: a table of all views' gains, and a few images.
 
 Axes: h height, w width.
 """
@@ -18,15 +18,15 @@ from gaussian_enhancer.train.share import gather
 from gaussian_enhancer.types import Batch, quantise_8_bit
 
 ABLE = (WandbLogger, TensorBoardLogger)
-"""Loggers that take images; wandb's takes tables as well."""
+"""Loggers that accept images; wandb's accepts tables as well."""
 
 
 class ValidationImages(Callback):
     """Logs tables and images after each validation.
 
     Args:
-        loggers: those of the trainer.
-        images: views that are shown, spread evenly.
+        loggers: the trainer's loggers.
+        images: number of views to log, spread evenly.
     """
 
     def __init__(self, loggers: Sequence[Logger], images: int = 4) -> None:
@@ -34,30 +34,30 @@ class ValidationImages(Callback):
         self.kept: list[tuple[int, str, Tensor]] = []
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Forget the last validation."""
+        """Clear the images of the last validation."""
         self.kept = []
 
     def on_validation_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: int
     ) -> None:
-        """Keep the view if it is one of those to show.
+        """Keep the images of the view if it is one of those to log.
 
         Args:
             trainer: the trainer.
             pl_module: the module.
-            outputs: place among all views, and the enhanced image.
-            batch: of one whole image.
+            outputs: position among all views, and the enhanced image.
+            batch: a batch of one whole image.
             batch_idx: unused.
             *_: unused.
         """
         position, enhanced = outputs["place"], outputs["enhanced"]
-        every = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
-        if self.loggers and position % every == 0 and position // every < self.images:
+        stride = max(1, len(trainer.val_dataloaders.dataset) // self.images)  # type: ignore[union-attr]
+        if self.loggers and position % stride == 0 and position // stride < self.images:
             raw = quantise_8_bit(upsample_bicubic(batch.views.render, pl_module.network.scale))  # type: ignore[arg-type,union-attr]
             self.kept.append((position, batch.names[0], side_by_side(raw[0], enhanced[0], batch.photo[0])))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Log the kept images, in the first process alone."""
+        """Log the table and the kept images, in the first process only."""
         if not self.loggers:
             return
         shown = sorted(gather(self.kept), key=lambda one: one[0])
@@ -80,6 +80,6 @@ class ValidationImages(Callback):
 
 
 def side_by_side(*images: Tensor) -> UInt8[Tensor, "3 h w"]:
-    """Images in [0, 1] of one height side by side, in 8 bits: render, enhanced, photo."""
+    """Place images in [0, 1] of equal height side by side, in 8 bits: render, enhanced, photo."""
     row = torch.cat([image.detach().float().cpu() for image in images], dim=-1)
     return (row.clamp(0, 1) * 255).round().to(torch.uint8)

@@ -1,4 +1,4 @@
-"""Blur: Gaussian kernels of several shapes, mixed smoothly over the image.
+"""Blur: several Gaussian kernels with smoothly varying mixture weights over the image.
 
 Axes: b batch, n kernels, h height, w width, k side of a kernel.
 """
@@ -17,7 +17,7 @@ from gaussian_enhancer.degrade.artefacts.rng import uniform
 from gaussian_enhancer.degrade.artefacts.view import View
 
 WIDEST = 2.5
-"""Standard deviation along the long axis at strength 1, pixels."""
+"""Largest standard deviation along the long axis at strength 1, in pixels."""
 
 NARROWEST = 0.02
 KERNELS = 3
@@ -28,45 +28,45 @@ CONTRAST = 3.0
 def oriented_kernels(
     along: Float[Tensor, "b n"], across: Float[Tensor, "b n"], angle: Float[Tensor, "b n"]
 ) -> Float[Tensor, "b n k k"]:
-    """Gaussian kernels that sum to 1; standard deviations below 0.02 pixels give the unit impulse.
+    """Oriented Gaussian kernels that sum to 1; with standard deviations below 0.02 pixels they are unit impulses.
 
     Args:
-        along: standard deviation along the axis, pixels, at most `WIDEST`.
-        across: standard deviation across it, pixels.
-        angle: of the axis against x, radians.
+        along: standard deviation along the axis, in pixels, at most `WIDEST`.
+        across: standard deviation perpendicular to it, in pixels.
+        angle: angle between the axis and x, in radians.
     """
     radius = math.ceil(2.8 * WIDEST)
     offset = torch.arange(-radius, radius + 1, device=along.device, dtype=along.dtype)
     down, right = torch.meshgrid(offset, offset, indexing="ij")
     along, across, angle = (value[..., None, None] for value in (along, across, angle))
-    first = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(NARROWEST)
-    second = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(NARROWEST)
-    kernels = torch.exp(-0.5 * (first.square() + second.square()))
+    along_offset = (torch.cos(angle) * right + torch.sin(angle) * down) / along.clamp_min(NARROWEST)
+    across_offset = (torch.cos(angle) * down - torch.sin(angle) * right) / across.clamp_min(NARROWEST)
+    kernels = torch.exp(-0.5 * (along_offset.square() + across_offset.square()))
     return kernels / kernels.sum(dim=(-2, -1), keepdim=True)
 
 
 def blur(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Blur by one isotropic and two anisotropic Gaussian kernels, mixed pixel by pixel: x + sum_n a_n (k_n - 1) * x.
+    """Blur by one isotropic and two anisotropic Gaussian kernels, mixed at each pixel: x + sum_n a_n (k_n - 1) * x.
 
-    As the `multiple_blur` of NeRFLiX (Zhou et al., CVPR 2023): the shares a are the softmax of smooth random maps.
-    Here the kernels' variances grow linearly with the strength, as then the change of the image does at first, to
-    standard deviations of 1 to 2.5 pixels. What is convolved is the kernel less the impulse, so that strength 0
-    changes nothing on any device.
+    As the `multiple_blur` of NeRFLiX (Zhou et al., CVPR 2023), with weights a that are the softmax of smooth random
+    maps. Here the kernels' variances are proportional to the strength, so that the change of the image is, too, for
+    small strengths. Standard deviations along the long axis reach 1 to 2.5 pixels at strength 1. The impulse is
+    subtracted from each kernel before the convolution, so that strength 0 changes nothing on any device.
 
     Args:
-        view: what is degraded; depth and opacity stay.
-        strength: of each sample, [0, 1].
+        view: views to degrade; depth and opacity stay unchanged.
+        strength: strength for each sample, [0, 1].
         generators: one for each sample.
     """
     image = view.image
     batch, _, height, width = image.shape
-    size, ratio, turn = uniform(0.0, 1.0, (3, KERNELS), generators, image).unbind(1)
+    size, ratio, orientation = uniform(0.0, 1.0, (3, KERNELS), generators, image).unbind(1)
     isotropic = torch.arange(KERNELS, device=image.device) == 0
     along = strength[:, None].sqrt() * WIDEST * (0.4 + 0.6 * size)
-    kernels = oriented_kernels(along, along * torch.where(isotropic, 1.0, 0.2 + 0.6 * ratio), math.pi * turn)
+    kernels = oriented_kernels(along, along * torch.where(isotropic, 1.0, 0.2 + 0.6 * ratio), math.pi * orientation)
     middle = kernels.shape[-1] // 2
     kernels[..., middle, middle] -= 1
-    share = torch.softmax(CONTRAST * smooth_field(KERNELS, CELL, height, width, generators, image), dim=1)
+    weights = torch.softmax(CONTRAST * smooth_field(KERNELS, CELL, height, width, generators, image), dim=1)
     changes = filter2d(image.repeat_interleave(KERNELS, dim=0), kernels.flatten(0, 1), border_type="replicate")
     changes = changes.unflatten(0, (batch, KERNELS))
-    return replace(view, image=image + (share[:, :, None] * changes).sum(dim=1))
+    return replace(view, image=image + (weights[:, :, None] * changes).sum(dim=1))

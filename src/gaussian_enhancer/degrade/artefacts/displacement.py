@@ -1,4 +1,4 @@
-"""Displacement: pixels are sampled at offset positions, as if splats lay at a wrong depth.
+"""Displacement: pixels are sampled at offset positions, imitating splats at a wrong depth.
 
 Axes: b batch, c channels, h height, w width, 2 (x, y) in pixels.
 """
@@ -15,23 +15,24 @@ from gaussian_enhancer.degrade.artefacts.rng import normal, uniform
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 DRIFT = 1.2
-"""Standard deviation of the smooth displacement at strength 1, pixels: it seldom passes 3."""
+"""Standard deviation of the smooth displacement at strength 1, in pixels; it rarely exceeds 3 pixels."""
 
 CELL = 24
 JUMPS = 0.03
-"""Share of the pixels that jump at strength 1."""
+"""Share of the pixels with an additional random jump, at strength 1."""
 
 LEAP = 1.5
+"""Standard deviation of the jumps before rounding to whole pixels, in pixels."""
 
 
 def displace(
     planes: Float[Tensor, "b c h w"], offset: Float[Tensor, "b 2 h w"], mode: str = "bilinear"
 ) -> Float[Tensor, "b c h w"]:
-    """Sample planes at p + offset(p); beyond the border, its pixels are repeated.
+    """Sample planes at p + offset(p); the border's pixels are repeated outside.
 
     Args:
-        planes: what is read.
-        offset: x and y, pixels.
+        planes: planes to sample.
+        offset: x and y, in pixels.
         mode: "bilinear" or "nearest".
     """
     height, width = planes.shape[-2:]
@@ -44,31 +45,31 @@ def displace(
 def random_offset(
     strength: Float[Tensor, " b"], generators: Sequence[torch.Generator], like: Float[Tensor, "b c h w"]
 ) -> Float[Tensor, "b 2 h w"]:
-    """A smooth displacement of 1.2 pixels (one standard deviation), and jumps of whole pixels at 3% of them.
+    """A smooth displacement with a standard deviation of 1.2 pixels, plus jumps by whole pixels at 3% of the pixels.
 
-    The displacement and the share of the jumps are proportional to the strength; what jumps at a small strength jumps
-    alike at a larger one.
+    These values hold for strength 1. The smooth displacement and the share of jumping pixels are proportional to the
+    strength. A pixel that jumps at a small strength jumps by the same offset at a larger one.
 
     Args:
-        strength: of each sample, [0, 1].
+        strength: strength for each sample, [0, 1].
         generators: one for each sample.
-        like: a tensor whose size, type and device the result has.
+        like: a tensor with the size, dtype and device of the result.
     """
     height, width = like.shape[-2:]
     smooth = DRIFT * per_sample(strength) * smooth_field(2, CELL, height, width, generators, like)
-    chosen = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * per_sample(strength)
-    return smooth + chosen * (LEAP * normal((2, height, width), generators, like)).round()
+    jumps = uniform(0.0, 1.0, (1, height, width), generators, like) < JUMPS * per_sample(strength)
+    return smooth + jumps * (LEAP * normal((2, height, width), generators, like)).round()
 
 
 def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Move pixels by a smooth field and let single ones jump, image, depth and opacity together.
+    """Displace pixels by a smooth field, and single pixels by a jump; image, depth and opacity move together.
 
-    The jumps are the re-positioning of NeRFLiX (Zhou et al., CVPR 2023); the smooth field is what a wrong depth does
-    to a splat. Depth is read without interpolation: between two surfaces there is none.
+    The jumps are the re-positioning of NeRFLiX (Zhou et al., CVPR 2023). The smooth field imitates the effect of splats
+    at a wrong depth. Depth is sampled without interpolation: the mean of two surfaces' depths lies on neither.
 
     Args:
-        view: what is degraded.
-        strength: of each sample, [0, 1].
+        view: views to degrade.
+        strength: strength for each sample, [0, 1].
         generators: one for each sample.
     """
     offset = random_offset(strength, generators, view.image)
@@ -84,5 +85,5 @@ def displacement(view: View, strength: Float[Tensor, " b"], generators: Sequence
 def _where_moved(
     moved: Bool[Tensor, "b 1 h w"], after: Float[Tensor, "b c h w"], before: Float[Tensor, "b c h w"]
 ) -> Float[Tensor, "b c h w"]:
-    # Reading at a pixel's own place rounds in the last digit; what does not move shall not change.
+    # Sampling with offset 0 has rounding errors: pixels that do not move are copied instead.
     return torch.where(moved, after, before)

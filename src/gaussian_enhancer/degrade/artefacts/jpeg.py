@@ -14,21 +14,21 @@ from torch import Tensor
 from gaussian_enhancer.degrade.artefacts.view import View, per_sample
 
 BEST, WORST = 95.0, 20.0
-"""Quality near strength 0 and at strength 1."""
+"""JPEG quality near strength 0, and at strength 1."""
 
 ONSET = 0.1
 
 
 def jpeg(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Write and read JPEG files of quality 95 - 75 strength, with halved chroma; fades in up to strength 0.1.
+    """Compress as JPEG of quality 95 - 75 strength with chroma subsampling; the change fades in up to strength 0.1.
 
-    Rounding has the polynomial gradient of kornia's codec (after Shin & Song, 2017), which therefore rounds a little
-    less than a real one. Nothing is random.
+    Rounding is kornia's differentiable polynomial approximation (after Shin & Song, 2017), which rounds a little less
+    than a real codec. Nothing is random.
 
     Args:
-        view: what is degraded; depth and opacity stay.
-        strength: of each sample, [0, 1].
-        generators: one for each sample, not used.
+        view: views to degrade; depth and opacity stay unchanged.
+        strength: strength for each sample, [0, 1].
+        generators: not used.
     """
     coded = jpeg_codec_differentiable(view.image, BEST + (WORST - BEST) * strength).clamp(0, 1)
     fade = per_sample((strength / ONSET).clamp(max=1))

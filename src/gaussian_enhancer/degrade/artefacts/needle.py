@@ -1,4 +1,4 @@
-"""Needles: thin splats that an under-constrained fit leaves along edges and over plain surfaces.
+"""Needles: thin splats that an under-constrained fit leaves along edges and over uniform surfaces.
 
 Axes: b batch, k splats.
 """
@@ -15,59 +15,60 @@ from gaussian_enhancer.degrade.artefacts.splats import SplatLayer, colour_at, co
 from gaussian_enhancer.degrade.artefacts.view import View
 
 AREA = 220
-"""Pixels to one needle, up to `MOST` of them; in larger images needles grow with the image instead."""
+"""Pixels per needle. The number is limited to `MOST`; in larger images, needles are larger instead."""
 
 MOST = 160
-"""Needles in an image, at most."""
+"""Largest number of needles per sample."""
 
 CROWDED = 0.8
-"""Share of the needles that crowd around one place."""
+"""Share of the needles in a cluster around one place."""
 
 LENGTHS = 0.014, 0.1
-"""Standard deviations along needles, of the image's side sqrt(h w)."""
+"""Smallest and largest standard deviation along needles, relative to the image's side sqrt(h w)."""
 
 RATIOS = 5.0, 50.0
-"""Length over thickness."""
+"""Smallest and largest ratio of length to thickness."""
 
 THINNEST = 0.55
-"""Standard deviation in pixels below which no rasteriser draws: its low-pass filter adds a variance of 0.3."""
+"""Smallest standard deviation that rasterisers draw, in pixels: their low-pass filter adds a variance of 0.3."""
 
 
 def needle(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Strongly anisotropic splats, coloured from where they lie or, when misplaced, from nearby, a little off in tone.
+    """Draw strongly anisotropic splats with the image's colour at their centre or, if misplaced, from nearby.
 
-    Most of a sample's needles crowd around one place, in two directions that cross, as they do about thin structure and
-    in the background that few cameras saw: there they hide what lies behind. The others are scattered. Each lies 1 to
-    12% in front of the surface at its centre. Opacity grows with strength. Numbers, sizes and tones were set beside
-    worst crops of training fits (`gaussian-enhancer artefact_sheet`).
+    Their tone deviates from this colour. Most needles of a sample form a cluster around one place, in two crossing
+    directions, as around thin structures and in background that few cameras saw. There they hide what lies behind. The
+    others are scattered. Each needle lies 1 to 12% in front of the surface at its centre. Opacity is proportional to
+    strength. Numbers, sizes and tones were set by comparison with the worst crops of training fits
+    (`gaussian-enhancer artefact_sheet`).
 
     Args:
-        view: what is degraded.
-        strength: of each sample, [0, 1].
+        view: views to degrade.
+        strength: strength for each sample, [0, 1].
         generators: one for each sample.
     """
     height, width = view.image.shape[-2:]
     count, side = min(max(height * width // AREA, 1), MOST), math.sqrt(height * width)
-    chance = uniform(0.0, 1.0, (11, count), generators, view.image)
-    spread = normal((8, count), generators, view.image)
-    crowd = uniform(0.0, 1.0, (6, 1), generators, view.image)
-    crowded = chance[:, 0] < CROWDED
+    random = uniform(0.0, 1.0, (11, count), generators, view.image)
+    deviation = normal((8, count), generators, view.image)
+    cluster = uniform(0.0, 1.0, (6, 1), generators, view.image)
+    in_cluster = random[:, 0] < CROWDED
     size = view.image.new_tensor([width, height])
 
-    near = crowd[:, 1:3].mT + (0.06 + 0.12 * crowd[:, 4, :, None]) * spread[:, 0:2].mT
-    centre = torch.where(crowded[..., None], near, chance[:, 1:3].mT) * size
-    crossing = (chance[:, 10] < 0.4) * (0.2 + 0.6 * crowd[:, 5])
-    angle = math.pi * torch.where(crowded, crowd[:, 0] + crossing + 0.06 * spread[:, 2], chance[:, 3])
-    length = side * LENGTHS[0] * (LENGTHS[1] / LENGTHS[0]) ** chance[:, 4]
-    ratio = RATIOS[0] * (RATIOS[1] / RATIOS[0]) ** chance[:, 5]
+    cluster_centre = cluster[:, 1:3].mT + (0.06 + 0.12 * cluster[:, 4, :, None]) * deviation[:, 0:2].mT
+    centre = torch.where(in_cluster[..., None], cluster_centre, random[:, 1:3].mT) * size
+    crossing = (random[:, 10] < 0.4) * (0.2 + 0.6 * cluster[:, 5])
+    angle = math.pi * torch.where(in_cluster, cluster[:, 0] + crossing + 0.06 * deviation[:, 2], random[:, 3])
+    length = side * LENGTHS[0] * (LENGTHS[1] / LENGTHS[0]) ** random[:, 4]
+    ratio = RATIOS[0] * (RATIOS[1] / RATIOS[0]) ** random[:, 5]
     sigma = torch.stack([length.clamp_min(THINNEST), (length / ratio).clamp_min(THINNEST)], dim=2)
 
-    misplaced = (chance[:, 6] < 0.5)[..., None]
-    source = centre + misplaced * (0.1 * side) * spread[:, 3:5].mT
-    # Splats that stand out did not find their colour: they are well off in brightness, a little in hue.
-    tone = 0.35 * spread[:, 5, :, None] + 0.05 * spread[:, 5:8].mT
+    misplaced = (random[:, 6] < 0.5)[..., None]
+    source = centre + misplaced * (0.1 * side) * deviation[:, 3:5].mT
+    # Needles that stand out have not converged to their colour: they differ much in brightness, little in hue.
+    tone = 0.35 * deviation[:, 5, :, None] + 0.05 * deviation[:, 5:8].mT
     colour = (colour_at(view, source) * (1 + tone) + 0.1 * tone).clamp(0, 1)
-    present = chance[:, 7] < 0.4 + 0.6 * crowd[:, 3]
-    opacity = strength[:, None] * present * (0.5 + 0.45 * chance[:, 8])
-    depth = depth_at(view, centre) * (0.88 + 0.11 * chance[:, 9])
+    present = random[:, 7] < 0.4 + 0.6 * cluster[:, 3]
+    opacity = strength[:, None] * present * (0.5 + 0.45 * random[:, 8])
+    depth = depth_at(view, centre) * (0.88 + 0.11 * random[:, 9])
     return composite(view, SplatLayer(centre, sigma.log(), angle, opacity, colour, depth))

@@ -1,4 +1,4 @@
-"""Noise of splatting: coloured, slightly blobby, within oriented regions.
+"""Splatted noise: coloured and slightly blurred, within oriented regions.
 
 Axes: b batch, h height, w width.
 """
@@ -22,26 +22,26 @@ BLOB = 1.0
 
 
 def smooth_noise(white: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
-    """White noise smoothed by a Gaussian of one pixel's standard deviation, with the variance that it had."""
+    """Smooth white noise by a Gaussian with a standard deviation of one pixel, and restore its variance."""
     kernel = get_gaussian_kernel1d(7, BLOB, device=white.device, dtype=white.dtype)
     return filter2d_separable(white, kernel, kernel, border_type="replicate") / kernel.square().sum()
 
 
 def noise(view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
-    """Splatted Gaussian noise: clamp(x + strength 0.05 m (cos(t) white + sin(t) blobby)) in a soft oriented region m.
+    """Add Gaussian noise in a soft oriented region m: clamp(x + strength 0.05 m (cos(t) white + sin(t) blurred)).
 
-    After NeRFLiX (Zhou et al., CVPR 2023). Theirs is white; splats have an extent, so here a random share of the
-    noise, sin(t)^2, is correlated over a pixel or two.
+    After NeRFLiX (Zhou et al., CVPR 2023), whose noise is white. Splats have an extent, so here a random share of the
+    noise's variance, sin(t)^2, is correlated over one or two pixels.
 
     Args:
-        view: what is degraded; depth and opacity stay.
-        strength: of each sample, [0, 1].
+        view: views to degrade; depth and opacity stay unchanged.
+        strength: strength for each sample, [0, 1].
         generators: one for each sample.
     """
     image = view.image
     height, width = image.shape[-2:]
     region = soft_region(height, width, generators, image)
-    turn = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
-    white, other = normal((2, 3, height, width), generators, image).unbind(1)
-    noise_field = torch.cos(turn) * white + torch.sin(turn) * smooth_noise(other)
+    mixing_angle = uniform(0.0, torch.pi / 2, (1, 1, 1), generators, image)
+    white, unblurred = normal((2, 3, height, width), generators, image).unbind(1)
+    noise_field = torch.cos(mixing_angle) * white + torch.sin(mixing_angle) * smooth_noise(unblurred)
     return replace(view, image=(image + LOUDEST * per_sample(strength) * region * noise_field).clamp(0, 1))

@@ -1,4 +1,4 @@
-"""Artefacts that act on a part of the image: soft oriented regions.
+"""Soft oriented regions, which limit artefacts to a part of the image.
 
 Axes: b batch, h height, w width.
 """
@@ -17,16 +17,16 @@ from gaussian_enhancer.degrade.artefacts.view import View
 def soft_region(
     height: int, width: int, generators: Sequence[torch.Generator], like: Tensor
 ) -> Float[Tensor, "b 1 h w"]:
-    """Where an artefact acts: the union of two oriented anisotropic Gaussians, 1 at their centres.
+    """Mask of an artefact: the union of two anisotropic Gaussians at random places and angles, 1 at their centres.
 
-    As the masks of NeRFLiX (Zhou et al., CVPR 2023), with sizes relative to the image: standard deviations of 0.1 to
-    0.5 of its larger side, at random places and angles.
+    As the masks of NeRFLiX (Zhou et al., CVPR 2023), but with sizes relative to the image: standard deviations are 0.1
+    to 0.5 of its larger side.
 
     Args:
         height: in pixels.
         width: in pixels.
         generators: one for each sample.
-        like: a tensor whose type and device the result has.
+        like: a tensor with the dtype and device of the result.
     """
     centre_x, centre_y, angle, along, across = uniform(0.0, 1.0, (5, 2, 1, 1), generators, like).unbind(1)
     side = max(height, width)
@@ -34,19 +34,19 @@ def soft_region(
     x = (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5)[None, :]
     right, down = x - centre_x * width, y - centre_y * height
     cosine, sine = torch.cos(math.pi * angle), torch.sin(math.pi * angle)
-    first = (cosine * right + sine * down) / (side * (0.1 + 0.4 * along))
-    second = (cosine * down - sine * right) / (side * (0.1 + 0.4 * across))
-    bumps = torch.exp(-0.5 * (first.square() + second.square()))
+    along_offset = (cosine * right + sine * down) / (side * (0.1 + 0.4 * along))
+    across_offset = (cosine * down - sine * right) / (side * (0.1 + 0.4 * across))
+    bumps = torch.exp(-0.5 * (along_offset.square() + across_offset.square()))
     return 1 - (1 - bumps).prod(dim=1, keepdim=True)
 
 
 def blend_in_region(view: View, degraded: View, region: Float[Tensor, "b 1 h w"]) -> View:
-    """The degraded view inside a region and the untouched one outside, softly.
+    """Blend the degraded view inside a soft region with the original view outside.
 
     Args:
-        view: before.
-        degraded: after.
-        region: share of the degraded view at each pixel, [0, 1].
+        view: the original view.
+        degraded: the degraded view.
+        region: weight of the degraded view at each pixel, [0, 1].
     """
     image = view.image + region * (degraded.image - view.image)
     alpha = view.alpha
@@ -54,8 +54,8 @@ def blend_in_region(view: View, degraded: View, region: Float[Tensor, "b 1 h w"]
         alpha = view.alpha + region * (degraded.alpha - view.alpha)
     depth = view.depth
     if view.depth is not None and degraded.depth is not None:
-        # Where either is empty there is no depth between the two: take the nearer share's.
-        both = (view.depth > 0) & (degraded.depth > 0)
+        # If one of the views has no depth at a pixel, depths cannot be mixed: take that of the larger weight.
+        both_known = (view.depth > 0) & (degraded.depth > 0)
         mixed = view.depth + region * (degraded.depth - view.depth)
-        depth = torch.where(both, mixed, torch.where(region > 0.5, degraded.depth, view.depth))
+        depth = torch.where(both_known, mixed, torch.where(region > 0.5, degraded.depth, view.depth))
     return View(image, depth, alpha)

@@ -1,7 +1,7 @@
-"""Random numbers for batches: each sample has a generator of its own.
+"""Random numbers for batches, in which each sample has its own generator.
 
-Numbers are drawn in single precision on the CPU and moved, so that a seed means the same on every device and for every
-type. Axes: b batch, then whatever shape was asked for.
+Numbers are drawn in single precision on the CPU and then converted, so that a seed gives the same numbers on every
+device and for every dtype. Axes: b batch, then the requested shape.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ from torch import Tensor
 
 
 def spawn(count: int, generator: torch.Generator) -> tuple[torch.Generator, ...]:
-    """Generators for the samples of a batch, seeded from one.
+    """Make generators for the samples of a batch, seeded from one generator.
 
     Args:
         count: size of the batch.
@@ -24,11 +24,11 @@ def spawn(count: int, generator: torch.Generator) -> tuple[torch.Generator, ...]
 
 
 def named_generator(name: str, seed: int) -> torch.Generator:
-    """A generator derived from a name and a seed, independent of those of other names.
+    """Make a generator from a name and a seed, independent of the generators of other names.
 
     Args:
-        name: of what is drawn, for instance a type of artefact.
-        seed: of the sample.
+        name: purpose of the random numbers, for instance a type of artefact.
+        seed: seed of the sample.
     """
     digest = hashlib.sha256(f"{name} {seed}".encode()).digest()
     return torch.Generator().manual_seed(int.from_bytes(digest[:8], "big"))
@@ -37,30 +37,30 @@ def named_generator(name: str, seed: int) -> torch.Generator:
 def uniform(
     low: float, high: float, shape: Sequence[int], generators: Sequence[torch.Generator], like: Tensor
 ) -> Float[Tensor, "b ..."]:
-    """Independent numbers, uniform in [low, high).
+    """Independent random numbers, uniform in [low, high).
 
     Args:
-        low: lower end.
-        high: upper end.
-        shape: of one sample's numbers.
+        low: lower limit, included.
+        high: upper limit, excluded.
+        shape: shape of the numbers of one sample.
         generators: one for each sample.
-        like: a tensor whose type and device the result has.
+        like: a tensor with the dtype and device of the result.
     """
     values = torch.stack([torch.rand(tuple(shape), generator=generator) for generator in generators])
     return low + (high - low) * values.to(like)
 
 
 def normal(shape: Sequence[int], generators: Sequence[torch.Generator], like: Tensor) -> Float[Tensor, "b ..."]:
-    """Independent numbers from the standard normal distribution.
+    """Independent random numbers from the standard normal distribution.
 
     Args:
-        shape: of one sample's numbers.
+        shape: shape of the numbers of one sample.
         generators: one for each sample.
-        like: a tensor whose type and device the result has.
+        like: a tensor with the dtype and device of the result.
     """
     return torch.stack([torch.randn(tuple(shape), generator=generator) for generator in generators]).to(like)
 
 
 def whole_numbers(low: int, high: int, generators: Sequence[torch.Generator]) -> list[int]:
-    """A whole number for each sample, from ``low`` to ``high``, both included."""
+    """A random whole number for each sample, from ``low`` to ``high``, both included."""
     return [int(torch.randint(low, high + 1, (), generator=generator)) for generator in generators]

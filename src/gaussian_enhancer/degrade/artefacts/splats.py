@@ -1,6 +1,6 @@
-"""Splats drawn over views: oriented 2D Gaussians or flat disks, each with a depth of its own.
+"""Drawing of splats over views: oriented 2D Gaussians or flat disks, each with its own depth.
 
-Axes: b batch, k splats, h height, w width, r rows of a strip, i and j rows and columns of a coarse grid.
+Axes: b batch, k splats, h height, w width, r rows of a strip, n selected splats.
 """
 
 import math
@@ -16,31 +16,31 @@ from gaussian_enhancer.degrade.artefacts.view import View
 from gaussian_enhancer.types import Movable, usable_depth
 
 Profile = Literal["gaussian", "disk"]
-"""How opacity falls with the distance d from the centre, in sigmas: exp(-d^2 / 2), or the flat exp(-d^8 / 2)."""
+"""Opacity as a function of the distance d from the centre in sigmas: exp(-d^2 / 2), or the flat exp(-d^8 / 2)."""
 
 POWERS: dict[Profile, int] = {"gaussian": 2, "disk": 8}
 EXTENT = math.sqrt(2 * math.log(255))
-"""Where a Gaussian falls below 1/255, under which rasterisers draw nothing."""
+"""Distance in sigmas at which a Gaussian falls below 1/255; rasterisers draw nothing beyond it."""
 
 SOFTNESS = 0.02
-"""A splat is drawn in full from this share of a surface's depth in front of it."""
+"""Distance in front of a surface, relative to its depth, from which a splat is drawn with full opacity."""
 
 HIT = 1e-3
-"""Accumulated weight from which a pixel that was empty has a depth."""
+"""Accumulated weight above which a pixel without depth takes the depth of the splats."""
 
 STRIP = 2**18
-"""Numbers in one plane of work: rows are taken in strips, so that memory does not grow with the image."""
+"""Largest number of values in a temporary tensor: rows are processed in strips, to limit memory."""
 
 
 @dataclass(frozen=True)
 class SplatLayer(Movable):
-    """The same number of splats for each sample; those of opacity 0 are not there.
+    """Splats of a batch, equally many per sample; splats of opacity 0 are padding.
 
     Args:
-        centre: x and y in pixels, of which the first pixel spans 0 to 1.
+        centre: x and y in pixels; the first pixel spans 0 to 1.
         log_sigma: natural logarithms of the standard deviations along the two axes, in pixels.
-        angle: from the x axis (right) to the first axis, towards y (down), in radians.
-        opacity: at the centre, in [0, 1].
+        angle: angle from the x axis (right) to the first axis, towards y (down), in radians.
+        opacity: opacity at the centre, in [0, 1].
         colour: sRGB in [0, 1].
         depth: z in scene units, > 0.
     """
@@ -53,7 +53,7 @@ class SplatLayer(Movable):
     depth: Float[Tensor, "b k"]
 
     def select(self, index: Int64[Tensor, "b n"]) -> "SplatLayer":
-        """The splats of each sample that an index names, in its order."""
+        """Select splats of each sample by index, in the order of the index."""
         pairs = index[..., None].expand(-1, -1, 2)
         return SplatLayer(
             self.centre.gather(1, pairs),
@@ -68,35 +68,37 @@ class SplatLayer(Movable):
 def falloff(
     splats: SplatLayer, y: Float[Tensor, " r"], x: Float[Tensor, " w"], profile: Profile
 ) -> Float[Tensor, "b k r w"]:
-    """What remains of each splat's opacity at rows y and columns x, in pixels: 1 at its centre."""
+    """Opacity of each splat relative to its centre, at rows y and columns x in pixels."""
     right = (x - splats.centre[..., :1])[..., None, :]
     down = (y - splats.centre[..., 1:])[..., :, None]
-    cosine, sine = (wave[..., None, None] for wave in (splats.angle.cos(), splats.angle.sin()))
+    cosine, sine = (value[..., None, None] for value in (splats.angle.cos(), splats.angle.sin()))
     along, across = (-splats.log_sigma).exp()[..., None, None].unbind(2)
-    first = cosine * along * right + sine * along * down
-    second = cosine * across * down - sine * across * right
-    # The limit leaves exp(-20), which is never drawn: powers would overflow, and exp is slow where it underflows.
-    square = torch.addcmul(first * first, second, second).clamp(max=40 ** (2 / POWERS[profile]))
+    along_offset = cosine * along * right + sine * along * down
+    across_offset = cosine * across * down - sine * across * right
+    # The limit gives exp(-20), which is never drawn. It avoids overflow of powers, and slow underflow of exp.
+    squared_distance = torch.addcmul(along_offset * along_offset, across_offset, across_offset).clamp(
+        max=40 ** (2 / POWERS[profile])
+    )
     if profile == "disk":
-        square = square.square().square()
-    return torch.exp(-0.5 * square)
+        squared_distance = squared_distance.square().square()
+    return torch.exp(-0.5 * squared_distance)
 
 
 def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", extent: float = EXTENT) -> View:
     """Draw splats over a view, front to back.
 
     alpha_k = opacity_k g_k s_k, with g_k the `falloff` and s_k = clamp((1 - depth_k / depth) / SOFTNESS, 0, 1) the
-    share of the splat that lies in front of the view's own surface; s_k = 1 where the view has no depth. With weights
+    share of the splat that lies in front of the view's surface; s_k = 1 where the view has no depth. With weights
     w_k = alpha_k prod_{l nearer} (1 - alpha_l), their sum W, and T = prod (1 - alpha_k):
     image' = sum w_k colour_k + T image; alpha' = alpha + (1 - alpha) W; depth' is the expected depth, in which a splat
-    weighs w_k and the surface T alpha. A pixel without depth takes the splats' where W > HIT. Splats of opacity 0 leave
-    every number as it is.
+    has the weight w_k and the surface T alpha. A pixel without depth takes the splats' depth where W > HIT. Splats of
+    opacity 0 change no value.
 
     Args:
-        view: what lies below.
-        splats: in any order.
-        profile: of every splat.
-        extent: distance in sigmas at which a Gaussian ends; a disk ends at the same share of its opacity.
+        view: the view to draw over.
+        splats: the splats, in any order.
+        profile: opacity profile of all splats.
+        extent: distance in sigmas at which a Gaussian is cut off; a disk is cut off at the same share of its opacity.
     """
     height, width = view.image.shape[-2:]
     splats = splats.select(splats.depth.argsort(dim=1, stable=True))
@@ -114,7 +116,7 @@ def composite(view: View, splats: SplatLayer, profile: Profile = "gaussian", ext
 
 
 def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profile, extent: float) -> View:
-    """The rows of a view from ``top`` to below ``bottom``, with sorted splats over them."""
+    """Draw sorted splats over the rows of a view from ``top`` to ``bottom``, the latter excluded."""
     depth, alpha = (None if plane is None else plane[:, :, top:bottom] for plane in (view.depth, view.alpha))
     strip = View(view.image[:, :, top:bottom], depth, alpha)
     splats = splats.select(_overlapping(splats, top, bottom, extent ** (2 / POWERS[profile])))
@@ -123,8 +125,8 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
     image = view.image
     y = torch.arange(top, bottom, device=image.device, dtype=image.dtype) + 0.5
     x = torch.arange(image.shape[3], device=image.device, dtype=image.dtype) + 0.5
-    falling = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
-    alphas = splats.opacity[..., None, None] * falling
+    profiles = F.threshold(falloff(splats, y, x, profile), math.exp(-0.5 * extent**2), 0.0)
+    alphas = splats.opacity[..., None, None] * profiles
     if depth is not None:
         inverse = 1 / torch.where(usable_depth(depth), depth, torch.inf)
         alphas = alphas * ((1 - splats.depth[..., None, None] * inverse) / SOFTNESS).clamp(0, 1)
@@ -132,72 +134,72 @@ def _rows(view: View, splats: SplatLayer, top: int, bottom: int, profile: Profil
 
 
 def _overlapping(splats: SplatLayer, top: int, bottom: int, reach: float) -> Int64[Tensor, "b n"]:
-    """Indices of the splats that reach into rows, in their order; filled up with others to equal numbers."""
+    """Indices of the splats that overlap rows, in their order; padded by other splats to equal numbers per sample."""
     along, across = splats.log_sigma.exp().unbind(2)
-    tall = reach * torch.hypot(along * splats.angle.sin(), across * splats.angle.cos())
+    half_height = reach * torch.hypot(along * splats.angle.sin(), across * splats.angle.cos())
     y = splats.centre[..., 1]
-    # Opacity that is learnt has a gradient at 0 too.
+    # Splats of opacity 0 are kept if the opacity requires a gradient.
     present = (splats.opacity > 0) | splats.opacity.requires_grad
-    touches = (y + tall >= top) & (y - tall <= bottom) & present
-    most = int(touches.sum(dim=1).max()) if touches.shape[1] else 0
-    chosen = touches.logical_not().to(torch.uint8).argsort(dim=1, stable=True)[:, :most]
-    return chosen.sort(dim=1).values
+    touches = (y + half_height >= top) & (y - half_height <= bottom) & present
+    largest_count = int(touches.sum(dim=1).max()) if touches.shape[1] else 0
+    selected = touches.logical_not().to(torch.uint8).argsort(dim=1, stable=True)[:, :largest_count]
+    return selected.sort(dim=1).values
 
 
 def _composite(view: View, splats: SplatLayer, alphas: Float[Tensor, "b k h w"]) -> View:
-    """Composite sorted splats of known opacity at every pixel."""
-    through = torch.ones_like(alphas[:, 0])
+    """Composite sorted splats over a view, given their alpha at every pixel."""
+    transmittance = torch.ones_like(alphas[:, 0])
     weights = []
     for layer in alphas.unbind(1):
-        weights.append(layer * through)
-        through = through - weights[-1]
-    carried = torch.cat([splats.colour, splats.depth[..., None], torch.ones_like(splats.colour[..., :1])], dim=2)
+        weights.append(layer * transmittance)
+        transmittance = transmittance - weights[-1]
+    values = torch.cat([splats.colour, splats.depth[..., None], torch.ones_like(splats.colour[..., :1])], dim=2)
     with torch.autocast(alphas.device.type, enabled=False):
-        sums = carried.transpose(1, 2) @ torch.stack(weights, dim=1).flatten(2)
-    colour, far, weight = sums.unflatten(2, alphas.shape[2:]).split((3, 1, 1), dim=1)
-    through = through[:, None]
-    image = through * view.image + colour
+        sums = values.transpose(1, 2) @ torch.stack(weights, dim=1).flatten(2)
+    colour, weighted_depth, weight = sums.unflatten(2, alphas.shape[2:]).split((3, 1, 1), dim=1)
+    transmittance = transmittance[:, None]
+    image = transmittance * view.image + colour
     alpha = None if view.alpha is None else view.alpha + (1 - view.alpha) * weight
-    return View(image, _expected_depth(view, far, weight, through), alpha)
+    return View(image, _expected_depth(view, weighted_depth, weight, transmittance), alpha)
 
 
 def _expected_depth(
     view: View, far: Float[Tensor, "b 1 h w"], weight: Float[Tensor, "b 1 h w"], through: Float[Tensor, "b 1 h w"]
 ) -> Float[Tensor, "b 1 h w"] | None:
-    """Expected depth, written as a change of the view's own, so that no weight means no change."""
+    """Expected depth, computed as a change of the view's depth, so that it is exactly unchanged for zero weight."""
     if view.depth is None:
         return None
     known_depth = usable_depth(view.depth)
-    splat_depth = torch.where(known_depth, view.depth, 0)
-    surface = known_depth.to(splat_depth.dtype) if view.alpha is None else view.alpha * known_depth
-    total = (weight + through * surface).clamp_min(1e-12)
-    mean_depth = splat_depth + (far - splat_depth * weight) / total
+    surface_depth = torch.where(known_depth, view.depth, 0)
+    surface_alpha = known_depth.to(surface_depth.dtype) if view.alpha is None else view.alpha * known_depth
+    total = (weight + through * surface_alpha).clamp_min(1e-12)
+    mean_depth = surface_depth + (far - surface_depth * weight) / total
     return torch.where(known_depth | (weight > HIT), mean_depth, view.depth)
 
 
 def depth_level(view: View, share: float = 0.5) -> Float[Tensor, "b 1"]:
-    """The depth below which a share of each view's known depths lies, from at most 64 x 64 of them; 1 without any."""
+    """Quantile of each view's known depths, estimated from at most 64 x 64 pixels; 1 without any."""
     if view.depth is None:
         return view.image.new_ones(len(view), 1)
     height, width = view.depth.shape[-2:]
-    few = view.depth.detach()[..., :: math.ceil(height / 64), :: math.ceil(width / 64)].flatten(1)
-    level = torch.where(usable_depth(few), few, torch.nan).nanquantile(share, dim=1, keepdim=True)
+    sampled_depth = view.depth.detach()[..., :: math.ceil(height / 64), :: math.ceil(width / 64)].flatten(1)
+    level = torch.where(usable_depth(sampled_depth), sampled_depth, torch.nan).nanquantile(share, dim=1, keepdim=True)
     return torch.nan_to_num(level, nan=1.0)
 
 
 def colour_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k 3"]:
-    """Colours of the pixels that hold, or lie nearest to, points in pixels."""
-    index = _pixel(view, centre)[:, None].expand(-1, 3, -1)
-    return view.image.flatten(2).gather(2, index).transpose(1, 2)
+    """Colours of the pixels that contain points given in pixels; points outside take the nearest pixel."""
+    pixels = _pixel(view, centre)[:, None].expand(-1, 3, -1)
+    return view.image.flatten(2).gather(2, pixels).transpose(1, 2)
 
 
 def depth_at(view: View, centre: Float[Tensor, "b k 2"]) -> Float[Tensor, "b k"]:
-    """Depths of the pixels that hold points in pixels; the median where there is none."""
-    middle = depth_level(view)
+    """Depths of the pixels that contain points given in pixels; the view's median where depth is unknown."""
+    median = depth_level(view)
     if view.depth is None:
-        return middle.expand(centre.shape[:2])
+        return median.expand(centre.shape[:2])
     depths = view.depth.flatten(1).gather(1, _pixel(view, centre))
-    return torch.where(usable_depth(depths), depths, middle)
+    return torch.where(usable_depth(depths), depths, median)
 
 
 def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
@@ -207,7 +209,7 @@ def _pixel(view: View, centre: Float[Tensor, "b k 2"]) -> Int64[Tensor, "b k"]:
 
 
 def covered_colour(view: View, splats: SplatLayer, profile: Profile) -> Float[Tensor, "b k 3"]:
-    """Mean colours of what splats cover, on at most 16 x 16 cells; the image's where they cover next to nothing."""
+    """Mean colour that each splat covers, from at most 16 x 16 cells; the image's mean if it covers nearly nothing."""
     height, width = view.image.shape[-2:]
     coarse = F.adaptive_avg_pool2d(view.image, (min(height, 16), min(width, 16)))
     rows, columns = coarse.shape[-2:]

@@ -1,4 +1,4 @@
-"""The views that the simulator degrades, and the type of an artefact: a function from views to views.
+"""The views that the simulator degrades, and the protocol of an artefact: a function from views to views.
 
 Axes: b batch, h height, w width.
 """
@@ -17,7 +17,7 @@ from gaussian_enhancer.types import Movable
 
 @dataclass(frozen=True)
 class View(Movable):
-    """Images with the depth and opacity that a rasteriser would give beside them.
+    """A batch of images with the depth and opacity that a rasteriser would render with them.
 
     Args:
         image: sRGB in [0, 1].
@@ -25,8 +25,8 @@ class View(Movable):
         alpha: opacity in [0, 1]; None where unknown.
 
     Raises:
-        InputError: the image is not a batch of three floating-point channels, is empty, or depth or
-            opacity are of another size.
+        InputError: the image is not a non-empty batch of three floating-point channels, or depth or opacity have
+            another size.
     """
 
     image: Float[Tensor, "b 3 h w"]
@@ -48,12 +48,12 @@ class View(Movable):
         return self.image.shape[0]
 
     def __getitem__(self, index: Int64[Tensor, " n"]) -> "View":
-        """The samples of the batch that an index names."""
+        """Select samples of the batch by index."""
         depth, alpha = (None if plane is None else plane[index] for plane in (self.depth, self.alpha))
         return View(self.image[index], depth, alpha)
 
     def with_samples(self, index: Int64[Tensor, " n"], samples: "View") -> "View":
-        """A copy of the batch in which other samples take the places that an index names."""
+        """Return a copy of the batch in which the indexed samples are replaced by others."""
 
         def placed(plane: Tensor | None, other: Tensor | None) -> Tensor | None:
             return None if plane is None or other is None else plane.index_copy(0, index, other.to(plane.dtype))
@@ -69,21 +69,21 @@ class View(Movable):
 class Artefact(Protocol):
     """One kind of artefact, as a pure function.
 
-    With strength 0 a sample is returned exactly; the same generators and a larger strength give a larger change.
-    Everything random about a sample comes from its own generator, so that a batch is its samples one by one.
+    Strength 0 returns a sample unchanged. With the same generators, a larger strength gives a larger change. All random
+    numbers of a sample come from its own generator, so that its result does not depend on the rest of the batch.
     """
 
     def __call__(self, view: View, strength: Float[Tensor, " b"], generators: Sequence[torch.Generator]) -> View:
         """Degrade views.
 
         Args:
-            view: what is degraded.
-            strength: of each sample, from 0 (nothing) to 1 (the worst that is seen in splat renders).
+            view: views to degrade.
+            strength: strength for each sample, from 0 (no change) to 1 (the worst case in splat renders).
             generators: one source of randomness for each sample, on the CPU.
         """
         ...
 
 
 def per_sample(strength: Float[Tensor, " b"]) -> Float[Tensor, "b 1 1 1"]:
-    """Strengths shaped to multiply images."""
+    """Reshape strengths for broadcasting with images."""
     return strength[:, None, None, None]

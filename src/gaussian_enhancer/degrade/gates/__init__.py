@@ -1,1 +1,1 @@
-"""Gates: which artefacts a sample gets, and how strongly."""
+"""Gates: selection of the artefacts of a sample and of their strengths."""

@@ -1,4 +1,4 @@
-"""The adaptive gate: chances and strengths calibrated to the errors that a scene's renders show."""
+"""The adaptive gate: probabilities and strengths of artefacts, calibrated to the errors of a scene's renders."""
 
 import glob
 import json
@@ -32,8 +32,8 @@ class Growth(NamedTuple):
     """Power law from the error energy of training views to that of held-out views: factor * energy ^ power.
 
     Args:
-        factor: > 0.
-        power: below 1 where the two differ least on bad renders, whose fit has not overfitted its photos.
+        factor: factor, > 0.
+        power: exponent. Below 1, the two differ least for bad renders, whose fit has not overfitted its photos.
     """
 
     factor: float
@@ -48,26 +48,26 @@ HELD_OUT: Mapping[str, Growth] = {
     "low_frequency": Growth(0.57, 0.73),
     "floater": Growth(0.81, 0.83),
 }
-"""From the training views that a fingerprint is taken from to held-out ones, which the simulator imitates.
+"""Growth of each energy from training views, where fingerprints are measured, to held-out views, which are simulated.
 
-Least squares in the logarithms over 72 snapshots of 24 training runs (docs/results/fingerprints.jsonl, made by
-ablations/fingerprints.py). Single scenes lie far from it, the low frequencies by a factor of three either way: a
-capture with photos to spare should be calibrated on held-out photos, with no growth at all.
+Fitted by least squares in the logarithms over 72 snapshots of 24 training runs (docs/results/fingerprints.jsonl, made
+by ablations/fingerprints.py). Single scenes deviate strongly, for low frequencies by a factor of three in either
+direction. A capture with enough photos should be calibrated on held-out photos, without growth.
 """
 
 
 @dataclass(frozen=True)
 class AdaptiveGate:
-    """Each type passes at its own chance, with a strength up to its own limit.
+    """Gate in which each type has its own probability and its own largest strength.
 
     Args:
-        chances: probability by type; a type that is not named does not pass.
+        chances: probability by type; 0 for a type that is not named.
         limits: largest strength by type, in (0, 1]; 1 for a type that is not named.
-        regional: probability that a type that passed acts within a soft region alone.
+        regional: probability that a chosen type acts only within a soft region.
         types: switches by type; a type that is not named is on.
 
     Raises:
-        InputError: a name is no type, or a number is out of range.
+        InputError: a name is not a type, or a number is out of range.
     """
 
     chances: Mapping[str, float]
@@ -87,46 +87,46 @@ class AdaptiveGate:
                 raise InputError(f"gate.limits.{name}", "is 0", "give a number above 0, or a chance of 0")
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """The steps whose lot fell below their chance, in random order."""
-        on = enabled_types(self.types)
+        """Draw the steps of one sample, in random order."""
+        enabled = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength * self.limits.get(entry.type, 1.0), entry.place < self.regional)
             for entry in draw_lots(generator)
-            if entry.type in on and entry.lot < self.chances.get(entry.type, 0.0)
+            if entry.type in enabled and entry.lot < self.chances.get(entry.type, 0.0)
         )
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Types that are never drawn: the scene does not show them, or they are switched off."""
-        on = enabled_types(self.types)
-        return tuple(name for name in TYPES if name not in on or self.chances.get(name, 0.0) == 0)
+        """Types that are never drawn, because their probability is 0 or they are switched off."""
+        enabled = enabled_types(self.types)
+        return tuple(name for name in TYPES if name not in enabled or self.chances.get(name, 0.0) == 0)
 
     def table(self) -> str:
-        """Chances and limits, one type a line, and the types that are left out, for the terminal."""
+        """Probabilities and limits, one type per line, and the types that are left out, for the terminal."""
         shown = [name for name in self.chances if name not in self.left_out]
         lines = [f"{name:<14}{self.chances[name]:8.3f}{self.limits.get(name, 1.0):8.3f}" for name in shown]
-        left = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
-        return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines, *left))
+        footer = [f"left out: {', '.join(self.left_out)}"] if self.left_out else []
+        return "\n".join((f"{'type':<14}{'chance':>8}{'limit':>8}", *lines, *footer))
 
     def to_file(self, path: str | Path) -> None:
-        """Write chances, limits and the regional share as JSON, whole or not at all; switches are not kept.
+        """Write probabilities, limits and ``regional`` as JSON, atomically; switches are not saved.
 
         Raises:
-            InputError: if the system refuses to write.
+            InputError: the file cannot be written.
         """
         record = {"chances": dict(self.chances), "limits": dict(self.limits), "regional": self.regional}
         write_text(path, json.dumps(record, indent=1) + "\n")
 
     @classmethod
     def from_file(cls, path: str | Path, types: Mapping[str, bool] | None = None) -> "AdaptiveGate":
-        """Read a file of `to_file`.
+        """Read a gate from a file written by `to_file`.
 
         Args:
             path: the file.
             types: switches by type; a type that is not named is on.
 
         Raises:
-            InputError: the file is missing or malformed, lacks an entry, or holds one that is out of range.
+            InputError: the file is missing or malformed, lacks an entry, or has a value that is out of range.
         """
         record = read_json(Path(path))
         chances, limits = (_numbers(record, key, path) for key in ("chances", "limits"))
@@ -142,13 +142,13 @@ def _numbers(record: object, key: str, path: str | Path) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class MixedGate:
-    """Each sample is drawn by one of several gates, all equally likely.
+    """Gate that draws each sample by one of several gates, chosen with equal probability.
 
     Args:
-        gates: of different scenes.
+        gates: gates, for instance of different scenes.
 
     Raises:
-        InputError: there are none.
+        InputError: there are no gates.
     """
 
     gates: Sequence[Gate]
@@ -158,46 +158,48 @@ class MixedGate:
             raise InputError("gate.file", "names no file", "give at least one")
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """The steps of one of the gates."""
+        """Draw the steps of one sample by a random one of the gates."""
         return self.gates[int(torch.randint(len(self.gates), (), generator=generator))].draw(generator)
 
 
 def adaptive_gate(file: str | Sequence[str], types: Mapping[str, bool] | None = None) -> Gate:
-    """The calibrated gate of a file, or a draw among those of several.
+    """Read the calibrated gate of a file, or a `MixedGate` of several files.
 
     Args:
-        file: what `AdaptiveGate.to_file` wrote: files, or patterns such as ``runs/gates/*.json``.
+        file: files written by `AdaptiveGate.to_file`, or patterns such as ``runs/gates/*.json``.
         types: switches by type; a type that is not named is on.
 
     Raises:
-        InputError: a file is missing or malformed, a pattern names none, or a switch names no type.
+        InputError: a file is missing or malformed, a pattern matches no file, or a switch names no type.
     """
-    named = [file] if isinstance(file, str) else list(file)
-    found = [path for one in named for path in (sorted(glob.glob(one)) if glob.has_magic(one) else [one])]
-    if not found and named:
-        raise InputError(named[0], "names no file of a gate", "calibrate gates first, or correct the pattern")
-    gates = tuple(AdaptiveGate.from_file(path, types) for path in found)
+    patterns = [file] if isinstance(file, str) else list(file)
+    paths = [
+        path for pattern in patterns for path in (sorted(glob.glob(pattern)) if glob.has_magic(pattern) else [pattern])
+    ]
+    if not paths and patterns:
+        raise InputError(patterns[0], "names no file of a gate", "calibrate gates first, or correct the pattern")
+    gates = tuple(AdaptiveGate.from_file(path, types) for path in paths)
     return gates[0] if len(gates) == 1 else MixedGate(gates)
 
 
 def calibrate_on_splat(
     rendered: RenderedSet, generator: torch.Generator, *, types: Mapping[str, bool] | None = None, photos: int = 8
 ) -> AdaptiveGate:
-    """The gate of a fitted splat, from its training views.
+    """Calibrate the gate of a fitted splat on its training views.
 
     Args:
-        rendered: a fitted run's renders, training views among them.
+        rendered: a fitted run's renders, including its training views.
         generator: source of randomness, on the CPU.
         types: switches by type; a type that is not named is on.
-        photos: number of training photos, evenly spaced, on which the types' responses are measured.
+        photos: maximum number of training photos, evenly spaced, on which the types' responses are measured.
 
     Raises:
         InputError: no training view has both a render and a photo.
     """
-    found = fingerprint_of_training_views(rendered)
-    usable = [view.read_photo for view in rendered.references if view.read_photo is not None]
-    chosen = usable[:: max(1, len(usable) // photos)][:photos]
-    return calibrate_gate(found, [read() for read in chosen], generator, types=types)
+    fingerprint = fingerprint_of_training_views(rendered)
+    readers = [view.read_photo for view in rendered.references if view.read_photo is not None]
+    chosen_readers = readers[:: max(1, len(readers) // photos)][:photos]
+    return calibrate_gate(fingerprint, [read() for read in chosen_readers], generator, types=types)
 
 
 def calibrate_gate(
@@ -210,33 +212,37 @@ def calibrate_gate(
     regional: float = 0.5,
     draws: int = 2,
 ) -> AdaptiveGate:
-    """The gate under which the simulator's energies are those of a fingerprint.
+    """Find the gate whose simulated error energies equal those that a fingerprint implies for held-out views.
 
-    With e the fingerprint and A_t the mean energies of type t at strengths uniform in (0, 1], non-negative least
-    squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|, for energies
-    below a tenth of the largest relative to that tenth. Type t then passes at
-    the chance p = min(1, sqrt(w)), and its limit is where its mean response is w / p of A_t. As a response changes
-    with the limit not only in size, weights and limits are found in turn.
+    Let e be the wanted energies, and A_t the mean energies of type t at strengths uniform in (0, 1]. Non-negative least
+    squares finds the weights w >= 0 that minimise the relative error |(sum_t w_t A_t - e) / e|; for energies below a
+    tenth of the largest one, the error is relative to that tenth. Type t then gets the probability p = min(1, sqrt(w)),
+    and the limit at which its mean response is w / p of A_t. As the limit changes not only the size of a response but
+    also its distribution over energies, weights and limits are computed alternately. The final probabilities are solved
+    for once more with the final limits.
 
     Args:
-        fingerprint: of the scene's training views.
-        photos: of the scene, sRGB in [0, 1], of the size on which the gate will be used.
+        fingerprint: fingerprint of the scene's training views.
+        photos: photos of the scene, sRGB in [0, 1], of the size that the gate will be used on.
         generator: source of randomness, on the CPU.
         types: switches by type; a type that is not named is on.
-        held_out: how energies of held-out views follow from the fingerprint's; those not named are taken as they are.
-        regional: share of steps that act within a soft region alone.
-        draws: of each type on each photo, at each strength.
+        held_out: growth of each energy from training to held-out views; none for energies that are not named.
+        regional: share of steps that act only within a soft region.
+        draws: number of draws of each type on each photo.
 
     Raises:
-        InputError: there are no photos, or a name is no type or no energy.
+        InputError: there are no photos, or a name is not a type or not an energy.
     """
     unknown = [name for name in held_out if name not in ENERGIES]
     if unknown:
         raise InputError(f"held_out.{unknown[0]}", "is no energy", f"choose among {', '.join(ENERGIES)}")
-    on = enabled_types(types or {})
+    enabled = enabled_types(types or {})
     factor, power = torch.tensor([held_out.get(name, Growth(1.0)) for name in ENERGIES], dtype=torch.float64).T
-    measured = responses(photos, on, generator, regional=regional, draws=draws)
+    measured = responses(photos, enabled, generator, regional=regional, draws=draws)
     chances, limits = solve_gate(measured, factor * fingerprint.energies() ** power)
     return AdaptiveGate(
-        dict(zip(on, chances.tolist(), strict=True)), dict(zip(on, limits.tolist(), strict=True)), regional, types or {}
+        dict(zip(enabled, chances.tolist(), strict=True)),
+        dict(zip(enabled, limits.tolist(), strict=True)),
+        regional,
+        types or {},
     )

@@ -1,7 +1,7 @@
-"""A scene's fingerprint: six energies of render - photo, one per kind of error.
+"""A scene's fingerprint: six energies of the residual render - photo, one per kind of error.
 
-Each energy is a mean square of (a filtered part of) the residual, so that it does not depend on bit depth, grows with
-the square of the residual, and the energies of independent errors add up.
+Each energy is a mean square of a (filtered) part of the residual. It does not depend on bit depth and is proportional
+to the square of the residual, and the energies of independent errors add up.
 
 Axes: c channels, h height, w width.
 """
@@ -24,9 +24,12 @@ from gaussian_enhancer.files import write_text
 from gaussian_enhancer.scene.rendered import RenderedSet
 
 DETAIL = 1.5
-"""Detail is what a Gaussian of this many pixels removes."""
+"""Standard deviation in pixels of the Gaussian that separates detail, which it removes."""
 COARSE = 1 / 6
-"""Low frequencies are what a Gaussian of this share of the larger side leaves; between the two are the mid-sizes."""
+"""Standard deviation, relative to the larger side, of the Gaussian that separates low frequencies, which it keeps.
+
+Medium frequencies lie between the two Gaussians.
+"""
 ENERGIES = ("blur", "noise", "anisotropy", "banding", "low_frequency", "floater")
 
 
@@ -35,13 +38,13 @@ class Fingerprint:
     """Six energies of the residual r = render - photo, each a mean over pixels, channels and views; colours in [0, 1].
 
     Args:
-        blur: of the detail that follows the photo's own detail in a neighbourhood: what the render lost of it.
-        noise: of the detail that has nothing to do with the photo's.
-        anisotropy: of that same detail, where its gradients agree on a direction within a few pixels: needles.
-        banding: of mid-sized errors, where their gradients agree on a direction over long distances: bands.
-        low_frequency: of what is left after strong smoothing: veils, colour shifts.
-        floater: of mid-sized, undirected errors that are concentrated on few places: blobs.
-        views: number of views it was measured on.
+        blur: energy of the detail that is locally proportional to the photo's detail, which the render has lost.
+        noise: energy of the remaining detail, uncorrelated with the photo's.
+        anisotropy: part of ``noise`` whose gradients have a common direction within a few pixels, as needles do.
+        banding: energy of medium frequencies whose gradients have a common direction over long distances, as bands do.
+        low_frequency: energy after strong smoothing, as of veils and colour shifts.
+        floater: energy of undirected medium frequencies that is concentrated in few places, as of blobs.
+        views: number of measured views.
 
     Raises:
         InputError: an energy is negative or not finite, or there are no views.
@@ -68,15 +71,15 @@ class Fingerprint:
         return torch.tensor([getattr(self, name) for name in ENERGIES], dtype=torch.float64)
 
     def table(self) -> str:
-        """Amplitudes (roots of the energies) in units of 1/255, one line each, for the terminal."""
+        """Amplitudes (square roots of the energies) in units of 1/255, one per line, for the terminal."""
         amplitudes = (f"{name:<14}{255 * getattr(self, name) ** 0.5:8.3f}" for name in ENERGIES)
         return "\n".join((f"{'amplitude':<14}{'1/255':>8}   ({self.views} views)", *amplitudes))
 
     def to_json(self, path: str | Path) -> None:
-        """Write the fingerprint, whole or not at all.
+        """Write the fingerprint as JSON, atomically.
 
         Raises:
-            InputError: if the system refuses to write.
+            InputError: the file cannot be written.
         """
         write_text(path, json.dumps(dataclasses.asdict(self), indent=1) + "\n")
 
@@ -84,14 +87,14 @@ class Fingerprint:
 def measure_fingerprint(
     renders: Sequence[Float[Tensor, "3 _ _"]], photos: Sequence[Float[Tensor, "3 _ _"]]
 ) -> Fingerprint:
-    """Measure a fingerprint on pairs of a render and its photo; views count alike, whatever their size.
+    """Measure a fingerprint on pairs of a render and its photo. All views have equal weight, whatever their size.
 
     Args:
         renders: sRGB in [0, 1].
-        photos: of the same views, each of its render's size.
+        photos: photos of the same views, each of its render's size.
 
     Raises:
-        InputError: there are no pairs, one side has more than the other, sizes differ or a value is not finite.
+        InputError: there are no pairs, the numbers of renders and photos differ, sizes differ or a value is not finite.
     """
     if not renders or len(renders) != len(photos):
         raise InputError("fingerprint", f"got {len(renders)} renders and {len(photos)} photos", "give pairs")
@@ -103,10 +106,10 @@ def measure_fingerprint(
 
 
 def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
-    """The fingerprint of a splat on the views it was fitted to: the references of its set.
+    """The fingerprint of a splat on its training views, which are the references of its set.
 
     Args:
-        rendered: a fitted run's renders, training views among them.
+        rendered: a fitted run's renders, including its training views.
 
     Raises:
         InputError: no training view has both a render and a photo.
@@ -120,7 +123,7 @@ def fingerprint_of_training_views(rendered: RenderedSet) -> Fingerprint:
 
 
 def mean_fingerprint(measured: Sequence[Float[Tensor, "6"]]) -> Fingerprint:
-    """The fingerprint of views whose energies are known."""
+    """The fingerprint with the mean energies of several views."""
     mean = torch.stack(list(measured)).mean(0).tolist()
     return Fingerprint(**dict(zip(ENERGIES, mean, strict=True)), views=len(measured))
 
@@ -130,21 +133,21 @@ def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 
     Args:
         render: sRGB in [0, 1].
-        photo: of the same view.
+        photo: photo of the same view.
     """
-    truth = photo.float()[None]
-    residual = render.float()[None] - truth
-    radius = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
-    fine = smooth(residual, DETAIL)
-    coarse = smooth(residual, radius)
-    detail = residual - fine
-    lost = projected(detail, truth - smooth(truth, DETAIL))
-    own = detail - lost
-    needles, _ = split_by_direction(own, 2 * DETAIL)
-    bands, blobs = split_by_direction(fine - coarse, radius / 2)
+    target = photo.float()[None]
+    residual = render.float()[None] - target
+    coarse_sigma = max(2 * DETAIL, COARSE * max(residual.shape[-2:]))
+    smoothed = smooth(residual, DETAIL)
+    coarse = smooth(residual, coarse_sigma)
+    detail = residual - smoothed
+    correlated = projected(detail, target - smooth(target, DETAIL))
+    uncorrelated = detail - correlated
+    needles, _ = split_by_direction(uncorrelated, 2 * DETAIL)
+    bands, blobs = split_by_direction(smoothed - coarse, coarse_sigma / 2)
     energy = (
-        lost.square().mean(),
-        own.square().mean(),
+        correlated.square().mean(),
+        uncorrelated.square().mean(),
         needles.mean(),
         bands.mean(),
         coarse.square().mean(),
@@ -154,48 +157,51 @@ def error_energies(render: Float[Tensor, "3 h w"], photo: Float[Tensor, "3 h w"]
 
 
 def smooth(image: Float[Tensor, "1 c h w"], sigma: float) -> Float[Tensor, "1 c h w"]:
-    """Gaussian smoothing, for images of any size; wide Gaussians are computed on fewer pixels.
+    """Gaussian smoothing; wide Gaussians are computed at a lower resolution.
 
     Args:
-        image: anything.
+        image: image of any size.
         sigma: standard deviation in pixels.
     """
     height, width = image.shape[-2:]
     factor = max(1, int(sigma / 4))
     if factor > 1:
-        few = max(1, height // factor), max(1, width // factor)
-        image, sigma = F.interpolate(image, few, mode="area"), sigma / factor
+        coarse_size = max(1, height // factor), max(1, width // factor)
+        image, sigma = F.interpolate(image, coarse_size, mode="area"), sigma / factor
     size = 2 * math.ceil(3 * sigma) + 1
     image = gaussian_blur2d(image, (size, size), (sigma, sigma), border_type="replicate")
     return F.interpolate(image, (height, width), mode="bilinear", align_corners=False) if factor > 1 else image
 
 
 def projected(detail: Float[Tensor, "1 3 h w"], own: Float[Tensor, "1 3 h w"]) -> Float[Tensor, "1 3 h w"]:
-    """The part of an error that is a multiple of the photo's detail, neighbourhood by neighbourhood.
+    """The part of an error's detail that is locally proportional to the photo's detail.
 
-    <r, p> / <p, p> p, with the inner products over channels and a Gaussian window of 6 times `DETAIL`: wide enough
-    for noise to leave little there by chance.
+    <r, p> / <p, p> p, with inner products over channels and a Gaussian window of 6 times `DETAIL`. The window is wide
+    enough for the chance correlation of noise to be small.
 
     Args:
-        detail: the error's r.
-        own: the photo's p.
+        detail: the error's detail r.
+        own: the photo's detail p.
     """
-    together = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL)
-    alone = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL)
-    # A flat photo has no detail to lose: below a thousandth of an 8-bit step, rounding would be projected on.
-    return torch.where(alone > 1e-10, together / alone.clamp_min(1e-10), torch.zeros_like(alone)) * own
+    correlation = smooth((detail * own).sum(1, keepdim=True), 6 * DETAIL)
+    photo_energy = smooth(own.square().sum(1, keepdim=True), 6 * DETAIL)
+    # A uniform photo has no detail to lose: below this limit the projection would be onto rounding errors.
+    return (
+        torch.where(photo_energy > 1e-10, correlation / photo_energy.clamp_min(1e-10), torch.zeros_like(photo_energy))
+        * own
+    )
 
 
 def split_by_direction(
     band: Float[Tensor, "1 3 h w"], window: float
 ) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:
-    """The local energy of errors, parted into one with a common direction and the rest.
+    """Split the local energy of an error into a directed and an undirected part.
 
-    The directed share is the structure tensor's coherence (l1 - l2) / (l1 + l2), with l1 >= l2 its eigenvalues.
+    The directed share is the coherence (l1 - l2) / (l1 + l2) of the structure tensor with eigenvalues l1 >= l2.
 
     Args:
-        band: part of an error.
-        window: standard deviation in pixels over which energies are averaged and directions compared.
+        band: a frequency band of an error.
+        window: standard deviation in pixels of the window for mean energies and for the structure tensor.
     """
     padded = F.pad(band, (1, 1, 1, 1), mode="replicate")
     right = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
@@ -207,9 +213,9 @@ def split_by_direction(
 
 
 def excess_over_median(energy: Float[Tensor, "1 1 h w"]) -> Float[Tensor, ""]:
-    """How much the mean exceeds the median: nearly nothing where an energy is everywhere, nearly all where it is rare.
+    """Excess of the mean over the median: near 0 for a uniform energy, near the mean for one in few places.
 
     Args:
-        energy: at each pixel, averaged over a neighbourhood.
+        energy: energy at each pixel, averaged over a neighbourhood.
     """
     return (energy.mean() - energy.median()).clamp_min(0)

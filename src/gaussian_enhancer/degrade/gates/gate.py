@@ -1,4 +1,4 @@
-"""Gates: which artefacts a sample gets, how strongly, in which order, and whether in a region only."""
+"""Gates: choose the artefacts of a sample, their strengths and order, and whether they act only in a region."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ from gaussian_enhancer.errors import InputError
 
 @dataclass(frozen=True)
 class ArtefactStep:
-    """One artefact that a gate let through.
+    """One artefact that a gate has chosen.
 
     Args:
         type: one of `TYPES`.
-        strength: in (0, 1].
-        regional: whether it acts within a soft region alone.
+        strength: strength in (0, 1].
+        regional: whether it acts only within a soft region.
 
     Raises:
         InputError: the type is unknown or the strength out of range.
@@ -36,10 +36,10 @@ class ArtefactStep:
 
 @runtime_checkable
 class Gate(Protocol):
-    """Decides, sample by sample, which artefacts are applied."""
+    """Decides for each sample which artefacts are applied."""
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """The steps of one sample, in the order in which they are applied.
+        """Draw the steps of one sample, in the order in which they are applied.
 
         Args:
             generator: source of randomness.
@@ -48,14 +48,14 @@ class Gate(Protocol):
 
 
 def check_types(where: str, names: Iterable[str]) -> None:
-    """Refuse names that are no types.
+    """Refuse names that are not in `TYPES`.
 
     Args:
-        where: what the names came from, as the user knows it.
-        names: to be looked up in `TYPES`.
+        where: setting that the names come from, for the error message.
+        names: names to check.
 
     Raises:
-        InputError: a name is no type.
+        InputError: a name is not a type.
     """
     for name in names:
         if name not in TYPES:
@@ -79,7 +79,7 @@ def check_probability(where: str, value: object) -> None:
     """Refuse a value outside [0, 1].
 
     Raises:
-        InputError: the value is no number in [0, 1].
+        InputError: the value is not a number in [0, 1].
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
         raise InputError(where, f"is {value!r}", "give a number from 0 to 1")
@@ -87,16 +87,16 @@ def check_probability(where: str, value: object) -> None:
 
 @dataclass(frozen=True)
 class NoGate:
-    """Nothing passes: stage 1 returns the photo."""
+    """Gate that chooses no artefacts: stage 1 returns the photo."""
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """No steps."""
+        """Return no steps."""
         return ()
 
 
 @dataclass(frozen=True)
 class AllGate:
-    """Every type at once, each at a random strength; the paper's negative example.
+    """Gate that chooses every type, each at a random strength; the paper's negative example.
 
     Args:
         types: switches by type; a type that is not named is on.
@@ -108,23 +108,25 @@ class AllGate:
         enabled_types(self.types)
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """All steps in random order, over the whole image."""
-        on = enabled_types(self.types)
-        return tuple(ArtefactStep(entry.type, entry.strength) for entry in draw_lots(generator) if entry.type in on)
+        """Draw steps of all enabled types in random order, over the whole image."""
+        enabled = enabled_types(self.types)
+        return tuple(
+            ArtefactStep(entry.type, entry.strength) for entry in draw_lots(generator) if entry.type in enabled
+        )
 
 
 @dataclass(frozen=True)
 class RandomGate:
-    """The paper's gate: each type passes with a probability, at a random strength, sometimes in a region only.
+    """The paper's gate: each type is chosen with a probability, at a random strength, sometimes only in a region.
 
-    With the defaults 3.3 types of 11 act on average, and one sample of 50 stays clean. Which types are switched off
-    changes nothing about the others: the same generator draws the same chances, strengths and order for them.
+    With the defaults, 3.3 of 11 types are applied on average, and one sample in 50 stays clean. Switching types off
+    does not affect the others: the same generator gives them the same random numbers, strengths and order.
 
     Args:
         types: switches by type; a type that is not named is on.
-        chance: probability that a type passes.
+        chance: probability that a type is chosen.
         chances: probabilities by type, for types that differ from ``chance``.
-        regional: probability that a type that passed acts within a soft region alone.
+        regional: probability that a chosen type acts only within a soft region.
 
     Raises:
         InputError: a switch or a chance names no type, or a probability is out of range.
@@ -144,12 +146,12 @@ class RandomGate:
             check_probability(f"gate.chances.{name}", value)
 
     def draw(self, generator: torch.Generator) -> tuple[ArtefactStep, ...]:
-        """The steps whose lot fell below their chance, in random order."""
-        on = enabled_types(self.types)
+        """Draw the steps of one sample, in random order."""
+        enabled = enabled_types(self.types)
         return tuple(
             ArtefactStep(entry.type, entry.strength, entry.place < self.regional)
             for entry in draw_lots(generator)
-            if entry.type in on and entry.lot < self.chances.get(entry.type, self.chance)
+            if entry.type in enabled and entry.lot < self.chances.get(entry.type, self.chance)
         )
 
 
@@ -158,9 +160,9 @@ class Drawn(NamedTuple):
 
     Args:
         type: one of `TYPES`.
-        lot: uniform in [0, 1); the type passes where its chance is larger.
+        lot: uniform in [0, 1); the type is chosen if its probability is larger.
         strength: uniform in (0, 1].
-        place: uniform in [0, 1); the type acts within a region where the regional chance is larger.
+        place: uniform in [0, 1); the type acts only within a region if the probability ``regional`` is larger.
     """
 
     type: str
@@ -170,16 +172,14 @@ class Drawn(NamedTuple):
 
 
 def draw_lots(generator: torch.Generator) -> tuple[Drawn, ...]:
-    """Lots for every type, in random order; gates that share a generator's state differ by their settings alone.
+    """Draw the random numbers of every type, in random order.
 
-    Each type has a generator of its own, so that a new type leaves the lots of the others, and their order, as they
-    were.
+    They do not depend on the settings of a gate. Each type has its own generator, so that adding a type does not change
+    the numbers of the other types or their relative order.
     """
     seed = int(torch.randint(2**62, (), generator=generator))
-    lots = {}
+    draws = {}
     for name in TYPES:
-        lot, strength, position, order = torch.rand(
-            4, generator=named_generator(name, seed), dtype=torch.float64
-        ).tolist()
-        lots[name] = order, Drawn(name, lot, 1 - strength, position)
-    return tuple(entry for _, entry in sorted(lots.values()))
+        lot, strength, place, order = torch.rand(4, generator=named_generator(name, seed), dtype=torch.float64).tolist()
+        draws[name] = order, Drawn(name, lot, 1 - strength, place)
+    return tuple(entry for _, entry in sorted(draws.values()))

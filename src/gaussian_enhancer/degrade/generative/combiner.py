@@ -16,22 +16,22 @@ from gaussian_enhancer.degrade.generative.factors import CELL, Factors, convolut
 from gaussian_enhancer.degrade.generative.texture import OCTAVES, octaves
 
 REACH = 4.0
-"""Largest displacement in pixels."""
+"""Largest displacement along each axis in pixels."""
 
 RESIDUE = 0.25
-"""Largest tone and largest residue, of colours in [0, 1]."""
+"""Largest absolute value of the tone, and of the residue, for colours in [0, 1]."""
 
 LOCAL = 2 + OCTAVES + 3
-"""Smooth planes of the refinement's parameters: displacement by axis, contrast by octave, tone by channel."""
+"""Smooth parameter planes: displacement for each axis, contrast for each octave, tone for each channel."""
 
 
 class Modulation(nn.Module):
-    """Scale and shift of features by z: from the vector everywhere alike, from the grid cell by cell.
+    """Scale and shift of features, predicted from z: globally from its vector, per cell from its grid.
 
     Args:
         vector: entries of z's vector.
         grid: channels of z's grid.
-        channels: of the features.
+        channels: channels of the features.
     """
 
     def __init__(self, vector: int, grid: int, channels: int) -> None:
@@ -41,17 +41,17 @@ class Modulation(nn.Module):
 
     def forward(self, features: Float[Tensor, "b c i j"], factors: Factors) -> Float[Tensor, "b c i j"]:
         """Modulate features of any resolution."""
-        both = self.everywhere(factors.vector)[:, :, None, None] + self.local(factors.grid)
-        both = F.interpolate(both, size=features.shape[-2:], mode="bilinear", align_corners=False)
-        scale, shift = both.to(features.dtype).chunk(2, dim=1)
+        modulation = self.everywhere(factors.vector)[:, :, None, None] + self.local(factors.grid)
+        modulation = F.interpolate(modulation, size=features.shape[-2:], mode="bilinear", align_corners=False)
+        scale, shift = modulation.to(features.dtype).chunk(2, dim=1)
         return features * (1 + scale) + shift
 
 
 class ModulatedBlock(nn.Module):
-    """x + conv(relu(modulated(conv(x)))).
+    """Residual block x + 0.2 conv(relu(modulation(conv(x)))).
 
     Args:
-        channels: of input and output.
+        channels: channels of input and output.
         vector: entries of z's vector.
         grid: channels of z's grid.
     """
@@ -68,20 +68,20 @@ class ModulatedBlock(nn.Module):
 
 
 class FactorCombiner(nn.Module):
-    """L = DC(M, z) (paper, equation 6): a small U-net, every block modulated by z, says how M is to be degraded.
+    """L = DC(M, z) (paper, equation 6): a small U-net, modulated by z in every block, predicts how M is degraded.
 
-    DiffIR's transformer, which paints the image, is replaced by one that says what splatting does to it: it moves M by
-    up to `REACH` pixels, changes the contrast of each octave of its detail between none and double, and adds a tone and
-    a residue of at most `RESIDUE` each. So few numbers are learnt from few pairs: a network of this size that paints
-    learnt in thousands of steps neither to blur nor to leave out detail. What a cell's code says reaches its cell
-    directly as well. White noise enters beside M for what no code holds. The last convolutions are zero at
-    initialisation, so that training starts from L = M.
+    DiffIR's transformer, which outputs an image, is replaced by a network that outputs parameters of a degradation: it
+    displaces M by up to `REACH` pixels, scales the contrast of each octave of its detail by 0 to 2, and adds a tone and
+    a residue of at most `RESIDUE` each. These few parameters can be learnt from few pairs. A network of this size that
+    outputs an image learnt neither to blur nor to remove detail in thousands of steps. The grid of z also acts on the
+    parameters of its cells directly. White noise is an additional input, for variation that z does not describe. The
+    last convolutions are zero at initialisation, so that training starts from L = M.
 
     Args:
         vector: entries of z's vector.
         grid: channels of z's grid.
         widths: channels at 1/2, 1/4 and 1/8 of the resolution.
-        blocks: modulated blocks at each resolution, on the way down and again on the way up.
+        blocks: modulated blocks at each resolution, in the encoder and again in the decoder.
     """
 
     def __init__(self, vector: int = 32, grid: int = 8, widths: Sequence[int] = (32, 48, 64), blocks: int = 1) -> None:
@@ -105,7 +105,7 @@ class FactorCombiner(nn.Module):
     def forward(
         self, manual: Float[Tensor, "b 3 h w"], factors: Factors, noise: Float[Tensor, "b 1 h w"]
     ) -> Float[Tensor, "b 3 h w"]:
-        """Make the final degraded view, not clamped.
+        """Compute the final degraded view L, not clamped.
 
         Args:
             manual: stage 1's output M.
@@ -113,14 +113,14 @@ class FactorCombiner(nn.Module):
             noise: standard normal.
         """
         height, width = manual.shape[-2:]
-        whole = pad_to_cells(manual)
-        said = self._half_resolution_output(torch.cat([whole, pad_to_cells(noise)], dim=1), factors)
-        local, residue = said[:, :LOCAL], F.pixel_shuffle(said[:, LOCAL:], 2).to(manual.dtype).tanh()
+        padded = pad_to_cells(manual)
+        output = self._half_resolution_output(torch.cat([padded, pad_to_cells(noise)], dim=1), factors)
+        local, residue = output[:, :LOCAL], F.pixel_shuffle(output[:, LOCAL:], 2).to(manual.dtype).tanh()
         local = self._enlarged(local, 2) + self._enlarged(self.direct(factors.grid), CELL)
         offset, contrast, tone = local.to(manual.dtype).tanh().split((2, OCTAVES, 3), dim=1)
-        moved = displace(whole, REACH * offset)
-        changed = moved + sum(contrast[:, k : k + 1] * octave for k, octave in enumerate(octaves(moved)))
-        return (changed + RESIDUE * (tone + residue))[..., :height, :width]
+        displaced = displace(padded, REACH * offset)
+        contrasted = displaced + sum(contrast[:, k : k + 1] * octave for k, octave in enumerate(octaves(displaced)))
+        return (contrasted + RESIDUE * (tone + residue))[..., :height, :width]
 
     @staticmethod
     def _enlarged(image: Tensor, factor: int) -> Tensor:

@@ -1,7 +1,7 @@
-"""Latent diffusion of degradation factors, for photos that have no real render.
+"""Latent diffusion of degradation factors, for photos without a real render.
 
-A code z and noise n give z_t = a z + s n with a^2 + s^2 = 1; time t runs from 0 (clean) to 1 (noise). The network
-predicts the clean code, as DiffIR's does; it is trained at every time, so that any number of steps can be taken.
+With a code z and noise n, z_t = a z + s n with a^2 + s^2 = 1, where time t runs from 0 (clean) to 1 (noise). The
+network predicts the clean code, as in DiffIR. It is trained at all times, so that samplers may use any number of steps.
 Axes: b batch, k channels of features, h height, w width, i = ceil(h / 8), j = ceil(w / 8).
 """
 
@@ -21,12 +21,12 @@ from gaussian_enhancer.errors import InputError
 from gaussian_enhancer.types import single_precision
 
 LONG = 64
-"""Steps of the sampler beyond which half precision is not trusted with a walk."""
+"""Largest number of sampling steps for which half precision is accurate enough."""
 
 
 @runtime_checkable
 class Schedule(Protocol):
-    """How the signal falls from 1 at time 0, never rising."""
+    """Noise schedule: the signal a as a function of time, 1 at time 0 and never increasing."""
 
     def signal(self, time: Tensor) -> Tensor:
         """The signal a at times in [0, 1]."""
@@ -35,10 +35,10 @@ class Schedule(Protocol):
 
 @dataclass(frozen=True)
 class CosineSchedule:
-    """a = cos(pi t / 2): noise rises evenly (Nichol and Dhariwal, ICML 2021).
+    """a = cos(pi t end / 2), after Nichol and Dhariwal (ICML 2021).
 
     Args:
-        end: last time, below 1, where a little of the signal is left.
+        end: factor of time, below 1, so that a little of the signal remains at time 1.
     """
 
     end: float = 0.995
@@ -50,14 +50,14 @@ class CosineSchedule:
 
 @dataclass(frozen=True)
 class LinearSchedule:
-    """DiffIR's: a^2 = prod (1 - beta), square roots of beta evenly spaced, as a function of continuous time.
+    """DiffIR's schedule a^2 = prod (1 - beta), with evenly spaced square roots of beta, for continuous time.
 
-    The product over T steps is extended between them by linear interpolation of its logarithm.
+    Between its T steps, the logarithm of the product is interpolated linearly.
 
     Args:
         first: beta of the first step.
         last: beta of the last step.
-        steps: T.
+        steps: number of steps T.
     """
 
     first: float = 0.1
@@ -70,22 +70,23 @@ class LinearSchedule:
         logs = torch.cat([roots.new_zeros(1), torch.log1p(-roots.square()).cumsum(0)])
         position = (time * self.steps).clamp(0, self.steps)
         below = position.floor().long().clamp(max=self.steps - 1)
-        share = position - below
-        return torch.exp(0.5 * (logs[below] + share * (logs[below + 1] - logs[below])))
+        fraction = position - below
+        return torch.exp(0.5 * (logs[below] + fraction * (logs[below + 1] - logs[below])))
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """How noise becomes a code.
+    """Sampler of codes from noise.
 
     Args:
-        steps: evaluations of the network.
-        noise: share of the fresh noise of each step: 1 is ancestral sampling (Ho et al., NeurIPS 2020), 0 is DDIM
-            (Song et al., ICLR 2021), which keeps more of the codes' spread in few steps.
-        mean: take the posterior's mean and add no noise, as DiffIR does; ``noise`` is then of no effect.
+        steps: number of sampling steps, each an evaluation of the network.
+        noise: standard deviation of the noise added at each step, relative to ancestral sampling: 1 is ancestral
+            sampling (Ho et al., NeurIPS 2020), 0 is DDIM (Song et al., ICLR 2021), which preserves more of the codes'
+            variance with few steps.
+        mean: take the posterior's mean and add no noise, as DiffIR does; ``noise`` then has no effect.
 
     Raises:
-        InputError: no step, or a share outside [0, 1].
+        InputError: ``steps`` is below 1, or ``noise`` is outside [0, 1].
     """
 
     steps: int = 8
@@ -105,25 +106,25 @@ class Sampler:
         schedule: Schedule,
         generators: Sequence[torch.Generator],
     ) -> Factors:
-        """Walk from noise to a code; the code is float32 where the noise is in half precision, whose roundings add up.
+        """Sample a code from noise. From noise in half precision the code is float32, because rounding errors add up.
 
-        Walks of more than `LONG` steps stay outside autocast, where a stiff schedule magnifies them beyond use.
+        With more than `LONG` steps autocast is disabled, because a stiff schedule amplifies rounding errors too much.
 
         Args:
-            predict: the clean code, given a noisy one and its time.
+            predict: predicts the clean code from a noisy one and its time.
             start: standard normal factors.
-            schedule: signal by time.
-            generators: sources of the fresh noise, one for each sample.
+            schedule: noise schedule.
+            generators: sources of the added noise, one for each sample.
         """
         times = torch.linspace(1, 0, self.steps + 1, dtype=torch.float64)
         signals = schedule.signal(times).tolist()
         z = Factors(single_precision(start.vector), single_precision(start.grid))
         for k in range(self.steps):
             if k > 0 and signals[k] == 1:
-                return z  # no noise is left: z is the clean code, of which the network knows nothing more
-            now = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
-            with torch.autocast(now.device.type, enabled=False) if self.steps > LONG else nullcontext():
-                clean = predict(z.to(start.vector.dtype), now)
+                return z  # no noise is left: z is already the clean code
+            time = torch.full((start.vector.shape[0],), float(times[k])).to(z.vector)
+            with torch.autocast(time.device.type, enabled=False) if self.steps > LONG else nullcontext():
+                clean = predict(z.to(start.vector.dtype), time)
             clean = Factors(clean.vector.to(z.vector.dtype), clean.grid.to(z.grid.dtype))
             z = clean if k == self.steps - 1 else self._step(z, clean, signals[k], signals[k + 1], generators)
         return z
@@ -131,31 +132,35 @@ class Sampler:
     def _step(
         self, z: Factors, clean: Factors, now: float, then: float, generators: Sequence[torch.Generator]
     ) -> Factors:
-        """From signal ``now`` to the signal ``then``, which is no smaller.
+        """Step from signal ``now`` to the signal ``then``, which is no smaller.
 
-        A stiff schedule holds still where no signal has come yet: there z stays.
+        If both are equal, as where a stiff schedule still has no signal, z stays unchanged.
         """
         if then == now:
             return z
         noise_now, noise_then = 1 - now**2, 1 - then**2
         ratio = (now / then) ** 2
-        fresh = max(0.0, noise_then / noise_now * (1 - ratio))
+        posterior_variance = max(0.0, noise_then / noise_now * (1 - ratio))
         if self.mean:
             return z.linear_combination(clean, (now / then) * noise_then / noise_now, then * (1 - ratio) / noise_now)
-        sigma2 = self.noise**2 * fresh
-        along = math.sqrt(max(0.0, noise_then - sigma2) / noise_now)
-        z = z.linear_combination(clean, along, then - along * now)
-        return z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(sigma2)) if sigma2 > 0 else z
+        added_variance = self.noise**2 * posterior_variance
+        z_weight = math.sqrt(max(0.0, noise_then - added_variance) / noise_now)
+        z = z.linear_combination(clean, z_weight, then - z_weight * now)
+        return (
+            z.linear_combination(white_noise(z, generators), 1.0, math.sqrt(added_variance))
+            if added_variance > 0
+            else z
+        )
 
 
 class Denoiser(nn.Module):
-    """The clean code of a noisy one, given M: a small convolutional network on the grid, with the vector beside it.
+    """Predicts the clean code from a noisy one and M, by a small convolutional network on the grid and the vector.
 
     Args:
         vector: entries of z's vector.
         grid: channels of z's grid.
         width: channels of the features.
-        blocks: refinements of M's features at each resolution, and of the joined features.
+        blocks: residual blocks for M's features at each resolution; the joined features have twice as many.
     """
 
     def __init__(self, vector: int = 32, grid: int = 8, width: int = 64, blocks: int = 2) -> None:
@@ -169,7 +174,7 @@ class Denoiser(nn.Module):
         self.vector_out = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.ReLU(), linear(2 * width, vector))
 
     def features(self, manual: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b k i j"]:
-        """Features of M, the same for all steps."""
+        """Features of M, which are the same for all sampling steps."""
         return self.condition(manual)
 
     def forward(self, noisy: Factors, time: Float[Tensor, " b"], features: Float[Tensor, "b k i j"]) -> Factors:
@@ -177,8 +182,8 @@ class Denoiser(nn.Module):
 
         Args:
             noisy: z_t.
-            time: t of each sample, in [0, 1]; in single precision at least, as its waves are short.
-            features: what `features` said of M.
+            time: t of each sample, in [0, 1]; at least in single precision, because its embedding has high frequencies.
+            features: M's features, from the method `features`.
         """
         frequencies = math.pi * 2.0 ** torch.arange(8, device=time.device, dtype=time.dtype)
         waves = time[:, None] * frequencies

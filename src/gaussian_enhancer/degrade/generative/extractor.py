@@ -1,6 +1,6 @@
 """The degradation factor extractor: z = DE(M, R).
 
-Axes: b batch, v vector entries, c grid channels, h height, w width, i = ceil(h / 8), j = ceil(w / 8).
+Axes: b batch, n image channels, c and k feature channels, h height, w width, i = ceil(h / 8), j = ceil(w / 8).
 """
 
 import torch
@@ -13,10 +13,10 @@ from gaussian_enhancer.degrade.generative.texture import OCTAVES, amplitudes
 
 
 class Refine(nn.Module):
-    """x + conv(relu(conv(x))), the second convolution zero at initialisation.
+    """Residual block x + conv(relu(conv(x))), whose second convolution has zero weights at initialisation.
 
     Args:
-        channels: of input and output.
+        channels: channels of input and output.
     """
 
     def __init__(self, channels: int) -> None:
@@ -26,17 +26,17 @@ class Refine(nn.Module):
         nn.init.zeros_(self.second.weight)
 
     def forward(self, x: Float[Tensor, "b c h w"]) -> Float[Tensor, "b c h w"]:
-        """Refine features."""
+        """Apply the block."""
         return x + self.second(F.relu(self.first(x)))
 
 
 class Trunk(nn.Module):
-    """Images to features of cells: pixels unshuffled by 4, refined, halved, refined.
+    """Features of cells of images: pixel unshuffle by 4, residual blocks, strided convolution by 2, residual blocks.
 
     Args:
         inputs: channels of the images.
         width: channels of the features.
-        blocks: refinements at each of the two resolutions.
+        blocks: residual blocks at each of the two resolutions.
     """
 
     def __init__(self, inputs: int, width: int, blocks: int) -> None:
@@ -53,16 +53,16 @@ class Trunk(nn.Module):
 
 
 class FactorExtractor(nn.Module):
-    """z = DE(M, R): how the real render R differs from the manually degraded view M (paper, equation 5).
+    """z = DE(M, R), which encodes how the real render R differs from the manually degraded view M (paper, equation 5).
 
-    After DiffIR's first-stage encoder (Xia et al., ICCV 2023); it differs by the grid beside the vector, and by being
-    shown how the strength of detail changed from M to R.
+    After DiffIR's first-stage encoder (Xia et al., ICCV 2023), with two differences: z has a grid in addition to the
+    vector, and the change of the strength of detail from M to R is an additional input.
 
     Args:
         vector: entries of z's vector, 0 for none.
         grid: channels of z's grid, 0 for none.
         width: channels of the features.
-        blocks: refinements at each of the two resolutions.
+        blocks: residual blocks at each of the two resolutions.
     """
 
     def __init__(self, vector: int = 32, grid: int = 8, width: int = 64, blocks: int = 2) -> None:

@@ -1,4 +1,4 @@
-"""Degradation factors z: the kind and the place of one render's degradation.
+"""Degradation factors z: a latent code of the kind and the place of a render's degradation.
 
 Axes: b batch, v vector entries, c grid channels, h height, w width of the image, i = ceil(h / 8), j = ceil(w / 8).
 """
@@ -21,21 +21,21 @@ CELL = 8
 
 @dataclass(frozen=True)
 class Factors(Movable):
-    """A latent code of two parts.
+    """A latent code with a vector and a grid.
 
-    DiffIR's code (Xia et al., ICCV 2023) is one vector an image, which can say how much but not where; the grid says
-    where. Either may have no entries.
+    DiffIR's code (Xia et al., ICCV 2023) is one vector per image, which describes how much an image is degraded but not
+    where. The grid describes where. Either may have no entries.
 
     Args:
-        vector: of the image as a whole.
-        grid: of each cell of 8 x 8 pixels.
+        vector: code of the whole image.
+        grid: code of each cell of 8 x 8 pixels.
     """
 
     vector: Float[Tensor, "b v"]
     grid: Float[Tensor, "b c i j"]
 
     def linear_combination(self, other: "Factors", mine: float | Tensor, others: float | Tensor) -> "Factors":
-        """The sum mine * self + others * other; factors may differ from sample to sample, shape (b,)."""
+        """The sum mine * self + others * other; coefficients may be tensors of shape (b,), one for each sample."""
 
         def scale(factor: float | Tensor, part: Tensor) -> float | Tensor:
             return factor.view(-1, *[1] * (part.dim() - 1)) if isinstance(factor, Tensor) else factor
@@ -46,12 +46,12 @@ class Factors(Movable):
 
 
 def grid_size(height: int, width: int) -> tuple[int, int]:
-    """Rows and columns of the grid over an image."""
+    """Rows and columns of the grid of an image."""
     return math.ceil(height / CELL), math.ceil(width / CELL)
 
 
 def pad_to_cells(image: Float[Tensor, "b _ h w"]) -> Float[Tensor, "b _ _ _"]:
-    """The image continued to whole cells by repeating its last row and column."""
+    """Pad an image to whole cells by repeating its last row and column."""
     height, width = image.shape[-2:]
     return F.pad(image, (0, -width % CELL, 0, -height % CELL), mode="replicate")
 
@@ -60,7 +60,7 @@ def white_noise(like: Factors, generators: Sequence[torch.Generator]) -> Factors
     """Standard normal factors of the same shape, each sample's from its own generator.
 
     Args:
-        like: factors whose shape, type and device the result has.
+        like: factors with the shape, dtype and device of the result.
         generators: one for each sample.
     """
     vector = normal(like.vector.shape[1:], generators, like.vector)
@@ -68,10 +68,10 @@ def white_noise(like: Factors, generators: Sequence[torch.Generator]) -> Factors
 
 
 class Silent(nn.Module):
-    """Zeros, in place of a layer that reads from, or writes to, a part of z that has no entries.
+    """Replaces a layer that reads from, or writes to, a part of z without entries; returns zeros.
 
     Args:
-        channels: of the result.
+        channels: channels of the result.
     """
 
     def __init__(self, channels: int) -> None:
@@ -79,15 +79,15 @@ class Silent(nn.Module):
         self.channels = channels
 
     def forward(self, x: Float[Tensor, "b _ ..."]) -> Float[Tensor, "b c ..."]:
-        """Zeros with the size of x."""
+        """Zeros with the batch and spatial sizes of x."""
         return x.new_zeros(x.shape[0], self.channels, *x.shape[2:])
 
 
 def linear(inputs: int, outputs: int) -> nn.Module:
-    """A linear layer; silent where either side has no entries."""
+    """A linear layer, or `Silent` if either side has no entries."""
     return nn.Linear(inputs, outputs) if inputs and outputs else Silent(outputs)
 
 
 def convolution(inputs: int, outputs: int, side: int) -> nn.Module:
-    """A convolution that keeps the size; silent where either side has no channels."""
+    """A convolution that keeps the spatial size, or `Silent` if either side has no channels."""
     return nn.Conv2d(inputs, outputs, side, padding=side // 2) if inputs and outputs else Silent(outputs)

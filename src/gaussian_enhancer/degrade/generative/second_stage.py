@@ -1,4 +1,4 @@
-"""Stage 2 of the simulator: learnt degradation factors, and the networks that find, sample and apply them.
+"""Stage 2 of the simulator: the networks that extract, sample and apply degradation factors.
 
 Axes: b batch, h height, w width.
 """
@@ -21,7 +21,7 @@ from gaussian_enhancer.errors import InputError
 
 @dataclasses.dataclass(frozen=True)
 class FactorDesign:
-    """The choices of stage 2's networks, as plain values.
+    """Architecture of stage 2's networks, as plain values.
 
     Args:
         vector: entries of z's vector, 0 for none.
@@ -29,11 +29,11 @@ class FactorDesign:
         widths: channels of the combiner at 1/2, 1/4 and 1/8 of the resolution.
         blocks: modulated blocks of the combiner at each resolution.
         code_width: channels of extractor and denoiser.
-        code_blocks: refinements of extractor and denoiser.
-        schedule: of the diffusion: "cosine" or "linear" (DiffIR's).
+        code_blocks: residual blocks of extractor and denoiser at each resolution.
+        schedule: noise schedule of the diffusion: "cosine" or "linear" (DiffIR's).
 
     Raises:
-        InputError: z has no entry at all, or the schedule is unknown.
+        InputError: z has neither vector nor grid, or the schedule is unknown.
     """
 
     vector: int = 32
@@ -55,69 +55,69 @@ SCHEDULES: dict[str, Schedule] = {"cosine": CosineSchedule(), "linear": LinearSc
 
 
 class FactorModel(nn.Module):
-    """Extractor, combiner and denoiser, and the scale on which the denoiser sees codes.
+    """Extractor, combiner and denoiser, and the scale that standardises codes for the denoiser.
 
     Args:
-        design: what to build.
+        design: architecture of the networks.
     """
 
     def __init__(self, design: FactorDesign) -> None:
         super().__init__()
         self.design = design
-        code = design.vector, design.grid, design.code_width, design.code_blocks
-        self.extractor = FactorExtractor(*code)
+        code_options = design.vector, design.grid, design.code_width, design.code_blocks
+        self.extractor = FactorExtractor(*code_options)
         self.combiner = FactorCombiner(design.vector, design.grid, design.widths, design.blocks)
-        self.denoiser = Denoiser(*code)
+        self.denoiser = Denoiser(*code_options)
         self.vector_scale: Tensor
         self.grid_scale: Tensor
         self.register_buffer("vector_scale", torch.ones(design.vector))
         self.register_buffer("grid_scale", torch.ones(design.grid, 1, 1))
 
     def standardise(self, factors: Factors) -> Factors:
-        """Codes on the denoiser's scale, each entry of about unit size."""
+        """Scale codes for the denoiser, to about unit size of each entry."""
         return Factors(factors.vector / self.vector_scale, factors.grid / self.grid_scale)
 
     def unstandardise(self, factors: Factors) -> Factors:
-        """Codes of the denoiser's scale on the combiner's."""
+        """Scale codes of the denoiser back for the combiner."""
         return Factors(factors.vector * self.vector_scale, factors.grid * self.grid_scale)
 
     def sample(
         self, manual: Float[Tensor, "b 3 h w"], sampler: Sampler, generators: Sequence[torch.Generator]
     ) -> Factors:
-        """Codes for views that have no real render.
+        """Sample codes for views without a real render.
 
         Args:
             manual: stage 1's output M.
-            sampler: how.
+            sampler: sampler of the codes.
             generators: one for each sample.
         """
         features = self.denoiser.features(manual)
-        size = len(manual), *grid_size(*manual.shape[-2:])
-        empty = Factors(
-            manual.new_zeros(size[0], self.design.vector),
-            manual.new_zeros(size[0], self.design.grid, size[1], size[2]),
+        shape = len(manual), *grid_size(*manual.shape[-2:])
+        template = Factors(
+            manual.new_zeros(shape[0], self.design.vector),
+            manual.new_zeros(shape[0], self.design.grid, shape[1], shape[2]),
         )
 
         def predict(noisy: Factors, time: Tensor) -> Factors:
             return self.denoiser(noisy, time, features)
 
-        start = white_noise(empty, generators)
+        start = white_noise(template, generators)
         return self.unstandardise(sampler(predict, start, SCHEDULES[self.design.schedule], generators))
 
     def combine(
         self, manual: Float[Tensor, "b 3 h w"], factors: Factors, generators: Sequence[torch.Generator]
     ) -> Float[Tensor, "b 3 h w"]:
-        """L = DC(M, z), with fresh texture noise; not clamped."""
+        """Compute L = DC(M, z), with new random noise as input; not clamped."""
         noise = normal((1, *manual.shape[-2:]), generators, manual)
         return self.combiner(manual, factors, noise)
 
 
 class PairedGenerator:
-    """Stage 2 with z from M and a real render R of the same view.
+    """Stage 2 with z extracted from M and a real render R of the same view.
 
     Args:
         model: trained networks.
-        precision: of the convolutions.
+        precision: dtype of the networks under autocast.
     """
 
     def __init__(self, model: FactorModel, precision: torch.dtype = torch.float32) -> None:
@@ -126,7 +126,7 @@ class PairedGenerator:
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
     ) -> View:
-        """Refine manually degraded views towards the look of real renders; depth and opacity stay.
+        """Bring manually degraded views closer to real renders; depth and opacity stay.
 
         Raises:
             InputError: there are no real renders.
@@ -141,8 +141,8 @@ class DiffusedGenerator:
 
     Args:
         model: trained networks.
-        sampler: how noise becomes z.
-        precision: of the convolutions.
+        sampler: sampler of z; None takes the default.
+        precision: dtype of the networks under autocast.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class DiffusedGenerator:
 
 
 class PairedOrDiffusedGenerator(DiffusedGenerator):
-    """Stage 2 as in the paper: z from M and a real render R where there is one, sampled given M elsewhere."""
+    """Stage 2 as in the paper: z is extracted from M and a real render R if there is one, and sampled otherwise."""
 
     def __call__(
         self, manual: View, generators: Sequence[torch.Generator], real: Float[Tensor, "b 3 h w"] | None = None
@@ -176,8 +176,8 @@ def _refine(
     generators: Sequence[torch.Generator],
     factors: Callable[[], Factors],
 ) -> View:
-    """Manually degraded views with codes, wherever these come from, applied in the second stage's precision."""
+    """Apply codes to manually degraded views, in the second stage's precision."""
     image = manual.image
     with torch.autocast(image.device.type, second.precision, enabled=second.precision != torch.float32):
-        made = second.model.combine(image, factors(), generators)
-    return dataclasses.replace(manual, image=made.to(image.dtype).clamp(0, 1))
+        refined = second.model.combine(image, factors(), generators)
+    return dataclasses.replace(manual, image=refined.to(image.dtype).clamp(0, 1))

@@ -1,4 +1,4 @@
-"""Stage 2's weights on disk, and second stages built from them."""
+"""Saving and loading of stage 2's weights, and construction of second stages from them."""
 
 import dataclasses
 import json
@@ -33,11 +33,11 @@ FORMAT = "gaussian-enhancer simulator 1"
 
 @dataclass(frozen=True)
 class PretrainedModel:
-    """What a file of stage 2's weights holds.
+    """Contents of a file of stage 2's weights.
 
     Args:
-        model: in evaluation mode, single precision, on the CPU.
-        card: where the weights come from.
+        model: networks in evaluation mode, in single precision, on the CPU.
+        card: origin of the weights.
     """
 
     model: FactorModel
@@ -49,8 +49,8 @@ def save_model(path: Path, model: FactorModel, card: Mapping[str, Any]) -> None:
 
     Args:
         path: file to write, ending in .safetensors.
-        model: what was trained.
-        card: plain values that say where the weights come from.
+        model: trained networks.
+        card: plain values that describe the origin of the weights.
 
     Raises:
         InputError: the disk is full or the folder cannot be written.
@@ -68,7 +68,7 @@ def load_model(source: str | Path) -> PretrainedModel:
         source: a .safetensors file, or the name of weights in the package.
 
     Raises:
-        InputError: there is no such file or name, or it is truncated, of another format or of another design.
+        InputError: there is no such file or name, or the file is truncated, or has another format or design.
     """
     path = find_checkpoint(source)
     tensors, metadata = read_checkpoint(path, FORMAT)
@@ -83,32 +83,32 @@ def load_model(source: str | Path) -> PretrainedModel:
 
 
 def paired(weights: str | Path = "simulator") -> PairedGenerator:
-    """The second stage that learns z from real renders, with its networks from a file or a shipped name."""
+    """The second stage that extracts z from real renders, with weights from a file or from the package."""
     return PairedGenerator(load_model(weights).model)
 
 
 def diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> DiffusedGenerator:
-    """The second stage that samples z, with its networks from a file or a shipped name.
+    """The second stage that samples z, with weights from a file or from the package.
 
     Args:
         weights: a .safetensors file, or the name of weights in the package.
-        sampler: how; the default one where None.
+        sampler: sampler of z; None takes the default.
     """
     return DiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
 
 
 def paired_or_diffused(weights: str | Path = "simulator", sampler: Sampler | None = None) -> PairedOrDiffusedGenerator:
-    """The second stage that learns z from real renders where they are known, and samples it where they are not.
+    """The second stage that extracts z from real renders if they are given, and samples it otherwise.
 
     Args:
         weights: a .safetensors file, or the name of weights in the package.
-        sampler: how; the default one where None.
+        sampler: sampler of z; None takes the default.
     """
     return PairedOrDiffusedGenerator(load_model(weights).model, sampler, _fastest_dtype())
 
 
 def _fastest_dtype() -> torch.dtype:
-    """The type that the processor convolves fastest in."""
+    """The dtype in which the processor computes convolutions fastest."""
     return torch.bfloat16 if torch.cpu._is_avx512_bf16_supported() else torch.float32
 
 

@@ -1,1 +1,1 @@
-"""Baselines: networks and resamplers that the fusion networks are compared with."""
+"""Baselines: networks and resampling methods with which the fusion networks are compared."""

@@ -1,4 +1,4 @@
-"""The null network of super-resolution.
+"""The baseline of super-resolution without a network.
 
 Axes: b batch, h height, w width, H = 4 h, W = 4 w.
 """
@@ -14,7 +14,7 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class Bicubic(Network):
-    """Returns the render 4 times as fine, by bicubic interpolation, not clamped. No parameters."""
+    """Upsamples the render by 4 with bicubic interpolation, not clamped. It has no parameters."""
 
     scale: ClassVar[int] = 4
 
@@ -23,5 +23,5 @@ class Bicubic(Network):
         self.describe({})
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 H W"], ...]:
-        """The enlarged render."""
+        """The upsampled render."""
         return (upsample_bicubic(views.render, self.scale),)

@@ -1,6 +1,6 @@
-"""EDVR: references aligned by learning alone, coarse to fine, and fused by attention.
+"""EDVR: learned coarse-to-fine alignment of references, and fusion by attention.
 
-Axes: b batch, r references, f frames (render and references of a batch, or references alone), c channels, h height,
+Axes: b batch, r references, f frames (render and references of a batch, or references only), c channels, h height,
 w width, i, j sides of the features.
 """
 
@@ -28,21 +28,21 @@ class EDVR(Network):
     """Render + reconstruct(attend(align(features of render and references))).
 
     After Wang et al., "EDVR: Video Restoration with Enhanced Deformable Convolutional Networks", CVPRW 2019, in its
-    form for inputs of full resolution, whose features lie at a quarter of it. Meant for references as they are
-    (``alignment=none``): it receives neither cameras nor depth. What differs from the paper's network: offsets are
-    bounded and zero at initialisation, and predicted from half as many channels; references are as many as there are,
-    weighed by visibility and summed, instead of a fixed number joined by a convolution; attention in space has one
-    level.
+    form for full-resolution inputs, whose features have a quarter of the resolution. It is meant for references that
+    are not warped (``alignment=none``): it receives neither cameras nor depth. Differences from the paper's network:
+    offsets are bounded, zero at initialisation, and predicted from half as many channels; references are of any number
+    and summed with weights that include visibility, instead of a fixed number concatenated and convolved; spatial
+    attention has one level.
 
-    It is built from SIF's sizes so that both have as many parameters: half as many channels as SIF's coarsest level,
-    as many residual blocks before alignment as that level has, and (blocks[0] + 1) times as many in the
+    Its sizes are derived from SIF's, so that both have as many parameters: half as many channels as SIF's coarsest
+    level, as many residual blocks before alignment as that level has, and (blocks[0] + 1) times as many in the
     reconstruction.
 
     Args:
         widths: SIF's channels at each level.
         blocks: SIF's residual blocks at each level.
-        groups: groups of channels that move together.
-        reach: largest offset in pixels of the features, at 1/4, 1/8 and 1/16 of the resolution alike.
+        groups: number of channel groups; the channels of a group share offsets.
+        reach: largest offset in pixels of the features, the same at 1/4, 1/8 and 1/16 of the resolution.
     """
 
     def __init__(
@@ -73,18 +73,18 @@ class EDVR(Network):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
-        """The enhanced image alone: there is one scale."""
+        """The enhanced image, as the only scale."""
         height, width = views.render.shape[-2:]
         views = pad_to_stride(views, self.stride)
         batch, count = views.references.shape[:2]
         alpha = torch.ones_like(views.render[:, :1]) if views.alpha is None else views.alpha
         rgb_alpha = torch.cat([views.render, alpha], dim=1)
-        others = torch.cat([views.references, views.visibility], dim=2).flatten(0, 1)
-        levels = self.encode(torch.cat([rgb_alpha, others]))
-        target, fused = levels[0][:batch], None
+        reference_frames = torch.cat([views.references, views.visibility], dim=2).flatten(0, 1)
+        features = self.encode(torch.cat([rgb_alpha, reference_frames]))
+        target, fused = features[0][:batch], None
         if count:
-            targets = [level[:batch].repeat_interleave(count, dim=0) for level in levels]
-            aligned = self.align([level[batch:] for level in levels], targets)
+            targets = [level[:batch].repeat_interleave(count, dim=0) for level in features]
+            aligned = self.align([level[batch:] for level in features], targets)
             visibility = F.avg_pool2d(views.visibility.flatten(0, 1), 4)
             fused = self.attend.gather(aligned, targets[0], visibility, count)
         x = self.back(self.attend(target, torch.zeros_like(target) if fused is None else fused))
@@ -102,13 +102,13 @@ class EDVR(Network):
 
 
 class PyramidAlignment(nn.Module):
-    """EDVR's PCD: alignment starts at the coarsest level; each finer level starts from the offsets of the last.
+    """EDVR's PCD alignment: from the coarsest level to the finest, each level starting from the previous offsets.
 
-    A cascade at the finest level refines what came out. Every step's offsets are bounded and zero at initialisation.
+    A cascade at the finest level refines the result. The offsets of each step are bounded and zero at initialisation.
 
     Args:
-        channels: of the features.
-        groups: groups of channels that move together.
+        channels: number of feature channels.
+        groups: number of channel groups; the channels of a group share offsets.
         reach: largest offset of each step in pixels of its level.
     """
 
@@ -120,7 +120,7 @@ class PyramidAlignment(nn.Module):
     def forward(
         self, references: Sequence[Float[Tensor, "f c _ _"]], targets: Sequence[Float[Tensor, "f c _ _"]]
     ) -> Float[Tensor, "f c i j"]:
-        """Align references to targets, both given fine to coarse."""
+        """Align references to targets, both given from fine to coarse."""
         coarser = None
         for step, reference, target in reversed(list(zip(self.levels, references, targets, strict=True))):
             coarser = step(reference, target, coarser)
@@ -129,11 +129,11 @@ class PyramidAlignment(nn.Module):
 
 
 class OffsetStep(nn.Module):
-    """One modulated deformable convolution, told where to read by comparing the two and by the coarser level.
+    """A modulated deformable convolution. Its offsets depend on reference, target and the coarser level.
 
     Args:
-        channels: of the features.
-        groups: groups of channels that move together.
+        channels: number of feature channels.
+        groups: number of channel groups; the channels of a group share offsets.
         reach: largest offset in pixels.
         informed: whether there is a coarser level.
     """
@@ -156,10 +156,10 @@ class OffsetStep(nn.Module):
         target: Float[Tensor, "f c i j"],
         coarser: tuple[Float[Tensor, "f o k l"], Float[Tensor, "f c k l"]] | None,
     ) -> tuple[Float[Tensor, "f o i j"], Float[Tensor, "f c i j"]]:
-        """What was found, for the next finer level, and the aligned features."""
+        """Return offset features, for the next finer level, and the aligned features."""
         offset_features = leaky(self.compare(torch.cat([reference, target], dim=1)))
         if self.inform is not None and coarser is not None:
-            # Twice, since an offset of one coarse pixel is one of two fine ones.
+            # Doubled, since an offset of one coarse pixel equals two fine pixels.
             offset_features = leaky(self.inform(torch.cat([offset_features, 2 * _upsample_2x(coarser[0])], dim=1)))
         aligned = deformable_sample(reference, *self.moves(offset_features), self.mix.weight, self.mix.bias)
         if self.join is not None and coarser is not None:
@@ -167,20 +167,21 @@ class OffsetStep(nn.Module):
         return offset_features, aligned
 
     def moves(self, found: Float[Tensor, "f o i j"]) -> tuple[Float[Tensor, "f _ i j"], Float[Tensor, "f _ i j"]]:
-        """Offsets, within the reach, and masks in [0, 2]."""
+        """Offsets, bounded by ``reach``, and masks in [0, 2], predicted from offset features."""
         x = self.predict(found).float()
         split = 2 * 9 * self.groups
         return self.reach * torch.tanh(x[:, :split]), 2 * torch.sigmoid(x[:, split:])
 
 
 class Attention(nn.Module):
-    """EDVR's TSA: references are weighted by their similarity to the target, then positions by the fused features.
+    """EDVR's TSA fusion: weighted mean of the references by similarity to the target, then spatial attention.
 
     w_i = v_i sigmoid(<e(a_i), e'(t)> / sqrt(c)), news = sum_i w_i a_i / (1 + sum_i w_i), for visibility v, aligned
-    features a and the target's t: references in any order and number, and one that is not visible changes nothing.
+    features a and the target's features t. References may have any order and number; one that is not visible has no
+    effect.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
     """
 
     def __init__(self, channels: int) -> None:
@@ -200,21 +201,21 @@ class Attention(nn.Module):
         seen: Float[Tensor, "f 1 i j"],
         count: int,
     ) -> Float[Tensor, "b c i j"]:
-        """Weighted mean of the aligned references, for each target.
+        """Weighted mean of the aligned references of each target.
 
         Args:
             aligned: features of all references of all targets.
-            target: the target's features, once for each of its references.
+            target: features of the target, repeated for each of its references.
             seen: visibility.
-            count: references of each target.
+            count: number of references of each target.
         """
-        alike = (self.embed_reference(aligned) * self.embed_target(target)).float().sum(1, keepdim=True)
-        weights = seen * torch.sigmoid(alike / math.sqrt(aligned.shape[1]))
+        similarity = (self.embed_reference(aligned) * self.embed_target(target)).float().sum(1, keepdim=True)
+        weights = seen * torch.sigmoid(similarity / math.sqrt(aligned.shape[1]))
         total = (weights.to(aligned.dtype) * aligned).unflatten(0, (-1, count)).sum(1)
         return total / (1 + weights.unflatten(0, (-1, count)).sum(1)).to(total.dtype)
 
     def forward(self, target: Float[Tensor, "b c i j"], news: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Fuse; sides are even."""
+        """Fuse the target's features with the references' mean ``news``; sides are even."""
         fused = leaky(self.fuse(torch.cat([target, news], dim=1)))
         pooled = torch.cat([F.max_pool2d(fused, 3, 2, 1), F.avg_pool2d(fused, 3, 2, 1)], dim=1)
         weight = self.weigh(_upsample_2x(leaky(self.look(leaky(self.squeeze(pooled))))))
@@ -222,5 +223,5 @@ class Attention(nn.Module):
 
 
 def _upsample_2x(x: Float[Tensor, "f c i j"]) -> Float[Tensor, "f c _ _"]:
-    """Features on a grid twice as fine."""
+    """Features upsampled by 2."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)

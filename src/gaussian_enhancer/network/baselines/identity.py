@@ -1,4 +1,4 @@
-"""The null network.
+"""The baseline without enhancement.
 
 Axes: b batch, h height, w width.
 """
@@ -11,12 +11,12 @@ from gaussian_enhancer.types import NetworkInput
 
 
 class Identity(Network):
-    """Returns the render, the baseline of every gain. No parameters."""
+    """Returns the render, with which every gain is compared. It has no parameters."""
 
     def __init__(self) -> None:
         super().__init__()
         self.describe({})
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
-        """The render, as it is."""
+        """The render, unchanged."""
         return (views.render,)

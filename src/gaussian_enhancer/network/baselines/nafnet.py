@@ -1,4 +1,4 @@
-"""NAFNet, a single-image restorer: the baseline without references.
+"""NAFNet, a single-image restoration network: the baseline without references.
 
 Axes: b batch, c channels, h height, w width, i, j sides of the features.
 """
@@ -19,19 +19,19 @@ from gaussian_enhancer.types import NetworkInput
 class NAFNet(Network):
     """Render + decode(render, alpha), after Chen et al., "Simple Baselines for Image Restoration", ECCV 2022.
 
-    References and depth are ignored. What differs from the paper's network: it works at half resolution on
-    pixel-unshuffled input, as SIF does; channel attention weighs by the mean over the square that a pixel lies in
-    instead of the whole image (`LocalAttention`), so that tiles equal the whole and training on crops sees what whole
-    images show; blocks start at a fifth of their weight instead of none, as SIF's do.
+    References and depth are ignored. Differences from the paper's network: it works at half resolution on
+    pixel-unshuffled input, as SIF does. Channel attention uses the mean over the square around a pixel instead of the
+    whole image (`LocalAttention`), so that tiles give the same result as the whole image, and crops in training have
+    the same statistics as whole images. Residual scales start at 1/5 instead of 0, as SIF's do.
 
-    It is built from SIF's sizes so that both have as many parameters: each of SIF's residual blocks becomes two of
-    NAFNet's, and what SIF spends on encoders, fusion and depth goes into three blocks more, for each block of its
+    Its sizes are derived from SIF's, so that both have as many parameters. Each of SIF's residual blocks becomes two
+    of NAFNet's. In place of SIF's encoders, fusion and depth there are three additional blocks, for each block of its
     encoders, at the finest level (down and up) and at the coarsest.
 
     Args:
         widths: channels at 1/2, 1/4, 1/8, ... of the resolution.
         blocks: SIF's residual blocks at each of these levels.
-        encoder_blocks: residual blocks of SIF's encoders.
+        encoder_blocks: number of residual blocks of SIF's encoders.
         window: side in pixels of the squares that channel attention averages over, a multiple of 2^levels.
     """
 
@@ -65,7 +65,7 @@ class NAFNet(Network):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
     def stages(self, views: NetworkInput) -> tuple[Float[Tensor, "b 3 h w"], ...]:
-        """The enhanced image alone: there is one scale."""
+        """The enhanced image, as the only scale."""
         height, width = views.render.shape[-2:]
         padded_input = pad_to_stride(
             NetworkInput(views.render, views.references[:, :0], views.visibility[:, :0], None, views.alpha), self.stride
@@ -86,10 +86,10 @@ class NAFNet(Network):
 class NAFBlock(nn.Module):
     """x + s conv(attend(gate(depthwise(conv(norm(x)))))), then y + t conv(gate(conv(norm(y)))).
 
-    The gate multiplies one half of the channels by the other; there is no other nonlinearity.
+    The gate multiplies one half of the channels by the other; there is no other non-linearity.
 
     Args:
-        channels: of input and output.
+        channels: number of input and output channels.
         cell: side of the squares of channel attention, in pixels of the features.
     """
 
@@ -115,18 +115,18 @@ class PixelNorm(nn.LayerNorm):
     """Layer normalisation over the channels of each pixel."""
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Normalise; channels-last features are read and written without a copy."""
+        """Normalise; channels-last features need no copy."""
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
 class LocalAttention(nn.Module):
-    """x times a linear function of its mean over squares, interpolated bilinearly between their centres.
+    """x times a linear function of its mean over squares, interpolated bilinearly between the squares' centres.
 
-    NAFNet's simplified channel attention with the mean taken locally, as TLC does at inference (Chu et al., "Improving
-    Image Restoration by Revisiting Global Information Aggregation", ECCV 2022); here in training, too.
+    This is NAFNet's simplified channel attention with a local mean, as TLC uses it at inference (Chu et al., "Improving
+    Image Restoration by Revisiting Global Information Aggregation", ECCV 2022); here it is also used in training.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
         cell: side of the squares in pixels of the features.
     """
 
@@ -136,19 +136,19 @@ class LocalAttention(nn.Module):
         self.weigh = nn.Conv2d(channels, channels, 1)
 
     def forward(self, x: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Weigh channels; sides are multiples of the cell."""
+        """Scale the channels; sides are multiples of the cell."""
         weights = self.weigh(F.avg_pool2d(x, self.cell))
         return x * F.interpolate(weights, scale_factor=float(self.cell), mode="bilinear", align_corners=False)
 
 
 def multiply_halves(x: Float[Tensor, "b _ i j"]) -> Float[Tensor, "b _ i j"]:
-    """One half of the channels times the other."""
-    one, other = x.chunk(2, dim=1)
-    return one * other
+    """The first half of the channels times the second half."""
+    first, second = x.chunk(2, dim=1)
+    return first * second
 
 
 def _scale_outputs(convolution: nn.Conv2d, scale: Tensor, x: Tensor) -> Tensor:
-    """A 1x1 convolution whose outputs are scaled, by scaling its weights, which are fewer than the pixels."""
+    """A 1x1 convolution with scaled outputs. The weights are scaled, since they are fewer than the output values."""
     assert convolution.bias is not None
     return F.conv2d(x, convolution.weight * scale[:, None, None, None], convolution.bias * scale)
 

@@ -21,13 +21,13 @@ from gaussian_enhancer.types import NetworkInput
 class PaperSIF(CachesReferences):
     """GaussianEnhancer's SIF: H = V(G[t-1], L, G[t+1]), E = S(H, D).
 
-    H is an image: it is decoded from the fused features before depth has any part in it. S encodes H, scales and shifts
-    its features by what depth says, and decodes E. Untrained, H and E are the render.
+    H is an image, decoded from the fused features before depth is used. S encodes H, scales and shifts its features by
+    functions of depth, and decodes E. Untrained, H and E are the render.
 
     Args:
         widths: channels of the decoder of V at 1/2, 1/4, 1/8, ... of the resolution.
-        blocks: residual blocks at each of these levels.
-        encoder_blocks: residual blocks of the encoders.
+        blocks: number of residual blocks at each of these levels.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: the deformable convolution.
     """
 
@@ -57,14 +57,14 @@ class PaperSIF(CachesReferences):
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c i j"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 h w"], Float[Tensor, "b 3 h w"]]:
-        """H, the fused view, and E, H after depth modulation, from two references or fewer, both whole."""
+        """H, the fused view, and E, H after depth modulation, at full resolution, from at most two references."""
         height, width = views.render.shape[-2:]
         references = (self.encode(views) if encoded is None else encoded)[0]
         views = pad_to_stride(views, self.stride)
         render = views.render
         target = self.encode_target(render - 0.5)
         fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))
-        enhanced_view = render + self.decode(fused).to(render.dtype)
-        modulated = self.modulate(self.encode_fused(enhanced_view - 0.5), views.depth, views.depth_unit)
-        enhanced = enhanced_view + self.decode_modulated(modulated).to(render.dtype)
-        return enhanced_view[..., :height, :width], enhanced[..., :height, :width]
+        fused_view = render + self.decode(fused).to(render.dtype)
+        modulated = self.modulate(self.encode_fused(fused_view - 0.5), views.depth, views.depth_unit)
+        enhanced = fused_view + self.decode_modulated(modulated).to(render.dtype)
+        return fused_view[..., :height, :width], enhanced[..., :height, :width]

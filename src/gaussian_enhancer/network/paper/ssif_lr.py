@@ -37,8 +37,8 @@ class PaperSSIFLR(CachesReferences):
 
     Args:
         widths: channels of each scale's decoder at 1/2, 1/4, 1/8, ... of the scale's resolution.
-        blocks: residual blocks at each of these levels.
-        encoder_blocks: residual blocks of the encoders.
+        blocks: number of residual blocks at each of these levels.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: the deformable convolution.
     """
 
@@ -70,7 +70,7 @@ class PaperSSIFLR(CachesReferences):
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """E at 1/4, 1/2 and the whole resolution, coarser ones' sides rounded up; from two references or fewer."""
+        """E at 1/4, 1/2 and full resolution, the sides of coarser ones rounded up; from at most two references."""
         height, width = views.render.shape[-2:]
         pyramid = three_scales(views, self.stride)
         references = self.encode(views) if encoded is None else encoded
@@ -84,7 +84,7 @@ class PaperSSIFLR(CachesReferences):
     def _aligned_again(
         self, image: Float[Tensor, "b 3 h w"], views: NetworkInput, references: Float[Tensor, "b r c i j"]
     ) -> Float[Tensor, "b 3 h w"]:
-        """E(1/4) = DeformableConv(T(1/4), F[G t-1], F[G t+1]), read as a change of T."""
+        """E(1/4) = DeformableConv(T(1/4), F[G t-1], F[G t+1]), interpreted as a change of T."""
         target = self.encode_coarsest(image - 0.5)
         change = self.align_again(target, references.to(target.dtype), halved_visibility(views))
         return image + nn.functional.pixel_shuffle(change, 2).to(image.dtype)
@@ -94,12 +94,12 @@ class PaperSSIFLR(CachesReferences):
 
 
 class Scale(nn.Module):
-    """T = Decoder(DeformableConv(F[G t-1], F[L], F[G t+1]) (+) F[D]) at one scale, with weights of its own.
+    """T = Decoder(DeformableConv(F[G t-1], F[L], F[G t+1]) (+) F[D]) at one scale, with its own weights.
 
     Args:
         widths: channels of the decoder.
-        blocks: residual blocks of the decoder.
-        encoder_blocks: residual blocks of the encoders.
+        blocks: number of residual blocks of the decoder.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: the deformable convolution.
     """
 
@@ -114,10 +114,10 @@ class Scale(nn.Module):
         self.decode = Decoder(widths, blocks, 3)
 
     def forward(self, views: NetworkInput, references: Float[Tensor, "b r c i j"]) -> Float[Tensor, "b 3 h w"]:
-        """T of this scale.
+        """Compute T of this scale.
 
         Args:
-            views: at this scale.
+            views: network input at this scale.
             references: features of the references at this scale.
         """
         target = self.encode_target(views.render - 0.5)

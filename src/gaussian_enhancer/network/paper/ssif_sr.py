@@ -1,4 +1,4 @@
-"""The paper's SSIF-SR (algorithm 2): from the render's resolution to 4 times it, by way of 2 times.
+"""The paper's SSIF-SR (algorithm 2): from the render's resolution to 4 times that resolution, via 2 times.
 
 Axes: b batch, r references, c channels, h height, w width, H = 4 h, W = 4 w; i and j half of a scale's sides.
 """
@@ -35,19 +35,19 @@ SCALES = (1, 2, 4)
 class PaperSSIFSR(CachesReferences):
     """GaussianEnhancer++'s SSIF-SR (algorithm 2), coarse to fine.
 
-    F_fused = DeformableConv(F[G t-1], F[L], F[G t+1]) and F[D] are computed once, at the render's resolution, and read
-    again at 2 and 4 times it. At each scale s: T = Decoder(F_fused (+) F[D] (+) F[HG t-1] (+) F[HG t+1]), the last two
-    encoded at that scale, each by itself and as they are: the text aligns low-resolution references alone. S(1) = T(1),
-    S(2) = Combine(T(2), up2 S(1)), S(4) = Combine(T(4), up4 S(1), up2 S(2)). Scales share F_fused and F[D], no weights.
-    Untrained, every scale returns the render, enlarged bicubically.
+    F_fused = DeformableConv(F[G t-1], F[L], F[G t+1]) and F[D] are computed once, at the render's resolution, and
+    used again at 2 and 4 times it. At each scale s: T = Decoder(F_fused (+) F[D] (+) F[HG t-1] (+) F[HG t+1]). The last
+    two are encoded at that scale, separately and without alignment: the text aligns low-resolution references only.
+    S(1) = T(1), S(2) = Combine(T(2), up2 S(1)), S(4) = Combine(T(4), up4 S(1), up2 S(2)). Scales share F_fused and
+    F[D], but no weights. Untrained, every scale returns the render, bicubically upsampled.
 
     Args:
         widths: channels of each scale's decoder at 1/2, 1/4, 1/8, ... of the scale's resolution.
-        blocks: residual blocks at each of these levels.
-        encoder_blocks: residual blocks of the encoders.
+        blocks: number of residual blocks at each of these levels.
+        encoder_blocks: number of residual blocks of the encoders.
         refine: the deformable convolution.
-        buffer: keep F_fused and F[D] for the finer scales; without it they are computed again at each of the three,
-            which changes the cost and not the result.
+        buffer: keep F_fused and F[D] for the finer scales. Without it they are computed again at each of the three
+            scales, which changes the cost but not the result.
     """
 
     scale = 4
@@ -88,7 +88,7 @@ class PaperSSIFSR(CachesReferences):
     def stages(
         self, views: NetworkInput, encoded: tuple[Float[Tensor, "b r c _ _"], ...] | None = None
     ) -> tuple[Float[Tensor, "b 3 _ _"], ...]:
-        """S at 1, 2 and 4 times the render's size, from two references or fewer; missing fine ones are zero."""
+        """S at 1, 2 and 4 times the render's size, from at most two references; missing fine references are zero."""
         height, width = views.render.shape[-2:]
         references, *fine = self.encode(views) if encoded is None else encoded
         views = pad_to_stride(views, self.stride)
@@ -105,7 +105,7 @@ class PaperSSIFSR(CachesReferences):
     def _fuse(
         self, views: NetworkInput, references: Float[Tensor, "b r c i j"]
     ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b c i j"]]:
-        """F_fused and F[D], which are cached."""
+        """F_fused and F[D], the features that are shared by the scales."""
         target = self.encode_target(views.render - 0.5)
         fused = self.fuse(target, references.to(target.dtype), halved_visibility(views))
         return fused, self.encode_depth(depth_planes(views))
@@ -117,10 +117,12 @@ class PaperSSIFSR(CachesReferences):
         buffered: tuple[Float[Tensor, "b c _ _"], Float[Tensor, "b c _ _"]],
         fine: Float[Tensor, "b r c i j"],
     ) -> Float[Tensor, "b 3 _ _"]:
-        """T of a scale."""
+        """Compute T of a scale."""
         scale = SCALES[level]
         visibility = halved_visibility(views)[:, : fine.shape[1]]
         visibility = visibility.repeat_interleave(scale, dim=-2).repeat_interleave(scale, dim=-1)
-        low = [one if scale == 1 else F.interpolate(one, scale_factor=scale, mode="bilinear") for one in buffered]
-        features = self.join[level](*low, *adjacent_features(fine.to(low[0].dtype), visibility))
+        shared = [
+            tensor if scale == 1 else F.interpolate(tensor, scale_factor=scale, mode="bilinear") for tensor in buffered
+        ]
+        features = self.join[level](*shared, *adjacent_features(fine.to(shared[0].dtype), visibility))
         return upsample_bicubic(views.render, scale) + self.decode[level](features).to(views.render.dtype)

@@ -16,16 +16,16 @@ from gaussian_enhancer.network.stem import Choice
 from gaussian_enhancer.types import NetworkInput, usable_depth
 
 ADJACENT = 2
-"""References that the paper reads: t-1 and t+1."""
+"""Number of references that the paper uses: t-1 and t+1."""
 
 
 class ImageEncoder(nn.Module):
     """F = Encoder(image): features at half the image's resolution.
 
     Args:
-        planes: channels of the image.
-        channels: of the features.
-        blocks: residual blocks.
+        planes: number of image channels.
+        channels: number of feature channels.
+        blocks: number of residual blocks.
     """
 
     def __init__(self, planes: int, channels: int, blocks: int) -> None:
@@ -38,7 +38,7 @@ class ImageEncoder(nn.Module):
         return self.blocks(self.stem(F.pixel_unshuffle(image, 2)))
 
     def each(self, images: Float[Tensor, "b r p h w"]) -> Float[Tensor, "b r c i j"]:
-        """Encode several images separately by the same weights."""
+        """Encode several images separately with the same weights."""
         if images.shape[1] == 0:
             batch, _, _, height, width = images.shape
             return images.new_zeros(batch, 0, self.stem.out_channels, height // 2, width // 2)
@@ -46,15 +46,15 @@ class ImageEncoder(nn.Module):
 
 
 class DeformableConv(nn.Module):
-    """DeformableConv(F[t-1], F[t], F[t+1]): references aligned to the target, then all three fused.
+    """DeformableConv(F[t-1], F[t], F[t+1]): references are aligned to the target, then all three are fused.
 
-    F_fused = join(F[t], deform(F[t-1]), deform(F[t+1])), where the offsets of each reference are found from it and the
-    target. A reference that is missing is zero.
+    F_fused = join(F[t], deform(F[t-1]), deform(F[t+1])), where the offsets of each reference are predicted from it and
+    the target. A missing reference is replaced by zeros.
 
     Args:
-        channels: of the features.
+        channels: number of feature channels.
         refine: the deformable convolution.
-        outputs: channels of what is fused.
+        outputs: number of output channels.
     """
 
     def __init__(self, channels: int, refine: Choice, outputs: int) -> None:
@@ -80,11 +80,11 @@ class DeformableConv(nn.Module):
 
 
 class FeatureFusion(nn.Module):
-    """The paper's circled plus: features side by side, then a convolution.
+    """The paper's circled plus: features are concatenated and convolved.
 
     Args:
-        channels: of each of the features and of the result.
-        parts: how many are fused.
+        channels: number of channels of each input and of the result.
+        parts: number of inputs.
     """
 
     def __init__(self, channels: int, parts: int) -> None:
@@ -92,18 +92,18 @@ class FeatureFusion(nn.Module):
         self.join = nn.Conv2d(parts * channels, channels, 3, padding=1)
 
     def forward(self, *features: Float[Tensor, "b c i j"]) -> Float[Tensor, "b c i j"]:
-        """Fuse features of one resolution."""
+        """Fuse features of the same resolution."""
         return self.join(torch.cat(features, dim=1))
 
 
 class LearnedCombine(nn.Module):
-    """Combine and Fuse of the algorithms: a scale's image with those of all coarser scales, enlarged.
+    """Combine and Fuse of the algorithms: a scale's image is combined with the upsampled images of coarser scales.
 
-    E = T + c(T, up E_1, up E_2, ...), c two convolutions of which the last is zero at initialisation.
+    E = T + c(T, up E_1, up E_2, ...), where c is two convolutions, of which the last is zero at initialisation.
 
     Args:
         coarser: number of coarser scales.
-        width: channels within.
+        width: number of internal channels.
     """
 
     def __init__(self, coarser: int, width: int) -> None:
@@ -116,8 +116,8 @@ class LearnedCombine(nn.Module):
         """Combine images.
 
         Args:
-            fine: this scale's own image; height and width are even.
-            coarser: the images of coarser scales, whose sides divide this one's.
+            fine: the image of this scale; height and width are even.
+            coarser: the images of the coarser scales, whose sides divide those of this one.
         """
         images = [fine, *(upsample_bicubic(image, fine.shape[-1] // image.shape[-1]) for image in coarser)]
         x = F.relu(self.join(F.pixel_unshuffle(torch.cat([image - 0.5 for image in images], dim=1), 2)))
@@ -127,7 +127,7 @@ class LearnedCombine(nn.Module):
 def adjacent_features(
     references: Float[Tensor, "b r c i j"], visibility: Float[Tensor, "b r 1 i j"]
 ) -> tuple[Float[Tensor, "b c i j"], Float[Tensor, "b c i j"]]:
-    """The features of t-1 and t+1; zero where one is missing.
+    """The features of t-1 and t+1; a missing reference is replaced by zeros.
 
     Raises:
         InputError: there are more than two references.
@@ -136,8 +136,8 @@ def adjacent_features(
     if count > ADJACENT:
         raise InputError("references", f"are {count} for a network of two", "ask for 2, or choose mode=ours")
     visible_references = references * visibility.to(references.dtype)
-    lacking = [torch.zeros_like(references.sum(1))] * (ADJACENT - count)
-    first, second = [*visible_references.unbind(1), *lacking]
+    missing = [torch.zeros_like(references.sum(1))] * (ADJACENT - count)
+    first, second = [*visible_references.unbind(1), *missing]
     return first, second
 
 
@@ -150,7 +150,7 @@ def halved_visibility(views: NetworkInput) -> Float[Tensor, "b r 1 i j"]:
 
 
 def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
-    """D as the networks read it: inverse depth by its unit, and where it is known; zeros without depth."""
+    """D as input of the networks: normalised inverse depth, and the mask of usable depth; zeros without depth."""
     if views.depth is None:
         return torch.zeros_like(views.render[:, :2])
     unit = depth_unit(views.depth) if views.depth_unit is None else views.depth_unit
@@ -159,6 +159,6 @@ def depth_planes(views: NetworkInput) -> Float[Tensor, "b 2 h w"]:
 
 
 def zero_initialised(convolution: nn.Conv2d) -> None:
-    """Set a convolution to zero, so that it changes nothing at initialisation."""
+    """Set a convolution to zero, so that it has no effect at initialisation."""
     nn.init.zeros_(convolution.weight)
     nn.init.zeros_(convolution.bias)  # type: ignore[arg-type]

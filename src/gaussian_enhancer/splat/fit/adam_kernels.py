@@ -1,4 +1,4 @@
-"""The compiled step of `splat.fit.adam`."""
+"""Compiled kernel of `splat.fit.adam`."""
 
 import math
 
@@ -15,12 +15,13 @@ _EPSILON = _F(1e-15)
 
 
 def update(arrays: tuple[Float32[np.ndarray, " n"], ...], rates: Float32[np.ndarray, " c"], root: float) -> None:
-    """Change values and moments in place.
+    """Apply one step of Adam to values and moments in place.
 
     Args:
         arrays: the parameter, its gradient, the running means of the gradient and of its square.
-        rates: learning rate over the mean's bias correction of c numbers one after another, and of the next c.
-        root: factor on the square's root that corrects its bias.
+        rates: learning rates of c consecutive values, divided by the mean's bias correction 1 - beta_1^t; they are
+            repeated for every further c values.
+        root: reciprocal of the square root of the squares' bias correction 1 - beta_2^t.
     """
     with kernel_lock:
         _update(*arrays, rates, _F(root), get_num_threads())

@@ -1,4 +1,4 @@
-"""What a fit needs to go on after it was killed: one file of plain tensors and numbers, replaced whole."""
+"""Checkpoint from which an interrupted fit continues: one file of plain tensors and numbers, replaced atomically."""
 
 import pickle
 from pathlib import Path
@@ -18,10 +18,10 @@ def save_checkpoint(folder: Path, values: dict[str, Any]) -> None:
 
     Args:
         folder: the run's folder.
-        values: tensors, numbers, strings and dictionaries of them.
+        values: the fit's state: tensors, numbers, strings and dictionaries of them.
 
     Raises:
-        InputError: the file cannot be written; the earlier checkpoint stays.
+        InputError: the file cannot be written; the earlier checkpoint is kept.
     """
     with whole_file(folder / NAME) as temporary:
         try:
@@ -31,11 +31,11 @@ def save_checkpoint(folder: Path, values: dict[str, Any]) -> None:
 
 
 def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
-    """The folder's checkpoint, or None where there is none.
+    """Load the folder's checkpoint, or return None if there is none.
 
     Args:
         folder: the run's folder.
-        identity: description of the fit; must be that of the checkpoint.
+        identity: description of the fit; must equal the checkpoint's.
 
     Raises:
         InputError: the file is damaged or belongs to another fit.
@@ -54,9 +54,9 @@ def load_checkpoint(folder: Path, identity: str) -> dict[str, Any] | None:
 
 
 def discard_checkpoint(folder: Path) -> None:
-    """Remove the checkpoint, since the work is done.
+    """Remove the checkpoint of a finished fit.
 
     Args:
-        folder: of the run.
+        folder: the run's folder.
     """
     (folder / NAME).unlink(missing_ok=True)

@@ -1,10 +1,10 @@
 """Adaptive density control: Gaussians are added where gradients are large, and invisible ones are removed.
 
 Axes: n Gaussians, s scale axes.
-Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2. What differs: the number is bounded, the
-strongest pulls come first, opacities are never reset, and two Gaussians that replace one share its opacity,
-1 - sqrt(1 - o) each (Rota Bulo et al., Revising Densification, ECCV 2024, equation 9), so that the picture does not
-jump.
+Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.2.
+Differences: the number of Gaussians is bounded, those with the largest screen gradients are densified first, and
+opacities are never reset. Two Gaussians that replace one of opacity o get the opacity 1 - sqrt(1 - o) each (Rota Bulo
+et al., Revising Densification, ECCV 2024, equation 9), so that the render does not change abruptly.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from gaussian_enhancer.typed import check_fields
 from gaussian_enhancer.types import Gaussians
 
 SPLIT_SHRINK = 1.6
-"""Two halves of a Gaussian have 1/1.6 of its scales (3DGS)."""
+"""The two halves of a split Gaussian have its scales divided by 1.6 (3DGS)."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Densification:
     """When and how the number of Gaussians changes.
 
     Args:
-        every: steps between changes; 0 never changes it.
+        every: steps between changes; 0 turns changes off.
         start: share of the fit after which changes begin.
-        stop: share of the fit after which they end.
+        stop: share of the fit after which changes end.
         pull: mean screen gradient above which a Gaussian is cloned or split, in units of half the image's longer side.
         small: largest scale of a Gaussian that is cloned rather than split, in camera extents.
         opacity: Gaussians below this opacity are removed.
         world_size: Gaussians with a larger scale are removed, in camera extents.
-        growth: largest share by which one change may increase the number.
+        growth: largest share by which one change may increase the number of Gaussians.
     """
 
     every: int = 100
@@ -57,21 +57,21 @@ class Densification:
             raise InputError("densify.start, stop", f"are {self.start}, {self.stop}", "order them within 0 and 1")
 
     def due(self, step: int, steps: int) -> bool:
-        """Whether the number changes after this step (counted from 1)."""
+        """Whether the number of Gaussians changes after this step (counted from 1)."""
         return due_between(self.every, self.start, self.stop, step, steps)
 
 
 def due_between(every: int, start: float, stop: float, step: int, steps: int) -> bool:
-    """Whether a step (counted from 1) is one in ``every``, between two shares of the fit."""
+    """Whether a step (counted from 1) is a multiple of ``every`` and lies between two shares of the fit."""
     return every > 0 and start * steps <= step <= stop * steps and step % every == 0
 
 
 class Pull:
-    """Running mean of the screen gradients of each Gaussian over the renders that showed it.
+    """Running mean of the screen gradient of each Gaussian over the renders in which it was visible.
 
     Args:
         count: number of Gaussians.
-        device: where the statistics come from.
+        device: device of the statistics.
     """
 
     def __init__(self, count: int, device: torch.device | None = None) -> None:
@@ -79,10 +79,10 @@ class Pull:
         self.times = torch.zeros(count, device=device)
 
     def add(self, screen: ScreenStatistics, side: int) -> None:
-        """Take in one render's statistics.
+        """Add the statistics of one render.
 
         Args:
-            screen: filled by the render and its backward.
+            screen: statistics, filled by the render and its backward.
             side: the image's longer side in pixels.
         """
         if screen.gradient is None or screen.visible is None:
@@ -91,11 +91,11 @@ class Pull:
         self.times += screen.visible
 
     def mean(self) -> Float[Tensor, " n"]:
-        """Mean pull; 0 for Gaussians that were never seen."""
+        """Mean screen gradient; 0 for Gaussians that were never visible."""
         return self.total / self.times.clamp(min=1)
 
     def state(self) -> dict[str, Tensor]:
-        """All that is needed to go on later."""
+        """State for a checkpoint."""
         return {"total": self.total, "times": self.times}
 
     def restore(self, values: dict[str, Tensor]) -> None:
@@ -116,45 +116,47 @@ def densify(
 
     Args:
         optimiser: the Gaussians and their moments; changed in place.
-        pull: what was gathered since the last change.
+        pull: screen gradients since the last change.
         settings: thresholds.
-        extent: scene units of one camera extent.
+        extent: camera extent in scene units.
         limit: largest number of Gaussians.
-        generator: source of randomness for the places of the halves.
+        generator: source of randomness for the positions of the halves.
     """
-    old = optimiser.gaussians()
-    kept = ~_is_useless(old, settings, extent)
-    room = min(limit - int(kept.sum()), int(settings.growth * len(old)) + 1)
-    candidates = kept & (pull.mean() > settings.pull)
-    chosen = _strongest(pull.mean(), candidates, max(0, room))
-    large = old.log_scales.exp().amax(1) > settings.small * extent
-    old = dataclasses.replace(old, opacity_logits=torch.where(chosen, _shared_opacity(old), old.opacity_logits))
-    clones, splits = old[chosen & ~large], old[chosen & large]
+    gaussians = optimiser.gaussians()
+    useful = ~_is_useless(gaussians, settings, extent)
+    allowed_growth = min(limit - int(useful.sum()), int(settings.growth * len(gaussians)) + 1)
+    candidates = useful & (pull.mean() > settings.pull)
+    selected = _strongest(pull.mean(), candidates, max(0, allowed_growth))
+    is_large = gaussians.log_scales.exp().amax(1) > settings.small * extent
+    gaussians = dataclasses.replace(
+        gaussians, opacity_logits=torch.where(selected, _shared_opacity(gaussians), gaussians.opacity_logits)
+    )
+    clones, splits = gaussians[selected & ~is_large], gaussians[selected & is_large]
     halves = [_smaller_half(splits, generator) for _ in range(2)]
-    optimiser.replace("opacity_logits", old.opacity_logits)
-    # A split Gaussian makes room for its halves, so clone and split both add one.
-    optimiser.keep(kept & ~(chosen & large))
-    for joining in (clones, *halves):
-        optimiser.append(joining)
+    optimiser.replace("opacity_logits", gaussians.opacity_logits)
+    # A split Gaussian is removed and two halves are added, so cloning and splitting both add one.
+    optimiser.keep(useful & ~(selected & is_large))
+    for added in (clones, *halves):
+        optimiser.append(added)
 
 
 def _shared_opacity(old: Gaussians) -> Float[Tensor, " n"]:
-    """Logits of the opacity that two Gaussians on top of each other need to equal one."""
+    """Logits of the opacity that two coincident Gaussians need to be as opaque as the original."""
     return torch.logit(1 - (1 - old.opacity_logits.sigmoid()).sqrt(), eps=1e-6)
 
 
 def _is_useless(old: Gaussians, settings: Densification, extent: float) -> Bool[Tensor, " n"]:
-    """Nearly transparent or far too large."""
+    """Mask of Gaussians that are nearly transparent or far too large."""
     useless = old.opacity_logits.sigmoid() < settings.opacity
     return useless | (old.log_scales.exp().amax(1) > settings.world_size * extent)
 
 
 def _strongest(values: Tensor, wanted: Tensor, count: int) -> Bool[Tensor, " n"]:
-    chosen = torch.zeros_like(wanted)
+    selected = torch.zeros_like(wanted)
     candidates = wanted.nonzero()[:, 0]
     order = values[candidates].argsort(descending=True, stable=True)
-    chosen[candidates[order[:count]]] = True
-    return chosen
+    selected[candidates[order[:count]]] = True
+    return selected
 
 
 def _smaller_half(parents: Gaussians, generator: torch.Generator) -> Gaussians:

@@ -1,7 +1,7 @@
 """A fit's results on disk in 3DGS's layout: the splat, its cameras, and its renders of all photos.
 
 Axes: h height, w width. ``{train,test}/ours_<step>/{renders,gt,alpha}/<stem>.png`` with 8 bits and
-``depth/<stem>.npy`` (z of the surface in scene units, float32, 0 where nothing was hit).
+``depth/<stem>.npy`` (z of the surface in scene units, float32, 0 where there is no surface).
 """
 
 from functools import cache
@@ -29,22 +29,23 @@ WHITE = (1.0, 1.0, 1.0)
 
 @torch.no_grad()
 def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Method, step: int) -> None:
-    """Write ``cameras.json``, render every train and test view of a splat and write it beside its photo.
+    """Write ``cameras.json``, and the render of every training and test view beside its photo.
 
     Args:
         folder: the run's folder.
         scene: the scene that was fitted.
         gaussians: the splat.
         method: how it is rendered.
-        step: training step, part of the folders' names.
+        step: step of the fit, part of the folders' names.
 
     Raises:
-        InputError: two photos of one side share a name without ending, one has no camera, or the disk refuses.
+        InputError: two training or two test photos have the same name but for the ending, a photo has no camera, or a
+            file cannot be written.
     """
-    on_cpu = cache(lambda: gaussians.to("cpu"))
+    gaussians_on_cpu = cache(lambda: gaussians.to("cpu"))
     write_scene_cameras(folder / "cameras.json", scene)
     near = near_plane([photo.camera for photo in scene.train_photos if photo.camera is not None])
-    for side, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
+    for split, photos in (("train", scene.train_photos), ("test", scene.test_photos)):
         stems = [Path(photo.name).stem for photo in photos]
         for stem in stems:
             if stems.count(stem) > 1:
@@ -52,14 +53,16 @@ def export_views(folder: Path, scene: Scene, gaussians: Gaussians, method: Metho
         for stem, photo in zip(stems, photos, strict=True):
             if photo.camera is None:
                 raise InputError(f"photo {photo.name}", "has no camera", "give its camera, or leave the photo out")
-            view = drawn = render(gaussians, photo.camera, method, scene.background, near=near)
-            if view.median_depth is None:  # gsplat has none of ellipsoids
-                drawn = render(on_cpu(), photo.camera.to("cpu"), method, scene.background, near=near)
-            _write_view(folder / side / f"ours_{step}", stem, photo, view, drawn.surface[0])
+            view = view_with_median = render(gaussians, photo.camera, method, scene.background, near=near)
+            if view.median_depth is None:  # gsplat returns no median depth of ellipsoids
+                view_with_median = render(
+                    gaussians_on_cpu(), photo.camera.to("cpu"), method, scene.background, near=near
+                )
+            _write_view(folder / split / f"ours_{step}", stem, photo, view, view_with_median.surface[0])
 
 
 def export_splat(folder: Path, scene: Scene, gaussians: Gaussians) -> None:
-    """Write ``splat.ply`` and 3DGS's ``cfg_args``, by which viewers know degree and background.
+    """Write ``splat.ply`` and 3DGS's ``cfg_args``, from which viewers read degree and background.
 
     Args:
         folder: the run's folder.

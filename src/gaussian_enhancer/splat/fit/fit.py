@@ -1,7 +1,7 @@
 """Fit a splat to a scene's training photos in resumable steps.
 
-Axes: n Gaussians, h height, w width. All randomness is a function of seed and step, so that a resumed fit draws what
-the uninterrupted one would have drawn.
+Axes: n Gaussians, h height, w width. Random numbers depend on seed and step only, so that a resumed fit draws the same
+numbers as an uninterrupted one.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ from gaussian_enhancer.splat.screen import ScreenStatistics
 from gaussian_enhancer.types import Gaussians
 
 SMOOTHING_EVERY = 100
-"""Steps between two looks at how finely the photos sample each Gaussian (Mip-Splatting's own interval)."""
+"""Steps between two updates of the 3D filter's size of each Gaussian (Mip-Splatting's interval)."""
 
 
 def fit(
@@ -54,44 +54,44 @@ def fit(
 ) -> Gaussians:
     """Fit a splat and write the run's folder: ``splat.ply``, ``cameras.json``, renders of every snapshot.
 
-    The loss is (1 - w) L1 + w (1 - SSIM) (Kerbl et al., SIGGRAPH 2023, equation 7), one photo a step, every photo
-    once before any comes again. A folder with a checkpoint of the same fit is continued.
+    The loss is (1 - w) L1 + w (1 - SSIM) (Kerbl et al., SIGGRAPH 2023, equation 7) of one photo per step. Every photo
+    is used once before any is used again. If the folder holds a checkpoint of the same fit, the fit continues from it.
 
     Args:
         scene: training photos to fit to and test photos to render.
-        method: how Gaussians become pixels.
-        folder: where to write.
-        settings: choices of the fit; the defaults where None.
-        device: where to compute.
+        method: 3DGS, 2DGS or Mip-Splatting.
+        folder: the run's folder, where results are written.
+        settings: settings of the fit; None for the defaults.
+        device: device to compute on.
         checkpoint_seconds: time between checkpoints.
         progress: show a progress bar.
-        stopwatch: takes the time by phase.
-        stop_after: end after this step with a checkpoint, as if killed; for tests and for fits in parts.
-        **choices: single settings by name, instead of those in ``settings``.
+        stopwatch: measures the run time by phase.
+        stop_after: end after this step and keep the checkpoint, as if interrupted; for tests and for fits in parts.
+        **choices: single settings by name, which override those in ``settings``.
 
     Raises:
-        InputError: photos, settings, checkpoint or disk do not allow the fit.
+        InputError: photos, settings or checkpoint are invalid, or a file cannot be written.
     """
     settings = dataclasses.replace(settings or FitSettings(), **choices)
     with waiting(f"photos of {scene.name}", progress):
         work = _Work(scene, method, folder, settings, torch.device(device), stopwatch or Stopwatch())
     with FitProgress(0, "plane sweep", progress) as bar:
         work.begin(bar.swept)
-    last = settings.steps if stop_after is None else min(stop_after, settings.steps)
+    last_step = settings.steps if stop_after is None else min(stop_after, settings.steps)
     snapshots = settings.snapshot_steps()
-    saved = time.monotonic()
+    saved_at = time.monotonic()
     with FitProgress(settings.steps, f"fit {scene.name} ({method.name})", progress) as bar, work.watch.inside_render():
-        while work.step < last:
+        while work.step < last_step:
             loss, difference = work.advance()
             bar.update(work.step, loss, difference, len(work.optimiser))
             if work.step in snapshots:
                 export_views(folder, scene, work.splat(), method, work.step)
-            if work.step in snapshots or time.monotonic() - saved > checkpoint_seconds:
+            if work.step in snapshots or time.monotonic() - saved_at > checkpoint_seconds:
                 work.save()
-                saved = time.monotonic()
+                saved_at = time.monotonic()
     work.save()
     gaussians = work.splat()
-    if last == settings.steps:
+    if last_step == settings.steps:
         export_splat(folder, scene, gaussians)
         discard_checkpoint(folder)
     return gaussians
@@ -119,7 +119,7 @@ class _Work:
         self.pull: Pull
 
     def begin(self, progress: Callable[[int, int], None]) -> None:
-        """Start anew, or where the folder's checkpoint stopped."""
+        """Start from the folder's checkpoint, or from initial Gaussians if there is none."""
         checkpoint = load_checkpoint(self.folder, self._checkpoint_identity())
         if checkpoint is not None:
             self._adopt_gaussians(checkpoint["splat"])
@@ -128,7 +128,7 @@ class _Work:
             self.smoothing = None if checkpoint["smoothing"] is None else checkpoint["smoothing"].to(self.device)
             self.step = checkpoint["step"]
             return
-        first = starting_gaussians(
+        initial = starting_gaussians(
             self.scene,
             self.photos,
             self.method,
@@ -139,15 +139,15 @@ class _Work:
             sweep=self.settings.sweep,
             progress=progress,
         )
-        self._adopt_gaussians({f.name: getattr(first, f.name) for f in dataclasses.fields(first)})
+        self._adopt_gaussians({f.name: getattr(initial, f.name) for f in dataclasses.fields(initial)})
         self._smooth()
 
     def advance(self) -> tuple[Tensor, Tensor]:
-        """One step; returns the loss and the difference of render and photo."""
+        """Perform one step; return the loss and the difference of render and photo."""
         settings, watch = self.settings, self.watch
-        number = self._photo_number()
-        camera = self.photos.cameras[number]
-        target = self.photos.target(number)
+        photo_number = self._photo_number()
+        camera = self.photos.cameras[photo_number]
+        target = self.photos.target(photo_number)
         screen = ScreenStatistics()
         with watch.phase("render"):
             rendered = render(self._shown(), camera, self.method, self.scene.background, near=self.near, screen=screen)
@@ -169,7 +169,7 @@ class _Work:
         return loss.detach(), colour.detach() - target.photo
 
     def splat(self) -> Gaussians:
-        """The present Gaussians, detached, all coefficients and the 3D filter included."""
+        """The current Gaussians, detached, with all colour coefficients and the 3D filter."""
         return self.optimiser.detached_gaussians(self.smoothing)
 
     def save(self) -> None:
@@ -225,7 +225,7 @@ class _Work:
             self.smoothing = filter_size(means, self.photos.cameras, near=self.near)
 
     def _photo_number(self) -> int:
-        """Every photo once per round, in an order that seed and round determine."""
+        """Index of this step's photo: every photo once per round, in an order that seed and round determine."""
         count = len(self.photos)
         order = torch.randperm(count, generator=_generator_of(self.settings.seed, self.step // count, 3))
         return int(order[self.step % count])
@@ -234,7 +234,7 @@ class _Work:
         return _generator_of(self.settings.seed, self.step, purpose)
 
     def _checkpoint_identity(self) -> str:
-        """What a checkpoint must agree on to be continued."""
+        """Description of the fit; only a checkpoint with an equal description is continued."""
         return f"{self.scene.name}, {len(self.photos)} photos, {self.method}, {self.settings}"
 
 

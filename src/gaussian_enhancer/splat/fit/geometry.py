@@ -19,7 +19,7 @@ def camera_extent(cameras: Sequence[Camera]) -> float:
     """Largest distance of a camera from the cameras' mean, times 1.1: the unit of 3DGS's learning rates.
 
     Args:
-        cameras: training cameras; one alone has extent 1.
+        cameras: training cameras; if all are at one place, the extent is 1.
     """
     centres = torch.stack([camera.centre for camera in cameras])
     radius = (centres - centres.mean(0)).norm(dim=1).max().item()
@@ -29,11 +29,11 @@ def camera_extent(cameras: Sequence[Camera]) -> float:
 def focus_distance(cameras: Sequence[Camera]) -> float:
     """Median distance along the viewing axes to the point that is nearest to all of them.
 
-    Where the axes are parallel or diverge no such point exists; then five times the median step between
-    neighbouring cameras, which is an overlap of about three quarters at common fields of view.
+    If the axes are parallel or diverge, no such point exists. The result is then five times the median distance
+    between neighbouring cameras, which corresponds to an overlap of about three quarters at common fields of view.
 
     Args:
-        cameras: training cameras.
+        cameras: training cameras; if all are at one place, the result may be 1.
     """
     centres = torch.stack([camera.centre for camera in cameras]).double()
     axes = torch.stack([camera.forward for camera in cameras]).double()
@@ -45,22 +45,22 @@ def focus_distance(cameras: Sequence[Camera]) -> float:
         depths = ((point - centres) * axes).sum(1)
         if (depths > 0).double().mean() > 0.8:
             return float(depths[depths > 0].median())
-    steps = torch.cdist(centres, centres)
-    steps.fill_diagonal_(torch.inf)
-    nearest = steps.min(1).values
+    distances = torch.cdist(centres, centres)
+    distances.fill_diagonal_(torch.inf)
+    nearest = distances.min(1).values
     nearest = nearest[nearest.isfinite() & (nearest > 0)]
     return 5.0 * float(nearest.median()) if len(nearest) else 1.0
 
 
 def matching_cost(centres: Float[Tensor, "v 3"], axes: Float[Tensor, "v 3"], distance: float) -> Float[Tensor, "v v"]:
-    """How badly two views suit each other for stereo: far from the ideal triangulation angle, or turned away.
+    """Cost of matching two views: large far from the ideal triangulation angle, or if their axes differ much.
 
     Args:
         centres: camera positions.
         axes: unit viewing directions.
         distance: typical distance to the scene.
     """
-    angle = torch.cdist(centres, centres) / distance
-    turned = torch.arccos((axes @ axes.T).clamp(-1, 1))
-    cost = (angle / TRIANGULATION).log().abs() + 3.0 * (turned - 0.5).clamp(min=0)
+    triangulation_angle = torch.cdist(centres, centres) / distance
+    axis_angle = torch.arccos((axes @ axes.T).clamp(-1, 1))
+    cost = (triangulation_angle / TRIANGULATION).log().abs() + 3.0 * (axis_angle - 0.5).clamp(min=0)
     return cost.fill_diagonal_(torch.inf)

@@ -1,4 +1,4 @@
-"""Where Gaussians start: on points, or at random where the cameras look.
+"""Initial Gaussians: on given points, or at random points that the cameras see.
 
 Axes: p points, n Gaussians, k spherical-harmonics coefficients, s scale axes.
 """
@@ -28,20 +28,20 @@ def from_points(
     deviations: Float[Tensor, " p"] | None = None,
     facing: Float[Tensor, "p 3"] | None = None,
 ) -> Gaussians:
-    """One Gaussian a point, as wide as the distance to its neighbours: sqrt(mean of the three smallest d^2).
+    """One Gaussian per point, as wide as the distance to its neighbours: sqrt(mean of the three smallest d^2).
 
     Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 5.1.
 
     Args:
         points: positions and colours.
-        axes: scale axes, 3 for ellipsoids and 2 for disks.
+        axes: number of scale axes, 3 for ellipsoids and 2 for disks.
         sh_degree: degree of the colour's spherical harmonics, 0 to 3; all but the constant start at zero.
-        opacity: opacity to start with, in (0, 1).
+        opacity: initial opacity, in (0, 1).
         deviations: standard deviations in scene units, instead of the neighbours' distances.
-        facing: unit direction in which a point's surface looks, for the third axis (a disk's normal).
+        facing: unit normal of the surface at each point, for the third axis (a disk's normal).
 
     Raises:
-        InputError: no points, or values that are not finite.
+        InputError: there are no points, or they have values that are not finite.
     """
     count = len(points.positions)
     if count == 0:
@@ -59,7 +59,7 @@ def from_points(
 
 
 def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator) -> Points:
-    """Points drawn where at least two cameras (or the only one) look, uniform over pixels and over inverse depth.
+    """Random points that at least two cameras (or the only one) see, uniform over pixels and over inverse depth.
 
     Args:
         cameras: training cameras.
@@ -68,13 +68,13 @@ def at_random(cameras: Sequence[Camera], count: int, generator: torch.Generator)
     """
     distance = focus_distance(cameras)
     accepted: list[Tensor] = []
-    drawn, enough = 0, 0
-    while enough < count:
+    rounds, accepted_count = 0, 0
+    while accepted_count < count:
         points = torch.cat([_in_frustum(c, 1 + count // len(cameras), distance, generator) for c in cameras])
         visible_counts = torch.stack([_sees_points(camera, points) for camera in cameras]).sum(0)
-        # Cameras that share nothing would draw for ever: after some rounds every point counts.
-        accepted.append(points[visible_counts >= 2] if len(cameras) > 1 and drawn < 8 else points)
-        drawn, enough = drawn + 1, enough + len(accepted[-1])
+        # Without overlap of the cameras the loop would never end: after eight rounds every point is accepted.
+        accepted.append(points[visible_counts >= 2] if len(cameras) > 1 and rounds < 8 else points)
+        rounds, accepted_count = rounds + 1, accepted_count + len(accepted[-1])
     positions = torch.cat(accepted)
     positions = positions[torch.randperm(len(positions), generator=generator)[:count]]
     return Points(positions, torch.rand(count, 3, generator=generator))
@@ -101,22 +101,22 @@ def neighbour_distances(positions: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
 
 
 def _in_frustum(camera: Camera, count: int, distance: float, generator: torch.Generator) -> Tensor:
-    """Points in front of one camera between a third of and three times the focus distance."""
+    """Random points in a camera's field of view at a third of to three times the focus distance."""
     pixels = torch.rand(count, 2, generator=generator) * torch.tensor([camera.width, camera.height])
-    inverse = (1 / 3 + torch.rand(count, 1, generator=generator) * (3 - 1 / 3)) / distance
+    inverse_depths = (1 / 3 + torch.rand(count, 1, generator=generator) * (3 - 1 / 3)) / distance
     rays = torch.cat([pixels, torch.ones(count, 1)], 1) @ torch.linalg.inv(camera.K).T
-    return (rays / inverse - camera.world_to_camera[:3, 3]) @ camera.rotation
+    return (rays / inverse_depths - camera.world_to_camera[:3, 3]) @ camera.rotation
 
 
 def _sees_points(camera: Camera, points: Tensor) -> Tensor:
-    local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    pixels = local @ camera.K.T
+    camera_points = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = camera_points @ camera.K.T
     x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
     return (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
 def _turn_to(normals: Tensor) -> Tensor:
-    """Quaternions that turn the z axis to the given unit directions along the shortest way."""
+    """Quaternions of the smallest rotations that turn the z axis to the given unit directions."""
     w = 1 + normals[:, 2]
     quaternions = torch.stack([w, -normals[:, 1], normals[:, 0], torch.zeros_like(w)], 1)
     half_turn = torch.tensor([0.0, 1.0, 0.0, 0.0])

@@ -1,4 +1,7 @@
-"""Compiled nearest neighbours: points sorted along one axis, scanned outwards until the axis alone is too far."""
+"""Compiled nearest neighbours: points are sorted along one axis and scanned outwards from each point.
+
+The scan ends where the distance along that axis alone exceeds the distance to the third-nearest point so far.
+"""
 
 from typing import no_type_check
 
@@ -11,7 +14,7 @@ from gaussian_enhancer.splat.compiled import kernel
 @kernel
 @no_type_check
 def nearest_three(points, axis, mean_squared):
-    """Mean squared distance to the three nearest others (fewer where there are fewer), points sorted along axis."""
+    """Mean squared distance to the three nearest other points, or to all if fewer; points are sorted along axis."""
     count = points.shape[0]
     for i in prange(count):
         best = np.full(3, np.inf)
@@ -35,5 +38,5 @@ def nearest_three(points, axis, mean_squared):
                     best[1], best[2] = best[2], best[1]
                 if best[1] < best[0]:
                     best[0], best[1] = best[1], best[0]
-        found = min(3, count - 1)
-        mean_squared[i] = best[:found].sum() / found
+        neighbour_count = min(3, count - 1)
+        mean_squared[i] = best[:neighbour_count].sum() / neighbour_count

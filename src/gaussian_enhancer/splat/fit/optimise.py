@@ -1,4 +1,4 @@
-"""The parameters under optimisation with their Adam moments, which stay aligned when Gaussians come and go.
+"""The optimised parameters with their Adam moments, which stay aligned when Gaussians are added or removed.
 
 Axes: n Gaussians, m Gaussians that remain or join, k spherical-harmonics coefficients.
 """
@@ -24,19 +24,19 @@ MOMENTS = ("exp_avg", "exp_avg_sq")
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Steps of Adam by parameter, at the values of 3DGS, which are meant for 30,000 steps.
+    """Adam's learning rates by parameter; the defaults are those of 3DGS, which are meant for 30,000 steps.
 
-    Short fits take larger ones: all but the opacities' are multiplied by ``boost``. Measured on two sparse captures, a
+    Short fits use larger rates: all but the opacities' are multiplied by ``boost``. Measured on two sparse captures, a
     boost of 4 gains about 4 dB on held-out views after 300 steps; after 1000 steps 5.5 is worse than 4.
 
     Args:
-        means: of the centres at the first step, in camera extents.
-        means_final: of the centres at the last step, in camera extents; exponential in between.
-        log_scales: of the logarithmic scales.
-        quaternions: of the rotations.
-        opacity_logits: of the opacities before the sigmoid.
-        sh_base: of the constant colour.
-        sh_rest: of the view-dependent colour.
+        means: rate of the centres at the first step, in camera extents.
+        means_final: rate of the centres at the last step, in camera extents; exponential decay in between.
+        log_scales: rate of the logarithmic scales.
+        quaternions: rate of the rotations.
+        opacity_logits: rate of the opacities before the sigmoid.
+        sh_base: rate of the constant colour.
+        sh_rest: rate of the view-dependent colour.
         boost: factor for short fits; 0 chooses sqrt(16,000 / steps) within 1 and 4.
     """
 
@@ -57,11 +57,11 @@ class LearningRates:
                 raise InputError(f"rates.{field.name}", f"is {value}", "give a positive number")
 
     def without_boost(self, steps: int) -> "LearningRates":
-        """The rates for a fit of so many steps, with boost 1."""
+        """The rates for a fit of ``steps`` steps with the boost multiplied in, so that their own boost is 1."""
         boost = self.boost or min(4.0, max(1.0, math.sqrt(16_000 / steps)))
-        kept = {"opacity_logits": self.opacity_logits, "boost": 1.0}
-        scaled = {f.name: boost * getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in kept}
-        return LearningRates(**scaled, **kept)
+        unscaled = {"opacity_logits": self.opacity_logits, "boost": 1.0}
+        scaled = {f.name: boost * getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in unscaled}
+        return LearningRates(**scaled, **unscaled)
 
 
 class SplatOptimiser:
@@ -70,11 +70,11 @@ class SplatOptimiser:
     Source: Kerbl et al., 3D Gaussian Splatting, SIGGRAPH 2023, section 7.1 (rates, decay, epsilon).
 
     Args:
-        gaussians: where to start from.
+        gaussians: the initial Gaussians.
         rates: learning rates.
-        extent: scene units of one camera extent.
-        steps: length of the fit, over which the centres' rate decays.
-        fade: share of the other rates that is left at the last step; exponential before.
+        extent: camera extent in scene units.
+        steps: number of steps of the fit, over which the centres' rate decays.
+        fade: factor that the other rates reach at the last step by exponential decay.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class SplatOptimiser:
         return len(self._leaves["means"])
 
     def gaussians(self, sh_degree: int | None = None) -> Gaussians:
-        """The present splat, differentiable in the leaves.
+        """The current splat, differentiable in the parameters.
 
         Args:
             sh_degree: highest degree of colour to include; None includes all.
@@ -103,7 +103,7 @@ class SplatOptimiser:
         return Gaussians(**leaves)
 
     def detached_gaussians(self, smoothing: Tensor | None = None) -> Gaussians:
-        """The present splat with all coefficients, without gradients.
+        """The current splat with all coefficients, without gradients.
 
         Args:
             smoothing: standard deviation of the 3D filter of each Gaussian, which is not optimised; None for no filter.
@@ -111,7 +111,7 @@ class SplatOptimiser:
         return Gaussians(**{name: leaf.detach() for name, leaf in self._leaves.items()}, smoothing=smoothing)
 
     def step(self, number: int) -> None:
-        """Apply the gradients and forget them.
+        """Apply the gradients and clear them.
 
         Args:
             number: the step's number, from 0; sets the centres' rate.
@@ -131,48 +131,48 @@ class SplatOptimiser:
         """Add Gaussians at the end; their moments start at zero.
 
         Args:
-            joining: as many colour coefficients as the others.
+            joining: the Gaussians to add, with as many colour coefficients as the present ones.
         """
         added = _columns(joining)
 
         def extended(name: str, value: Tensor) -> Tensor:
             field, _, moment = name.partition(".")
-            more = added[field].detach()
-            return torch.cat([value, torch.zeros_like(more) if moment else more])
+            new_values = added[field].detach()
+            return torch.cat([value, torch.zeros_like(new_values) if moment else new_values])
 
         self._rewrite(extended)
 
     def replace(self, name: str, values: Tensor) -> None:
-        """Set one parameter's values; moments stay.
+        """Set one parameter's values; its moments are kept.
 
         Args:
-            name: of the parameter.
-            values: of the same shape.
+            name: name of the parameter.
+            values: the new values, of the same shape.
         """
         self._rewrite(lambda field, value: values.clone() if field == name else value)
 
     def overwrite(self, index: Tensor, others: Gaussians) -> None:
-        """Replace Gaussians by others; their moments start again at zero.
+        """Replace Gaussians by others and reset their moments to zero.
 
         Args:
-            index: positions, each once.
-            others: as many, with as many colour coefficients.
+            index: indices of the Gaussians to replace, without repetition.
+            others: the new Gaussians, one per index, with as many colour coefficients.
         """
         columns = _columns(others)
 
         def changed(name: str, value: Tensor) -> Tensor:
             field, _, moment = name.partition(".")
-            new = torch.zeros_like(columns[field]) if moment else columns[field].detach()
-            return value.index_copy(0, index, new)
+            new_values = torch.zeros_like(columns[field]) if moment else columns[field].detach()
+            return value.index_copy(0, index, new_values)
 
         self._rewrite(changed)
 
     def shift(self, index: Tensor, offsets: Float[Tensor, "m 3"]) -> None:
-        """Move some centres; their moments stay.
+        """Move some centres; their moments are kept.
 
         Args:
-            index: positions, each once.
-            offsets: scene units.
+            index: indices of the Gaussians, without repetition.
+            offsets: displacements in scene units.
         """
         self._leaves["means"].detach().index_add_(0, index, offsets)
 
@@ -181,7 +181,7 @@ class SplatOptimiser:
         return self._rate("means", number)[0]
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on later, as plain tensors; the colour in two parts."""
+        """State for a checkpoint as plain tensors; the colour is stored in two parts."""
         values: dict[str, Any] = {}
         for name, leaf in self._leaves.items():
             moments = self._moments[name]
@@ -205,22 +205,22 @@ class SplatOptimiser:
     def _rewrite(self, change: Callable[[str, Tensor], Tensor]) -> None:
         """Replace every leaf and moment by a function of its name ("means", "means.exp_avg") and value."""
         for name, leaf in list(self._leaves.items()):
-            old = self._moments[name]
-            moments = (change(f"{name}.{key}", getattr(old, key)).contiguous() for key in MOMENTS)
+            old_moments = self._moments[name]
+            moments = (change(f"{name}.{key}", getattr(old_moments, key)).contiguous() for key in MOMENTS)
             self._set(name, change(name, leaf.detach()).contiguous(), Moments(*moments))
 
     def _set(self, name: str, values: Tensor, moments: Moments) -> None:
         self._leaves[name], self._moments[name] = values.requires_grad_(), moments
 
     def _rate(self, name: str, number: int) -> tuple[float, float | None]:
-        """Learning rate, and that of the constant colour, which differs from the other coefficients'."""
+        """A parameter's learning rate at a step, and the rate of the constant colour (None for other parameters)."""
         progress = min(1.0, number / max(1, self._steps))
         if name == "means":
             return self._extent * self._rates.means ** (1 - progress) * self._rates.means_final**progress, None
-        left = self._fade**progress
+        decay = self._fade**progress
         if name == "sh":
-            return left * self._rates.sh_rest, left * self._rates.sh_base
-        return left * float(getattr(self._rates, name)), None
+            return decay * self._rates.sh_rest, decay * self._rates.sh_base
+        return decay * float(getattr(self._rates, name)), None
 
 
 def _columns(gaussians: Gaussians) -> dict[str, Float[Tensor, "n ..."]]:
@@ -229,14 +229,14 @@ def _columns(gaussians: Gaussians) -> dict[str, Float[Tensor, "n ..."]]:
 
 
 def _parts(name: str, tensor: Tensor) -> dict[str, Tensor]:
-    """A tensor as checkpoints name it: colour as its constant and the rest."""
+    """A parameter's tensor under the names of checkpoints: colour in two parts, its constant and the rest."""
     if name != "sh":
         return {name: tensor}
     return {"sh_base": tensor[:, :1].detach().clone(), "sh_rest": tensor[:, 1:].detach().clone()}
 
 
 def _join_parts(values: dict[str, Any], name: str, suffix: str) -> Tensor:
-    """The inverse of `_parts`, as a tensor of its own."""
+    """The inverse of `_parts`, as a new tensor."""
     if name != "sh":
         return values[name + suffix].clone()  # type: ignore[no-any-return]
     return torch.cat([values["sh_base" + suffix], values["sh_rest" + suffix]], 1)

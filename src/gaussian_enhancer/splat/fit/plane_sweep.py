@@ -1,7 +1,7 @@
-"""Depth of training photos by plane sweep, and from it coloured points to start a splat on.
+"""Depth of training photos by plane sweep, and coloured points from it on which a fit can start.
 
 Axes: d inverse depths, h height, w width (of the reduced photos), p points. Every view is compared with its best
-neighbours at inverse depths in equal steps; what neighbouring views confirm becomes points.
+neighbours at equally spaced inverse depths. Depths that neighbouring views confirm become points.
 Source: Collins, A Space-Sweep Approach to True Multi-Image Matching, CVPR 1996; smoothed as in
 Hirschmueller, TPAMI 2008.
 """
@@ -25,17 +25,18 @@ from gaussian_enhancer.types import Camera
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How finely and how strictly depth is searched.
+    """Resolution and strictness of the depth search.
 
     Args:
-        planes: inverse depths that are tried.
-        neighbours: views that each view is compared with.
-        reduction: photos are made smaller by this whole factor first; 0 chooses about 40,000 pixels.
+        planes: number of inverse depths that are tried.
+        neighbours: number of views that each view is compared with.
+        reduction: photos are first downsampled by this integer factor; 0 chooses it for about 40,000 pixels.
         radius: half the side of the comparison window, in reduced pixels.
-        smoothness: price of a depth step of one plane, in units of colour difference; 0 smooths nothing.
-        agreement: largest relative difference of inverse depth that confirms a neighbour's, besides one plane.
+        smoothness: penalty of a depth step of one plane, in units of colour difference; 0 turns smoothing off.
+        agreement: largest relative difference of inverse depth at which a neighbour confirms a depth; a difference of
+            less than one plane confirms it in any case.
         confirmations: number of neighbours that must confirm a depth.
-        views: largest number of photos that are swept; more are thinned out evenly.
+        views: largest number of photos that are swept; of more photos an evenly spaced subset is used.
     """
 
     planes: int = 96
@@ -57,7 +58,7 @@ class SweptPoints:
 
     Args:
         points: positions and colours.
-        confirmations: number of neighbouring views that hold the same depth.
+        confirmations: number of neighbouring views that have the same depth.
     """
 
     points: Points
@@ -81,33 +82,35 @@ def sweep_points(
     known: Points | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SweptPoints:
-    """Points on the surfaces that several photos agree on, each kept from the first view that saw it.
+    """Points on surfaces that several photos confirm; of several views of a point, only the first one adds it.
 
     Args:
         photos: training photos in [0, 1].
         cameras: their cameras.
-        settings: how finely and how strictly.
-        known: points that tell how deep the scene is; without them a coarse sweep finds out.
-        progress: called with the number of finished views and of all.
+        settings: settings of the sweep.
+        known: points from which the depth range is estimated; without enough of them a coarse sweep estimates it.
+        progress: called with the number of finished views and the number of all views.
 
     Raises:
-        InputError: fewer than two photos.
+        InputError: fewer than two photos, or all cameras are at one place.
     """
-    every = -(-len(photos) // settings.views)
-    photos, cameras = photos[::every], cameras[::every]
-    depths_known = _known_depths(known, cameras)
-    distance = focus_distance(cameras) if depths_known is None else float(depths_known.median())
+    stride = -(-len(photos) // settings.views)
+    photos, cameras = photos[::stride], cameras[::stride]
+    known_depths = _known_depths(known, cameras)
+    distance = focus_distance(cameras) if known_depths is None else float(known_depths.median())
     views = _views(photos, cameras, distance, settings)
-    coarse_depths = _coarse_depths(views, distance, settings) if depths_known is None else depths_known
+    coarse_depths = _coarse_depths(views, distance, settings) if known_depths is None else known_depths
     near, far = _depth_range(coarse_depths, distance)
-    inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
-    depths = []
-    for number, view in enumerate(views):
-        depths.append(inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse, settings))
+    inverse_depths = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
+    inverse_depth_maps = []
+    for index, view in enumerate(views):
+        inverse_depth_maps.append(
+            inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse_depths, settings)
+        )
         if progress is not None:
-            progress(number + 1, len(views))
-    step = float(inverse[1] - inverse[0])
-    return _merge_confirmed(views, depths, step, settings)
+            progress(index + 1, len(views))
+    step = float(inverse_depths[1] - inverse_depths[0])
+    return _merge_confirmed(views, inverse_depth_maps, step, settings)
 
 
 def sweep_depths(
@@ -119,34 +122,34 @@ def sweep_depths(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Float[Tensor, "1 h w"]]:
-    """Depth of every pixel of images that are compared with the last ones of them: renders with photos.
+    """Depth of every pixel of each image, by comparison with the last ``sources`` images: renders with photos.
 
     Args:
-        images: in [0, 1].
-        cameras: theirs, of the images' sizes.
-        sources: how many of the images, the last ones, others are compared with.
-        known: points that tell how deep the scene is.
-        settings: how finely; what confirms a depth has no effect.
-        progress: called with the number of finished images and of all.
+        images: images in [0, 1]; those to compare with stand last.
+        cameras: cameras of the images, with the images' sizes.
+        sources: number of images, at the end of the list, that every image is compared with.
+        known: points from which the depth range is estimated.
+        settings: settings of the sweep; ``agreement``, ``confirmations`` and ``views`` have no effect.
+        progress: called with the number of finished images and the number of all images.
 
     Returns:
-        z of each image on its own pixels, or on the reduced pixels that were compared where it is larger.
+        z of each image at the image's size; for images that are downsampled for the sweep, at the reduced size.
 
     Raises:
-        InputError: fewer than two images, or all cameras lie at one place.
+        InputError: fewer than two images, or all cameras are at one place.
     """
-    depths_known = _known_depths(known, cameras)
-    distance = focus_distance(cameras) if depths_known is None else float(depths_known.median())
+    known_depths = _known_depths(known, cameras)
+    distance = focus_distance(cameras) if known_depths is None else float(known_depths.median())
     views = _views(images, cameras, distance, settings, len(images) - sources)
-    near, far = _depth_range(torch.empty(0) if depths_known is None else depths_known, distance)
-    inverse = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
+    near, far = _depth_range(torch.empty(0) if known_depths is None else known_depths, distance)
+    inverse_depths = torch.linspace(1 / far, 1 / near, settings.planes, dtype=torch.float64)
     depths = []
-    for number, view in enumerate(views):
+    for index, view in enumerate(views):
         depths.append(
-            1 / inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse, settings)[None]
+            1 / inverse_depth(view.image, view.camera, *_neighbour_images(views, view), inverse_depths, settings)[None]
         )
         if progress is not None:
-            progress(number + 1, len(views))
+            progress(index + 1, len(views))
     return depths
 
 
@@ -176,10 +179,10 @@ def inverse_depth(
     volume = np.empty((*image.shape[:2], len(inverse)), np.float32)
     kernels.cost_volume(image, others, homographies, settings.radius, volume)
     if settings.smoothness > 0:
-        total = np.zeros_like(volume)
-        small = np.float32(settings.smoothness)
-        kernels.smooth(volume, image, small, np.float32(8 * small), total)
-        volume = total
+        smoothed = np.zeros_like(volume)
+        penalty = np.float32(settings.smoothness)
+        kernels.smooth(volume, image, penalty, np.float32(8 * penalty), smoothed)
+        volume = smoothed
     index = np.empty(image.shape[:2], np.float32)
     kernels.best_plane(volume, index)
     return (inverse[0] + torch.from_numpy(index) * (inverse[1] - inverse[0])).float()
@@ -188,7 +191,7 @@ def inverse_depth(
 def _views(
     photos: Sequence[Tensor], cameras: Sequence[Camera], distance: float, settings: SweepSettings, first: int = 0
 ) -> list[_View]:
-    """Reduced photos with their neighbours, of those from the first on."""
+    """Reduced photos with their neighbours, which are chosen among the photos from index ``first`` on."""
     if len(photos) < 2:
         raise InputError("plane sweep", f"has {len(photos)} photo", "give at least two training photos")
     centres = torch.stack([camera.centre for camera in cameras])
@@ -198,7 +201,7 @@ def _views(
         factor = settings.reduction or max(1, round((camera.height * camera.width / 40_000) ** 0.5))
         height, width = (max(8, side // factor) for side in (camera.height, camera.width))
         image = functional.interpolate(photo[None], (height, width), mode="area")[0]
-        # A view at the same place tells nothing about depth: its cost is infinite.
+        # A view from the same place gives no information about depth: its cost is infinite.
         ranked = [int(j) for j in cost[i].argsort() if j >= first and cost[i, j].isfinite()]
         channels_last = np.ascontiguousarray(image.permute(1, 2, 0).numpy())
         views.append(_View(channels_last, camera.resized(height, width), ranked[: settings.neighbours]))
@@ -219,18 +222,18 @@ def _neighbour_images(views: list[_View], view: _View) -> tuple[np.ndarray, list
 
 
 def _homographies(camera: Camera, others: Sequence[Camera], inverse: Tensor) -> np.ndarray:
-    back = torch.linalg.inv(camera.K.double())
-    maps = []
+    inverse_intrinsics = torch.linalg.inv(camera.K.double())
+    homographies = []
     for other in others:
-        relative = other.world_to_camera.double() @ torch.linalg.inv(camera.world_to_camera.double())
-        planes = relative[:3, :3].repeat(len(inverse), 1, 1)
-        planes[:, :, 2] += inverse[:, None].double() * relative[:3, 3]
-        maps.append(other.K.double() @ planes @ back)
-    return torch.stack(maps, 1).float().numpy()
+        relative_pose = other.world_to_camera.double() @ torch.linalg.inv(camera.world_to_camera.double())
+        planes = relative_pose[:3, :3].repeat(len(inverse), 1, 1)
+        planes[:, :, 2] += inverse[:, None].double() * relative_pose[:3, 3]
+        homographies.append(other.K.double() @ planes @ inverse_intrinsics)
+    return torch.stack(homographies, 1).float().numpy()
 
 
 def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | None:
-    """Depths of known points in all cameras that see them; None where they are too few to tell."""
+    """Depths of known points in all cameras that see them; None if there are fewer than 100."""
     if known is None or len(known.positions) < 100:
         return None
     depths = torch.cat([_seen_depths(known.positions, camera) for camera in cameras])
@@ -238,31 +241,36 @@ def _known_depths(known: Points | None, cameras: Sequence[Camera]) -> Tensor | N
 
 
 def _seen_depths(positions: Tensor, camera: Camera) -> Tensor:
-    local = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    pixels = local @ camera.K.T
+    camera_points = positions @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = camera_points @ camera.K.T
     x, y = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
     in_image = (pixels[:, 2] > 0) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    return local[in_image, 2]
+    return camera_points[in_image, 2]
 
 
 def _coarse_depths(views: list[_View], distance: float, settings: SweepSettings) -> Tensor:
-    """Depths that a sweep of small images over a wide range confirms twice; empty where it confirms too few."""
-    wide = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
-    coarse = [_reduce_photo(view) for view in views]
-    depths = [inverse_depth(v.image, v.camera, *_neighbour_images(coarse, v), wide, settings) for v in coarse]
-    strict = dataclasses.replace(settings, confirmations=2)
-    positions = _merge_confirmed(coarse, depths, float(wide[1] - wide[0]), strict).points.positions
-    found = torch.cat([_seen_depths(positions, view.camera) for view in coarse])
-    return found if len(positions) >= 100 else found[:0]
+    """Depths that two neighbours confirm in a sweep of small images over a wide range; empty if they are too few."""
+    inverse_depths = torch.linspace(0.02 / distance, 4.0 / distance, settings.planes, dtype=torch.float64)
+    coarse_views = [_reduce_photo(view) for view in views]
+    inverse_depth_maps = [
+        inverse_depth(v.image, v.camera, *_neighbour_images(coarse_views, v), inverse_depths, settings)
+        for v in coarse_views
+    ]
+    strict_settings = dataclasses.replace(settings, confirmations=2)
+    positions = _merge_confirmed(
+        coarse_views, inverse_depth_maps, float(inverse_depths[1] - inverse_depths[0]), strict_settings
+    ).points.positions
+    visible_depths = torch.cat([_seen_depths(positions, view.camera) for view in coarse_views])
+    return visible_depths if len(positions) >= 100 else visible_depths[:0]
 
 
 def _depth_range(depths: Tensor, distance: float) -> tuple[float, float]:
     """Nearest and farthest depth to search: the range of known depths with a margin, or a wide guess."""
     if len(depths) == 0:
         return distance / 4, distance * 50
-    inverse = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
-    near, far = float(inverse.quantile(0.99)), float(inverse.quantile(0.01))
-    return 1 / (1.3 * near), 1 / (0.6 * far)
+    inverse_depths = 1 / depths[:: -(-len(depths) // 1_000_000)].double()
+    inverse_near, inverse_far = float(inverse_depths.quantile(0.99)), float(inverse_depths.quantile(0.01))
+    return 1 / (1.3 * inverse_near), 1 / (0.6 * inverse_far)
 
 
 def _reduce_photo(view: _View) -> _View:
@@ -271,28 +279,28 @@ def _reduce_photo(view: _View) -> _View:
 
 
 def _merge_confirmed(views: list[_View], depths: list[Tensor], step: float, settings: SweepSettings) -> SweptPoints:
-    """Keep points that enough neighbours confirm and that no earlier view has given."""
+    """Keep points that enough neighbours confirm and that no earlier view contains."""
     positions, colours, confirmations = [], [], []
     for i, view in enumerate(views):
-        world = _unproject(view.camera, depths[i])
-        confirmed = torch.zeros(len(world))
-        merged = torch.zeros(len(world), dtype=torch.bool)
+        world_points = _unproject(view.camera, depths[i])
+        confirmed = torch.zeros(len(world_points))
+        already_merged = torch.zeros(len(world_points), dtype=torch.bool)
         for j in view.neighbours:
-            agrees = _agrees_at(world, views[j].camera, depths[j], step, settings)
+            agrees = _agrees_at(world_points, views[j].camera, depths[j], step, settings)
             confirmed += agrees
             if j < i:
-                merged |= agrees
-        keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~merged
-        positions.append(world[keep])
+                already_merged |= agrees
+        keep = (confirmed >= min(settings.confirmations, len(view.neighbours))) & ~already_merged
+        positions.append(world_points[keep])
         colours.append(torch.from_numpy(view.image).reshape(-1, 3)[keep])
         confirmations.append(confirmed[keep])
     return SweptPoints(Points(torch.cat(positions), torch.cat(colours)), torch.cat(confirmations))
 
 
 def _agrees_at(world: Tensor, camera: Camera, inverse: Tensor, step: float, settings: SweepSettings) -> Tensor:
-    """Whether a view's inverse depth map holds each point at its inverse depth."""
-    local = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    pixels = local @ camera.K.T
+    """Whether a view's inverse depth map agrees with the inverse depth of each point."""
+    camera_points = world @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = camera_points @ camera.K.T
     depth = pixels[:, 2].clamp(min=1e-9)
     x, y = (pixels[:, 0] / depth).long(), (pixels[:, 1] / depth).long()
     inside = (pixels[:, 2] > 0) & (x >= 0) & (y >= 0) & (x < inverse.shape[1]) & (y < inverse.shape[0])

@@ -1,7 +1,7 @@
 """Compiled plane sweep: matching costs of a view at many inverse depths, smoothed and reduced to one depth a pixel.
 
 Axes: d inverse depths, h height, w width, j neighbour views. Images are (h, w, 3) float32 here: a pixel's channels
-lie together. Planes are independent tasks while costs are made, scanlines while they are smoothed.
+are adjacent in memory. Costs are computed in parallel over planes, and smoothed in parallel over scanlines.
 """
 
 from typing import no_type_check
@@ -12,13 +12,16 @@ from numba import prange
 from gaussian_enhancer.splat.compiled import exact_inner, exact_kernel
 
 UNSEEN = np.float32(0.5)
-"""Cost of a pixel that a neighbour does not see: that of a bad match, so that seen depths are preferred."""
+"""Cost of a pixel outside a neighbour's image: that of a bad match, so that visible depths are preferred."""
 
 
 @exact_inner
 @no_type_check
 def _difference(image, other, homography, out):
-    """Mean absolute difference over channels of the view and a neighbour warped by one plane's homography."""
+    """Mean absolute difference over channels of the view and a neighbour warped by one plane's homography.
+
+    It is at most `UNSEEN`.
+    """
     height, width = image.shape[0], image.shape[1]
     for y in range(height):
         for x in range(width):
@@ -44,7 +47,7 @@ def _difference(image, other, homography, out):
 @exact_inner
 @no_type_check
 def _box(values, radius, out):
-    """Mean over a window that is cut at the borders, by running sums."""
+    """Mean over a window that is cropped at the borders, along rows first and then along columns."""
     height, width = values.shape
     rows = np.empty((height, width), np.float32)
     for y in range(height):
@@ -72,29 +75,29 @@ def cost_volume(image, others, homographies, radius, volume):
     """
     height, width = image.shape[0], image.shape[1]
     views = others.shape[0]
-    kept = (views + 1) // 2
+    used_count = (views + 1) // 2
     for plane in prange(homographies.shape[0]):
         raw = np.empty((height, width), np.float32)
         costs = np.empty((views, height, width), np.float32)
         for j in range(views):
             _difference(image, others[j], homographies[plane, j], raw)
             _box(raw, radius, costs[j])
-        least = np.empty(views, np.float32)
+        sorted_costs = np.empty(views, np.float32)
         for y in range(height):
             for x in range(width):
                 for j in range(views):
                     value, index = costs[j, y, x], j
-                    while index > 0 and least[index - 1] > value:
-                        least[index] = least[index - 1]
+                    while index > 0 and sorted_costs[index - 1] > value:
+                        sorted_costs[index] = sorted_costs[index - 1]
                         index -= 1
-                    least[index] = value
-                volume[y, x, plane] = least[:kept].sum() / kept
+                    sorted_costs[index] = value
+                volume[y, x, plane] = sorted_costs[:used_count].sum() / used_count
 
 
 @exact_inner
 @no_type_check
 def _step(previous, cost, small, large, out):
-    """One pixel of a semi-global path: stay, move by one plane for ``small``, jump for ``large``."""
+    """Path costs of a pixel in semi-global matching: changes by one plane cost ``small``, larger ones ``large``."""
     planes = cost.shape[0]
     least = previous.min()
     for d in range(planes):
@@ -109,7 +112,7 @@ def _step(previous, cost, small, large, out):
 @exact_kernel
 @no_type_check
 def smooth(volume, image, small, large, total):
-    """Semi-global sums along rows and columns, both ways; a jump is cheaper across an edge of the image.
+    """Sums of semi-global path costs along rows and columns in both directions; jumps cost less at image edges.
 
     Source: Hirschmueller, Stereo Processing by Semiglobal Matching and Mutual Information, TPAMI 2008, eq. 13.
     """
@@ -119,7 +122,7 @@ def smooth(volume, image, small, large, total):
         lines = height if along_rows else width
         length = width if along_rows else height
         for task in prange(lines):
-            line = np.int64(task)  # an unsigned loop index would turn position into float
+            line = np.int64(task)  # an unsigned loop index would make position a float
             previous = np.zeros(planes, np.float32)
             current = np.empty(planes, np.float32)
             for step in range(length):
@@ -127,8 +130,8 @@ def smooth(volume, image, small, large, total):
                 y, x = (line, position) if along_rows else (position, line)
                 penalty = large
                 if step > 0:
-                    back = position - 1 if direction % 2 == 0 else position + 1
-                    py, px = (line, back) if along_rows else (back, line)
+                    previous_position = position - 1 if direction % 2 == 0 else position + 1
+                    py, px = (line, previous_position) if along_rows else (previous_position, line)
                     edge = np.float32(0)
                     for c in range(3):
                         edge += abs(image[y, x, c] - image[py, px, c])
@@ -142,7 +145,7 @@ def smooth(volume, image, small, large, total):
 @exact_kernel
 @no_type_check
 def best_plane(volume, index):
-    """The cheapest plane of each pixel, between planes by a parabola through its neighbours."""
+    """Index of the cheapest plane of each pixel, refined between planes by a parabola through its neighbours."""
     height, width, planes = volume.shape
     for y in prange(height):
         for x in range(width):
@@ -150,6 +153,6 @@ def best_plane(volume, index):
             index[y, x] = best
             if 0 < best < planes - 1:
                 before, at, after = volume[y, x, best - 1], volume[y, x, best], volume[y, x, best + 1]
-                bend = before - 2 * at + after
-                if bend > 0:
-                    index[y, x] = best + 0.5 * (before - after) / bend
+                curvature = before - 2 * at + after
+                if curvature > 0:
+                    index[y, x] = best + 0.5 * (before - after) / curvature

@@ -15,12 +15,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from torch import Tensor
 
 EVERY = 10
-"""Steps between two looks at the loss: each one waits for the device."""
+"""Steps between two readings of the loss; each reading waits for the device."""
 
 
 @contextmanager
 def waiting(title: str, shown: bool) -> Iterator[None]:
-    """A moving bar on a terminal's standard error while something of unknown length is prepared; it leaves no line.
+    """Show a bar without a total on a terminal's standard error while something is prepared, then remove it.
 
     Args:
         title: what is prepared.
@@ -34,7 +34,7 @@ def waiting(title: str, shown: bool) -> Iterator[None]:
 
 
 class FitProgress:
-    """A bar on standard error, or nothing.
+    """Progress bar of a fit on standard error; does nothing if ``shown`` is false.
 
     Args:
         steps: number of steps of the whole fit.
@@ -70,7 +70,7 @@ class FitProgress:
 
         Args:
             step: steps done.
-            loss: of this step.
+            loss: loss of this step.
             difference: render minus photo of this step.
             count: number of Gaussians.
         """

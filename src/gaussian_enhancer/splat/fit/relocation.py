@@ -1,8 +1,8 @@
-"""Density control as Markov chain Monte Carlo: dead Gaussians move to live ones, the number grows, centres explore.
+"""Density control of 3DGS-MCMC: dead Gaussians move to live ones, Gaussians are added, and centres get noise.
 
 Axes: n Gaussians, m Gaussians among them, s scale axes.
 Source: Kheradmand et al., 3D Gaussian Splatting as Markov Chain Monte Carlo, NeurIPS 2024, equations 8 to 10 and
-section 4.1. What differs: lengths in the noise are in camera extents, so that a scene's unit does not matter.
+section 4.1. Difference: lengths in the noise are in camera extents, so that results do not depend on a scene's unit.
 """
 
 import math
@@ -19,22 +19,22 @@ from gaussian_enhancer.splat.fit.turned import rotate_vectors
 from gaussian_enhancer.types import Gaussians
 
 MOST_COPIES = 51
-"""Largest number of copies that the formulas are asked for at once (theirs)."""
+"""Largest number of copies that the formulas are evaluated for (the authors' value)."""
 SHARPNESS = 100.0
-"""Slope of the sigmoid that ends exploration above the dead opacity (theirs)."""
+"""Slope of the sigmoid that ends the noise above the opacity of dead Gaussians (the authors' value)."""
 
 
 @dataclass(frozen=True)
 class Relocation:
-    """When and how Gaussians move, join and explore.
+    """When and how Gaussians are relocated, added and moved by noise.
 
     Args:
-        every: steps between relocations; 0 never relocates.
-        start: share of the fit after which they begin.
-        stop: share of the fit after which they end.
+        every: steps between relocations; 0 turns them off.
+        start: share of the fit after which relocations begin.
+        stop: share of the fit after which relocations end.
         opacity: Gaussians at or below this opacity are dead.
-        growth: share by which one relocation increases the number, up to ``max_gaussians``.
-        noise: strength of the exploration in units of the centres' learning rate; 0 explores nothing.
+        growth: share by which one relocation increases the number of Gaussians, up to ``max_gaussians``.
+        noise: strength of the noise on the centres, in units of their learning rate; 0 turns it off.
     """
 
     every: int = 100
@@ -55,37 +55,37 @@ class Relocation:
             raise InputError("densification.growth, noise", f"are {self.growth}, {self.noise}", "give none below 0")
 
     def due(self, step: int, steps: int) -> bool:
-        """Whether Gaussians move after this step (counted from 1)."""
+        """Whether Gaussians are relocated after this step (counted from 1)."""
         return due_between(self.every, self.start, self.stop, step, steps)
 
 
 def split_between_copies(
     opacities: Float[Tensor, " m"], copies: Int64[Tensor, " m"]
 ) -> tuple[Float[Tensor, " m"], Float[Tensor, " m"]]:
-    """Opacity of each of N copies on one place that together equal one Gaussian, and the factor on their scales.
+    """Opacity of each of N copies at one place that together equal one Gaussian, and the factor on their scales.
 
     o' = 1 - (1 - o)^(1/N),   s'/s = o / sum_{i=1..N} sum_{k=0..i-1} (i-1 over k) (-1)^k o'^(k+1) / sqrt(k+1)
 
-    (equation 9). The factor keeps the integral of what the copies hide along a line through the centre.
+    (equation 9). The factor preserves the integral of the copies' joint opacity along a line through the centre.
 
     Args:
         opacities: in (0, 1).
         copies: N, at least 1.
     """
-    old, count = opacities.double(), copies.clamp(1, MOST_COPIES)
-    new = 1 - (1 - old) ** (1 / count.double())
-    total = torch.zeros_like(old)
+    opacity, count = opacities.double(), copies.clamp(1, MOST_COPIES)
+    copy_opacity = 1 - (1 - opacity) ** (1 / count.double())
+    total = torch.zeros_like(opacity)
     for i in range(1, int(count.max()) + 1 if len(count) else 1):
-        part = torch.zeros_like(old)
+        term = torch.zeros_like(opacity)
         for k in range(i):
-            part += math.comb(i - 1, k) * (-1) ** k * new ** (k + 1) / math.sqrt(k + 1)
-        total += torch.where(count >= i, part, 0)
-    return new.to(opacities), (old / total).to(opacities)
+            term += math.comb(i - 1, k) * (-1) ** k * copy_opacity ** (k + 1) / math.sqrt(k + 1)
+        total += torch.where(count >= i, term, 0)
+    return copy_opacity.to(opacities), (opacity / total).to(opacities)
 
 
 @torch.no_grad()
 def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, generator: torch.Generator) -> None:
-    """Move dead Gaussians to live ones drawn by opacity, then add some in the same way.
+    """Move dead Gaussians to live ones drawn in proportion to opacity, then add Gaussians in the same way.
 
     Args:
         optimiser: the Gaussians and their moments; changed in place.
@@ -94,67 +94,67 @@ def relocate(optimiser: SplatOptimiser, settings: Relocation, limit: int, genera
         generator: source of randomness.
     """
     opacities = optimiser.gaussians(0).opacity_logits.sigmoid()
-    dead = (opacities <= settings.opacity).nonzero()[:, 0]
-    live = (opacities > settings.opacity).nonzero()[:, 0]
-    if len(live) == 0:
+    dead_indices = (opacities <= settings.opacity).nonzero()[:, 0]
+    live_indices = (opacities > settings.opacity).nonzero()[:, 0]
+    if len(live_indices) == 0:
         return
-    if len(dead):
-        chosen = live[_draw_indices(opacities[live], len(dead), generator)]
-        optimiser.overwrite(dead, _split_opacity(optimiser, chosen, settings)[chosen])
-    joining = min(limit, int((1 + settings.growth) * len(optimiser))) - len(optimiser)
-    if joining > 0:
-        chosen = _draw_indices(optimiser.gaussians(0).opacity_logits.sigmoid(), joining, generator)
-        optimiser.append(_split_opacity(optimiser, chosen, settings)[chosen])
+    if len(dead_indices):
+        targets = live_indices[_draw_indices(opacities[live_indices], len(dead_indices), generator)]
+        optimiser.overwrite(dead_indices, _split_opacity(optimiser, targets, settings)[targets])
+    added_count = min(limit, int((1 + settings.growth) * len(optimiser))) - len(optimiser)
+    if added_count > 0:
+        targets = _draw_indices(optimiser.gaussians(0).opacity_logits.sigmoid(), added_count, generator)
+        optimiser.append(_split_opacity(optimiser, targets, settings)[targets])
 
 
 @torch.no_grad()
 def explore(
     optimiser: SplatOptimiser, settings: Relocation, extent: float, number: int, generator: torch.Generator
 ) -> None:
-    """Shift the centres of nearly transparent Gaussians at random, along their own shape (equation 8).
+    """Shift the centres of nearly transparent Gaussians by noise with the Gaussians' shape (equation 8).
 
-    With extents as the unit of length, dx = noise lr sigmoid(100 (0.005 - o)) Sigma eta with eta ~ N(0, I).
+    With the camera extent as the unit of length, dx = noise lr sigmoid(100 (0.005 - o)) Sigma eta with eta ~ N(0, I).
 
     Args:
-        optimiser: whose Gaussians are shifted.
+        optimiser: the Gaussians, whose centres are shifted in place.
         settings: strength of the noise.
-        extent: scene units of one camera extent.
-        number: the step's number, from 0; the centres' learning rate fades over the fit.
+        extent: camera extent in scene units.
+        number: the step's number, from 0; the centres' learning rate decays over the fit.
         generator: source of randomness.
     """
     gaussians = optimiser.gaussians(0)
     gate = torch.sigmoid(SHARPNESS * (settings.opacity - gaussians.opacity_logits.sigmoid()))
     noise = torch.randn(len(gaussians), 3, generator=generator).to(gaussians.means)
-    free = (gate > 1e-6).nonzero()[:, 0]
-    scales = gaussians.log_scales[free].exp()
-    quaternions = gaussians.quaternions[free]
-    displacement = rotate_vectors(quaternions, noise[free], back=True)[:, : scales.shape[1]] * scales.square()
-    strength = settings.noise * optimiser.means_rate(number) / extent**2 * gate[free]
-    optimiser.shift(free, strength[:, None] * rotate_vectors(quaternions, displacement))
+    movable = (gate > 1e-6).nonzero()[:, 0]
+    scales = gaussians.log_scales[movable].exp()
+    quaternions = gaussians.quaternions[movable]
+    displacement = rotate_vectors(quaternions, noise[movable], back=True)[:, : scales.shape[1]] * scales.square()
+    strength = settings.noise * optimiser.means_rate(number) / extent**2 * gate[movable]
+    optimiser.shift(movable, strength[:, None] * rotate_vectors(quaternions, displacement))
 
 
 def _draw_indices(weights: Float[Tensor, " m"], count: int, generator: torch.Generator) -> Int64[Tensor, " d"]:
     """Indices drawn in proportion to the weights, with replacement."""
-    # torch.multinomial refuses more than 2^24 weights
+    # torch.multinomial does not take more than 2^24 weights
     edges = weights.double().cpu().cumsum(0)
-    places = torch.rand(count, generator=generator, dtype=torch.float64) * edges[-1]
-    return torch.searchsorted(edges, places, right=True).clamp(max=len(weights) - 1).to(weights.device)
+    samples = torch.rand(count, generator=generator, dtype=torch.float64) * edges[-1]
+    return torch.searchsorted(edges, samples, right=True).clamp(max=len(weights) - 1).to(weights.device)
 
 
 def _split_opacity(optimiser: SplatOptimiser, drawn: Int64[Tensor, " d"], settings: Relocation) -> Gaussians:
-    """Make each drawn Gaussian one of as many as it will be; all Gaussians afterwards."""
-    now = optimiser.gaussians()
-    parents, times = drawn.unique(return_counts=True)
-    opacity, factor = split_between_copies(now.opacity_logits[parents].sigmoid(), times + 1)
-    changed = now[parents]
+    """Give each drawn Gaussian the opacity and scales of one of its copies, in place; return all Gaussians."""
+    gaussians = optimiser.gaussians()
+    parents, draw_counts = drawn.unique(return_counts=True)
+    opacity, factor = split_between_copies(gaussians.opacity_logits[parents].sigmoid(), draw_counts + 1)
+    originals = gaussians[parents]
     optimiser.overwrite(
         parents,
         Gaussians(
-            changed.means,
-            changed.log_scales + factor.log()[:, None],
-            changed.quaternions,
+            originals.means,
+            originals.log_scales + factor.log()[:, None],
+            originals.quaternions,
             opacity.clamp(settings.opacity, 1 - 1e-6).logit(),
-            changed.sh,
+            originals.sh,
         ),
     )
     return optimiser.gaussians()

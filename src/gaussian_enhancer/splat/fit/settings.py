@@ -1,4 +1,4 @@
-"""The choices of a fit, as plain values."""
+"""Settings of a fit, as plain values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from gaussian_enhancer.typed import check_fields
 
 @dataclass(frozen=True)
 class Regularisation:
-    """What holds a splat back where few photos constrain it.
+    """Penalties on a splat, which matter where few photos constrain it.
 
     Args:
         opacity: weight of the mean opacity (Kheradmand et al., 3DGS as MCMC, NeurIPS 2024, equation 11; their penalty
@@ -32,21 +32,23 @@ class Regularisation:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Choices of a fit.
+    """Settings of a fit.
 
     Args:
         steps: number of steps, one photo each.
-        init: what to start from: "auto" (the scene's points and a plane sweep), "plane_sweep", "points" or "random".
-        start_gaussians: largest number of Gaussians to start with; never more than ``max_gaussians``.
+        init: source of the initial Gaussians: "auto" (the scene's points and a plane sweep), "plane_sweep", "points" or
+            "random".
+        start_gaussians: largest number of initial Gaussians; never more than ``max_gaussians``.
         max_gaussians: largest number of Gaussians at any time.
-        sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised from 0 in equal parts of the first third.
+        sh_degree: degree of the colour's spherical harmonics, 0 to 3; raised to it from 0 in equal parts of the
+            first third of the fit.
         snapshots: shares of the fit after which views are rendered and kept.
-        seed: of all randomness.
+        seed: seed of all random numbers.
         ssim_weight: share of 1 - SSIM in the loss; L1 has the rest.
         rates: learning rates.
-        densification: how Gaussians come and go: by gradients, or by relocation (3DGS-MCMC).
-        regularisation: what holds the splat back.
-        sweep: how the plane sweep searches.
+        densification: how Gaussians are added and removed: by gradients, or by relocation (3DGS-MCMC).
+        regularisation: penalties on the splat.
+        sweep: settings of the plane sweep.
     """
 
     steps: int = 3000

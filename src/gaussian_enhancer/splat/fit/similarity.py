@@ -1,7 +1,8 @@
-"""How far a render is from its photo while fitting: (1 - weight) L1 + weight (1 - SSIM), with a gradient of its own.
+"""Photometric loss of a fit, (1 - weight) L1 + weight (1 - SSIM), with a hand-written gradient.
 
 Axes: c channels, h height, w width. SSIM is the mean of `ssim_map` over channels and pixels.
-float32 on the CPU takes the compiled kernels; every other device or type takes plain torch, which is also their oracle.
+float32 on the CPU uses the compiled kernels. Other devices and dtypes use plain PyTorch, which is also the reference
+for the kernels.
 """
 
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ class PreparedPhoto(Movable):
 
     Args:
         photo: the photo in [0, 1].
-        mean: the photo under the window.
-        square: the squared photo under the window.
+        mean: the photo filtered with SSIM's window.
+        square: the squared photo filtered with SSIM's window.
     """
 
     photo: Float[Tensor, "c h w"]
@@ -31,7 +32,7 @@ class PreparedPhoto(Movable):
 
 
 def prepare(photo: Float[Tensor, "c h w"]) -> PreparedPhoto:
-    """Compute once what does not change while the render does.
+    """Compute the parts of the loss that depend on the photo alone.
 
     Args:
         photo: image in [0, 1].
@@ -58,12 +59,12 @@ def photometric_loss(image: Float[Tensor, "c h w"], target: PreparedPhoto, weigh
     """
     if _similarity_compiled(image):
         return _CompiledLoss.apply(image, target, weight)  # type: ignore[no-any-return]
-    absolute = (image - target.photo).abs().mean()
-    return (1 - weight) * absolute + weight * (1 - ssim_map(image, target.photo).mean())
+    l1 = (image - target.photo).abs().mean()
+    return (1 - weight) * l1 + weight * (1 - ssim_map(image, target.photo).mean())
 
 
 class _CompiledLoss(torch.autograd.Function):
-    """The loss through the compiled kernels; the gradient is made in the backward pass only."""
+    """The loss through the compiled kernels; the gradient is computed in the backward pass only."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: PreparedPhoto, weight: float) -> Tensor:
@@ -83,8 +84,8 @@ class _CompiledLoss(torch.autograd.Function):
             sums[1].numpy(),
         )
         ctx.image, ctx.target, ctx.partial, ctx.weight = image, target, partial, weight
-        ssim, absolute = sums.sum(1, dtype=torch.float64) / image.numel()
-        return ((1 - weight) * absolute + weight * (1 - ssim)).float()
+        ssim, l1 = sums.sum(1, dtype=torch.float64) / image.numel()
+        return ((1 - weight) * l1 + weight * (1 - ssim)).float()
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, None, None]:

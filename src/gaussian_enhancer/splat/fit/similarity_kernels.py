@@ -1,7 +1,7 @@
-"""Compiled SSIM + L1: one pass over rows for the value, one for the gradient, no temporary image in between.
+"""Compiled SSIM + L1: one pass over rows for the value and the partial derivatives, one for the gradient.
 
-Axes: c channels, h height, w width. Every row is a task of its own, so threads share nothing; the filter runs down
-the columns into a row buffer first and along that row afterwards, which keeps both passes in the first-level cache.
+Axes: c channels, h height, w width. Every row is an independent task, so that threads share no data. The filter first
+runs down the columns into a row buffer and then along that row, which keeps both passes in the first-level cache.
 """
 
 from typing import no_type_check
@@ -58,7 +58,7 @@ def photo_statistics(photo, window, mean, square):
 @kernel
 @no_type_check
 def similarity_forward(image, photo, mean, square, window, partial, ssim, absolute):
-    """Sums of SSIM and of absolute differences per row, and SSIM's partials by its three filtered inputs.
+    """Sums of SSIM and of absolute differences per row, and SSIM's partial derivatives by its three filtered inputs.
 
     With a = 2 m_x m_y + C1, b = 2 s_xy + C2, p = m_x^2 + m_y^2 + C1, q = s_xx + s_yy + C2 and SSIM = a b / (p q):
     d/ds_xx = -SSIM / q, d/ds_xy = 2 a / (p q), and by m_x also through s_xx = E[x^2] - m_x^2, s_xy = E[x y] - m_x m_y.
@@ -105,7 +105,7 @@ def similarity_forward(image, photo, mean, square, window, partial, ssim, absolu
 @kernel
 @no_type_check
 def similarity_backward(image, photo, partial, window, by_ssim, by_absolute, gradient):
-    """Gradient by the image; a symmetric zero-padded filter is its own adjoint."""
+    """Gradient with respect to the image; a symmetric zero-padded filter is its own adjoint."""
     channels, height, width = image.shape
     for task in prange(channels * height):
         c, y = task // height, task % height

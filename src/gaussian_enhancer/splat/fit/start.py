@@ -1,4 +1,4 @@
-"""The first Gaussians of a fit, by the source that the user names.
+"""Initial Gaussians of a fit, from the source that the user chooses.
 
 Axes: p points, s scale axes.
 """
@@ -18,13 +18,13 @@ from gaussian_enhancer.splat.methods import Method, TwoDGS
 from gaussian_enhancer.types import Camera, Gaussians
 
 OPACITY_ON_SURFACES = 0.3
-"""Opacity to start with on surfaces that were found; 3DGS's 0.1 is kept for guesses."""
+"""Initial opacity of Gaussians on known or swept points; random ones start with 3DGS's 0.1."""
 
 STARTS = ("auto", "plane_sweep", "points", "random")
-"""What a fit can start from."""
+"""Sources of the initial Gaussians: the values of ``init``."""
 
 ONCE_SHARE = 0.15
-"""Share of the Gaussians that may start on points which a single neighbour confirms."""
+"""Share of the swept points that is reserved for those which a single neighbour confirms."""
 
 
 def starting_gaussians(
@@ -39,39 +39,43 @@ def starting_gaussians(
     sweep: SweepSettings,
     progress: Callable[[int, int], None] | None = None,
 ) -> Gaussians:
-    """Gaussians to start a fit from.
+    """Initial Gaussians of a fit.
 
     Args:
         scene: the scene, for its points.
         photos: the training photos.
         method: 2DGS starts with disks that face the nearest camera.
-        init: "plane_sweep" matches the training photos, "points" takes the scene's, "auto" takes both (half of the
-            Gaussians each) where the scene has points, "random" draws in the frusta.
+        init: "plane_sweep" matches the training photos, "points" takes the scene's points, "auto" takes both (half of
+            the Gaussians each) if the scene has points, "random" draws points in the cameras' fields of view.
         count: largest number of Gaussians.
         sh_degree: degree of the colour's spherical harmonics.
         generator: source of randomness.
         sweep: settings of the plane sweep.
-        progress: called with the number of views swept and of all.
+        progress: called with the number of finished views and the number of all views of the sweep.
 
     Raises:
-        InputError: the source is unknown, or the scene has no points.
+        InputError: the source is unknown, or it has no points.
     """
-    known = scene.points if scene.points is not None and len(scene.points.positions) else None
+    scene_points = scene.points if scene.points is not None and len(scene.points.positions) else None
     if init == "random":
         points = at_random(photos.cameras, count, generator)
     elif init == "points":
-        if known is None:
+        if scene_points is None:
             raise InputError("init=points", f"but scene {scene.name} has none", "choose plane_sweep or random")
-        points = _random_subset(known, count, generator)
+        points = _random_subset(scene_points, count, generator)
     elif init in ("auto", "plane_sweep"):
-        first = None if known is None or init == "plane_sweep" else _random_subset(known, count // 2, generator)
-        room = count if first is None else count - len(first.positions)
-        swept = sweep_points(photos.pixels(), photos.cameras, sweep, known=known, progress=progress)
-        if len(swept.points.positions) == 0 and first is None:
+        point_subset = (
+            None
+            if scene_points is None or init == "plane_sweep"
+            else _random_subset(scene_points, count // 2, generator)
+        )
+        swept_count = count if point_subset is None else count - len(point_subset.positions)
+        swept = sweep_points(photos.pixels(), photos.cameras, sweep, known=scene_points, progress=progress)
+        if len(swept.points.positions) == 0 and point_subset is None:
             raise InputError(f"init={init}", "found no point that two photos agree on", "choose random or points")
-        points = _most_confirmed(swept, room, generator)
-        if first is not None:
-            points = _joined(first, points)
+        points = _most_confirmed(swept, swept_count, generator)
+        if point_subset is not None:
+            points = _joined(point_subset, points)
     else:
         raise InputError("init", f"is {init!r}", "choose auto, plane_sweep, points or random")
     disks = isinstance(method, TwoDGS)
@@ -83,20 +87,24 @@ def starting_gaussians(
 
 
 def _most_confirmed(swept: SweptPoints, count: int, generator: torch.Generator) -> Points:
-    """Points that two views confirm, and up to ONCE_SHARE of those that only one does: borders need them."""
-    twice = (swept.confirmations >= 2).nonzero()[:, 0]
-    once = (swept.confirmations < 2).nonzero()[:, 0]
-    twice = twice[torch.randperm(len(twice), generator=generator)]
-    once = once[torch.randperm(len(once), generator=generator)]
-    reserved = min(len(once), round(ONCE_SHARE * count))
-    chosen = twice[: count - reserved]
-    chosen = torch.cat([chosen, once[: count - len(chosen)]])
-    return Points(swept.points.positions[chosen], swept.points.colours[chosen])
+    """Random choice of points that two or more neighbours confirm, and of points that only one confirms.
+
+    A share of ONCE_SHARE is reserved for the latter, which are needed at borders; they also replace missing ones of the
+    former.
+    """
+    confirmed_twice = (swept.confirmations >= 2).nonzero()[:, 0]
+    confirmed_once = (swept.confirmations < 2).nonzero()[:, 0]
+    confirmed_twice = confirmed_twice[torch.randperm(len(confirmed_twice), generator=generator)]
+    confirmed_once = confirmed_once[torch.randperm(len(confirmed_once), generator=generator)]
+    reserved_count = min(len(confirmed_once), round(ONCE_SHARE * count))
+    selected = confirmed_twice[: count - reserved_count]
+    selected = torch.cat([selected, confirmed_once[: count - len(selected)]])
+    return Points(swept.points.positions[selected], swept.points.colours[selected])
 
 
 def _random_subset(points: Points, count: int, generator: torch.Generator) -> Points:
-    chosen = torch.randperm(len(points.positions), generator=generator)[:count]
-    return Points(points.positions[chosen], points.colours[chosen])
+    selected = torch.randperm(len(points.positions), generator=generator)[:count]
+    return Points(points.positions[selected], points.colours[selected])
 
 
 def _joined(first: Points, second: Points) -> Points:

@@ -15,11 +15,11 @@ INSIDE_RENDER = {
     "raster backward": ("raster.blend_backward", "raster_disks.blend_disks_backward", "tiles.sum_over_tiles"),
     "project backward": ("ewa_backward.project_backward", "disks.project_disks_backward", "sh.shade_backward"),
 }
-"""Parts of the CPU renderer by the functions that do them."""
+"""Parts of the CPU renderer, with the functions that are timed for each."""
 
 
 class Stopwatch:
-    """Adds up the time of named phases; does nothing unless it is on.
+    """Sums the run time of named phases; does nothing unless ``on``.
 
     Args:
         on: whether to measure. On CUDA every phase then ends with a synchronisation.
@@ -32,7 +32,7 @@ class Stopwatch:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Measure a block under a name."""
+        """Add the run time of a block to a phase."""
         if not self.on:
             yield
             return
@@ -42,7 +42,7 @@ class Stopwatch:
 
     @contextmanager
     def inside_render(self) -> Iterator[None]:
-        """Measure the renderer's own parts while the block runs."""
+        """Measure the parts of the renderer while the block runs."""
         with ExitStack() as stack:
             if self.on:
                 for name, parts in INSIDE_RENDER.items():
@@ -52,7 +52,7 @@ class Stopwatch:
             yield
 
     def table(self) -> str:
-        """Milliseconds a step by phase; the renderer's parts are shares of render and backward."""
+        """Table of milliseconds per step by phase; the renderer's parts are included in render and backward."""
         lines = [f"{'phase':<20}{'ms/step':>9}"]
         for name, seconds in self.seconds.items():
             lines.append(f"{'  ' * (name in INSIDE_RENDER) + name:<20}{1e3 * seconds / max(1, self.steps):>9.2f}")

@@ -1,4 +1,4 @@
-"""The photos that a splat is fitted to: checked when the fit starts, kept prepared for the loss while memory lasts.
+"""Training photos of a fit: validated at its start, and cached in prepared form up to a limit of memory.
 
 Axes: h height, w width.
 """
@@ -16,16 +16,16 @@ from gaussian_enhancer.types import Camera
 
 
 class TrainingPhotos:
-    """Training photos by number.
+    """Training photos by index.
 
     Args:
         scene: the scene; its training photos need cameras.
         device: where the fit computes.
-        memory: bytes that prepared photos may take; the rest is read again each time.
+        memory: bytes that prepared photos may take; the other photos are read again at each use.
 
     Raises:
-        InputError: fewer than two training photos, a photo without a camera, of another size than its camera, or
-            with values that are not finite.
+        InputError: fewer than two training photos, or a training or test photo without a camera, of another size than
+            its camera, or with values that are not finite.
     """
 
     def __init__(self, scene: Scene, device: torch.device, memory: int = 4 * 2**30) -> None:
@@ -35,7 +35,7 @@ class TrainingPhotos:
         self._photos = scene.train_photos
         self._device = device
         self.cameras: list[Camera] = [_camera(photo) for photo in self._photos]
-        for photo in scene.test_photos:  # a fit must not find out after an hour that it cannot be measured
+        for photo in scene.test_photos:  # invalid test photos are reported now, not after the fit
             _camera(photo)
             _checked(photo)
         self._prepared: dict[int, PreparedPhoto] = {}
@@ -49,21 +49,21 @@ class TrainingPhotos:
         return len(self._photos)
 
     def pixels(self) -> Sequence[Float[Tensor, "3 _ _"]]:
-        """All photos on the CPU, read one by one."""
+        """All photos, on the CPU."""
         return [self._read(number) for number in range(len(self))]
 
     def target(self, number: int) -> PreparedPhoto:
         """A photo prepared for the loss.
 
         Args:
-            number: position among the training photos.
+            number: index among the training photos.
         """
-        known = self._prepared.get(number)
-        return known if known is not None else prepare(self._read(number).to(self._device))
+        prepared = self._prepared.get(number)
+        return prepared if prepared is not None else prepare(self._read(number).to(self._device))
 
     def _read(self, number: int) -> Tensor:
-        known = self._prepared.get(number)
-        return self._photos[number].read() if known is None else known.photo.cpu()
+        prepared = self._prepared.get(number)
+        return self._photos[number].read() if prepared is None else prepared.photo.cpu()
 
 
 def _camera(photo: Photo) -> Camera:

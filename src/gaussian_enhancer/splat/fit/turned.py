@@ -1,4 +1,4 @@
-"""Vectors turned between a Gaussian's own axes and the world.
+"""Rotation of vectors between a Gaussian's axes and the world.
 
 Axes: n Gaussians, s axes that a vector has (missing ones are 0).
 """
@@ -11,12 +11,12 @@ from torch import Tensor
 def rotate_vectors(
     quaternions: Float[Tensor, "n 4"], vectors: Float[Tensor, "n s"], *, back: bool = False
 ) -> Float[Tensor, "n 3"]:
-    """Turn vectors from own axes to the world.
+    """Rotate vectors from the Gaussians' axes to the world.
 
     Args:
         quaternions: (w, x, y, z), of any non-zero length.
-        vectors: one a Gaussian.
-        back: turn from the world to own axes instead.
+        vectors: one vector per Gaussian.
+        back: rotate from the world to the Gaussians' axes instead.
     """
     w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
     columns = torch.stack(

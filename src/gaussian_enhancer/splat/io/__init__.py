@@ -1,1 +1,1 @@
-"""Splat files: 3DGS .ply in and out, PlayCanvas compressed .ply and .spz in."""
+"""Splat files: reading and writing of 3DGS .ply, PlayCanvas compressed .ply and .spz; reading of gsplat's results."""

@@ -3,7 +3,7 @@
 Element ``chunk`` holds, for each run of 256 Gaussians, the range of position, log scale and (newer files) base
 colour. Element ``vertex`` holds four 32-bit words per Gaussian, most significant field first: position and scale
 11-10-11 bits within the chunk's range, rotation 2-10-10-10 (index of the largest of w, x, y, z, then the other
-three over +-1/sqrt(2)), colour 8-8-8 with 8 bits of opacity. Element ``sh``, if there, holds the higher harmonics as
+three over +-1/sqrt(2)), colour 8-8-8 with 8 bits of opacity. Element ``sh``, if present, holds the higher harmonics as
 bytes over [-4, 4], channel-major as in 3DGS. Source: the format as documented by PlayCanvas (splat-transform, MIT).
 
 Axes: n Gaussians.
@@ -31,10 +31,10 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
 
     Args:
         path: the file.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
-        InputError: if the file is missing, truncated, of another layout, or holds bad Gaussians that are refused.
+        InputError: if the file is missing, truncated, of another layout, or holds invalid Gaussians that are refused.
     """
     elements = read_elements(path)
     for name in ("chunk", "vertex"):
@@ -42,7 +42,7 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
             raise InputError(path, f"has no {name} element", "read it as a plain .ply, or export it again")
     chunk, vertex = elements["chunk"], elements["vertex"]
     _check(path, chunk, vertex, elements.get("sh"))
-    # The fields' own ranges: each chunk's numbers repeated for its 256 Gaussians.
+    # The range of each Gaussian's values: that of its chunk, repeated for the chunk's 256 Gaussians.
     ranges = np.repeat(chunk, _CHUNK)[: len(vertex)]
     colour = np.stack([bit_field(vertex["packed_color"], shift, 8) for shift in (24, 16, 8)], axis=1)
     if "min_r" in (chunk.dtype.names or ()):
@@ -61,12 +61,12 @@ def read_compressed_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussia
 
 
 def _check(path: str | Path, chunk: np.ndarray, vertex: np.ndarray, sh: np.ndarray | None) -> None:
-    """Refuse a layout or a count that would be misread."""
+    """Raise an error for a layout or a count that would be misread."""
     axes: tuple[str, ...] = ("x", "y", "z", "scale_x", "scale_y", "scale_z")
     if "min_r" in (chunk.dtype.names or ()):
         axes = (*axes, "r", "g", "b")
-    wanted = [f"{end}_{axis}" for end in ("min", "max") for axis in axes]
-    missing = [name for name in wanted if name not in (chunk.dtype.names or ())]
+    required = [f"{end}_{axis}" for end in ("min", "max") for axis in axes]
+    missing = [name for name in required if name not in (chunk.dtype.names or ())]
     missing += [name for name in _PACKED if name not in (vertex.dtype.names or ())]
     if missing:
         raise InputError(path, f"has no {', '.join(missing)}", _REMEDY)
@@ -74,8 +74,8 @@ def _check(path: str | Path, chunk: np.ndarray, vertex: np.ndarray, sh: np.ndarr
         raise InputError(path, "has packed properties that are not of type uint", _REMEDY)
     expected = -(-len(vertex) // _CHUNK)
     if len(chunk) != expected:
-        found = f"has {len(chunk)} chunks where {len(vertex)} Gaussians need {expected}"
-        raise InputError(path, found, _REMEDY)
+        received = f"has {len(chunk)} chunks where {len(vertex)} Gaussians need {expected}"
+        raise InputError(path, received, _REMEDY)
     if sh is None:
         return
     if len(sh) != len(vertex):
@@ -86,12 +86,12 @@ def _check(path: str | Path, chunk: np.ndarray, vertex: np.ndarray, sh: np.ndarr
 
 
 def _triple(packed: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """The three fractions of an 11-10-11 word."""
+    """The three fields of 11-10-11 words, as fractions in [0, 1]."""
     return np.stack([bit_field(packed, 21, 11), bit_field(packed, 11, 10), bit_field(packed, 0, 11)], axis=1)
 
 
 def _within_range(ranges: np.ndarray, fraction: np.ndarray, axes: tuple[str, ...]) -> Float[np.ndarray, "n 3"]:
-    """Fractions as values between the ``min_`` and ``max_`` of their chunks."""
+    """Convert fractions to values between the ``min_`` and ``max_`` of their chunks."""
     low = np.stack([ranges[f"min_{axis}"] for axis in axes], axis=1).astype(np.float64)
     high = np.stack([ranges[f"max_{axis}"] for axis in axes], axis=1).astype(np.float64)
     return low * (1.0 - fraction) + high * fraction
@@ -99,15 +99,15 @@ def _within_range(ranges: np.ndarray, fraction: np.ndarray, axes: tuple[str, ...
 
 def _rotations(packed: np.ndarray) -> Float[np.ndarray, "n 4"]:
     """Quaternions (w, x, y, z) of 2-10-10-10 words."""
-    three = np.stack([bit_field(packed, shift, 10) for shift in (20, 10, 0)], axis=1)
-    return completed_rotation((three - 0.5) * np.sqrt(2.0), (packed >> np.uint32(30)).astype(np.int64))
+    components = np.stack([bit_field(packed, shift, 10) for shift in (20, 10, 0)], axis=1)
+    return completed_rotation((components - 0.5) * np.sqrt(2.0), (packed >> np.uint32(30)).astype(np.int64))
 
 
 def _higher_harmonics(sh: np.ndarray) -> Float[np.ndarray, "n k 3"]:
-    """Coefficients of degree 1 and up from bytes; the first and last byte stand for the range's ends."""
+    """Coefficients of degree 1 and up from bytes; the bytes 0 and 255 stand for the ends of the range."""
     count = len(sh.dtype.names or ())
-    stored = np.stack([sh[f"f_rest_{i}"] for i in range(count)], axis=1).astype(np.float64)
-    fraction = np.where(stored == 0, 0.0, np.where(stored == 255, 1.0, (stored + 0.5) / 256.0))
+    stored_bytes = np.stack([sh[f"f_rest_{i}"] for i in range(count)], axis=1).astype(np.float64)
+    fraction = np.where(stored_bytes == 0, 0.0, np.where(stored_bytes == 255, 1.0, (stored_bytes + 0.5) / 256.0))
     return ((fraction - 0.5) * 8.0).reshape(len(sh), 3, count // 3).transpose(0, 2, 1)
 
 

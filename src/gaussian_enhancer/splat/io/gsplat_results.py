@@ -1,8 +1,8 @@
-"""What gsplat's example trainer, simple_trainer, leaves: its result folder and its checkpoints (read only).
+"""Reading of the result folder and the checkpoints of gsplat's example trainer, simple_trainer.
 
-``ckpts/ckpt_STEP_rankR.pt`` holds the part of the splat that the GPU of rank R had: ``{"splats": {means, scales, quats,
-opacities, sh0, shN}}``, with scales as natural logarithms, opacities as logits and quaternions as (w, x, y, z). With
-``save_ply`` there is ``ply/point_cloud_STEP.ply`` as well. Source: gsplat (Apache-2.0), examples/simple_trainer.py.
+``ckpts/ckpt_STEP_rankR.pt`` holds the part of the splat that was on the GPU of rank R: ``{"splats": {means, scales,
+quats, opacities, sh0, shN}}``, with scales as natural logarithms, opacities as logits and quaternions as (w, x, y, z).
+With ``save_ply`` there is also ``ply/point_cloud_STEP.ply``. Source: gsplat (Apache-2.0), examples/simple_trainer.py.
 
 Axes: n Gaussians, k spherical-harmonics coefficients.
 """
@@ -30,45 +30,45 @@ SHAPES: Mapping[str, tuple[int | None, ...]] = {
     "sh0": (1, 3),
     "shN": (None, 3),
 }
-"""Of each tensor, behind the axis of Gaussians; None is any length."""
+"""Shape of each tensor after the axis of Gaussians; None stands for any length."""
 _REMEDY = "give the .ply that simple_trainer writes with --save-ply"
 
 
 def splat_in(path: str | Path) -> Path:
-    """The file itself, or of a result folder the latest step's .ply, or its checkpoint where no .ply was saved.
+    """Return a file as it is; of a result folder, the latest step's .ply, or its checkpoint if it has no .ply.
 
     Args:
-        path: of a splat's file, or simple_trainer's ``result_dir``.
+        path: a splat's file, or simple_trainer's ``result_dir``.
 
     Raises:
-        InputError: it is a folder that holds neither, or may not be read.
+        InputError: the folder holds neither, or cannot be read.
     """
     folder = Path(path)
     with reading(folder):
         if not folder.is_dir():
             return folder
-    found = [
+    candidates = [
         (int(match[1]), part == "ply", path)
         for part, pattern in (("ckpts", CHECKPOINT), ("ply", PLY))
         for path in folder.glob(f"{part}/*")
         if (match := pattern.fullmatch(path.name)) and match.groups()[1:] in ((), ("0",))
     ]
-    if not found:
+    if not candidates:
         received = "is a folder without ply/point_cloud_STEP.ply and ckpts/ckpt_STEP_rank0.pt"
         raise InputError(folder, received, "name the splat's file, or gsplat's result folder")
-    return max(found)[2]
+    return max(candidates)[2]
 
 
 def refuse_normalised(splat: str | Path) -> None:
-    """Refuse a result folder whose splat is in other coordinates than its capture.
+    """Raise an error for a result folder whose splat is in other coordinates than its capture.
 
-    By default simple_trainer moves, turns and scales the cameras before it trains.
+    By default simple_trainer translates, rotates and scales the cameras before training.
 
     Args:
-        splat: a file of a result folder, or the folder; of other files nothing is known.
+        splat: a result folder or a file in it; other files are accepted without a check.
 
     Raises:
-        InputError: its ``cfg.yml`` says that the world was normalised.
+        InputError: the folder's ``cfg.yml`` says that the world was normalised.
     """
     path = Path(splat)
     with reading(path):
@@ -76,42 +76,42 @@ def refuse_normalised(splat: str | Path) -> None:
         if not config.is_file():
             return
     with reading(config):
-        text = config.read_text(encoding="utf-8", errors="replace")  # it names Python objects, which are not made
+        text = config.read_text(encoding="utf-8", errors="replace")  # not parsed: its YAML names Python objects
     if re.search(r"^normalize_world_space: true$", text, flags=re.MULTILINE):
         received = "says normalize_world_space: true, so that the splat does not lie where its capture does"
         raise InputError(config, received, "train with --no-normalize-world-space")
 
 
 def read_gsplat_checkpoint(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
-    """Read a checkpoint, the parts of all ranks joined, float32 on the CPU.
+    """Read a checkpoint and join the parts of all ranks, float32 on the CPU.
 
     Args:
-        path: of any rank; the others lie beside it.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        path: the file of any rank; the other ranks' files are in the same folder.
+        invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
-        InputError: it is missing, damaged, none of simple_trainer's, holds another kind of splat, or bad Gaussians that
-            are refused.
+        InputError: a file is missing, damaged or not from simple_trainer, or holds another kind of splat or invalid
+            Gaussians that are refused.
     """
     file = Path(path)
     match = CHECKPOINT.fullmatch(file.name)
     files = [file]
     if match is not None:
-        named = {int(other[2]): one for one in file.parent.iterdir() if (other := CHECKPOINT.fullmatch(one.name))
-                 and other[1] == match[1]}  # fmt: skip
-        if sorted(named) != list(range(len(named))):
-            raise InputError(file, f"lies beside ranks {sorted(named)}, of which one is missing", _REMEDY)
-        files = [named[rank] for rank in sorted(named)]
-    parts = [_part(one) for one in files]
+        by_rank = {int(other_match[2]): rank_file for rank_file in file.parent.iterdir()
+                   if (other_match := CHECKPOINT.fullmatch(rank_file.name)) and other_match[1] == match[1]}  # fmt: skip
+        if sorted(by_rank) != list(range(len(by_rank))):
+            raise InputError(file, f"lies beside ranks {sorted(by_rank)}, of which one is missing", _REMEDY)
+        files = [by_rank[rank] for rank in sorted(by_rank)]
+    parts = [_part(rank_file) for rank_file in files]
     if len({part["shN"].shape[1] for part in parts}) > 1:
         raise InputError(file, "has parts of different degrees", _REMEDY)
-    whole = {name: torch.cat([part[name] for part in parts]) for name in SHAPES}
+    joined = {name: torch.cat([part[name] for part in parts]) for name in SHAPES}
     gaussians = Gaussians(
-        means=whole["means"],
-        log_scales=whole["scales"],
-        quaternions=whole["quats"],
-        opacity_logits=whole["opacities"],
-        sh=torch.cat([whole["sh0"], whole["shN"]], dim=1),
+        means=joined["means"],
+        log_scales=joined["scales"],
+        quaternions=joined["quats"],
+        opacity_logits=joined["opacities"],
+        sh=torch.cat([joined["sh0"], joined["shN"]], dim=1),
     )
     return refuse_or_drop_invalid(path, gaussians, invalid)
 
@@ -123,7 +123,7 @@ def _part(path: Path) -> dict[str, Tensor]:
         values: Any = torch.load(path, map_location="cpu", weights_only=True)
     except InputError:
         raise
-    except Exception as error:  # damaged bytes end zipfile and torch's unpickler in any way
+    except Exception as error:  # damaged bytes can raise any exception in zipfile and torch's unpickler
         cause = str(error).strip().split(". ")[0].splitlines() or [type(error).__name__]
         received = f"is an archive, but no checkpoint that can be read ({cause[0]})"
         raise InputError(path, received, "give a .ply, or a checkpoint that gsplat's simple_trainer wrote") from error
@@ -136,12 +136,14 @@ def _part(path: Path) -> dict[str, Tensor]:
     count = len(splats["means"]) if splats["means"].dim() else 0
     for name, axes in SHAPES.items():
         shape = tuple(splats[name].shape)
-        fits = len(shape) == 1 + len(axes) and shape[0] == count
-        if not fits or any(want not in (None, have) for want, have in zip(axes, shape[1:], strict=True)):
+        is_valid = len(shape) == 1 + len(axes) and shape[0] == count
+        if not is_valid or any(
+            expected not in (None, actual) for expected, actual in zip(axes, shape[1:], strict=True)
+        ):
             raise InputError(path, f"has {name} of shape {shape} for {count} Gaussians", _REMEDY)
     if 1 + splats["shN"].shape[1] not in (1, 4, 9, 16):
         raise InputError(path, f"has {splats['shN'].shape[1]} higher harmonics", "train with a degree of 0 to 3")
-    # An expanded tensor claims more than the file holds.
+    # An expanded tensor has more elements than the file stores.
     size = regular_file(path)
     if sum(splats[name].numel() for name in SHAPES) > size:
         refuse_larger(path, 4 * sum(splats[name].numel() for name in SHAPES), f"claims {count} Gaussians")

@@ -1,4 +1,4 @@
-"""One door for every splat format that is read; the content decides, not the file's ending."""
+"""Reading of a splat in any supported format; the format is recognised by the file's content, not its ending."""
 
 from pathlib import Path
 
@@ -15,14 +15,15 @@ _ARCHIVE = b"PK\x03\x04"
 
 
 def read_splat(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
-    """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, Niantic .spz, or gsplat's.
+    """Read a splat: 3DGS .ply (also of 2DGS and Mip-Splatting), PlayCanvas compressed .ply, Niantic .spz or gsplat.
 
     Args:
-        path: the file; or the result folder of gsplat's simple_trainer, of which the latest splat is read.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        path: the file, or the result folder of gsplat's simple_trainer, from which the latest splat is read.
+        invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
-        InputError: if the file is missing, empty, of no known format, or not what its format promises.
+        InputError: if the file is missing, empty, of an unknown format, inconsistent with its format, or holds invalid
+            Gaussians that are refused.
     """
     path = splat_in(path)
     head = _head(path)

@@ -34,28 +34,28 @@ def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 
     Args:
         path: the file, binary or ASCII.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
-        InputError: if the file is missing, truncated, no splat, or holds bad Gaussians that are refused.
+        InputError: if the file is missing, truncated, not a splat, or holds invalid Gaussians that are refused.
     """
     vertex = read_elements(path).get("vertex")
     if vertex is None:
         raise InputError(path, "has no vertex element", "give a .ply that a splat trainer wrote")
     names = vertex.dtype.names or ()
-    rest = _numbered(names, "f_rest_")
-    scales = _numbered(names, "scale_")
+    rest_names = _numbered(names, "f_rest_")
+    scale_names = _numbered(names, "scale_")
     _require(path, names, (*_POSITION, *_BASE_COLOUR, "opacity", "scale_0", "scale_1", *_ROTATION))
-    if len(rest) not in _REST_COUNTS:
-        raise InputError(path, f"has {len(rest)} f_rest properties", "export 0, 9, 24 or 45 (degree 0 to 3)")
-    if len(scales) not in (2, 3):
-        raise InputError(path, f"has {len(scales)} scale properties", "export three, or two for 2DGS disks")
+    if len(rest_names) not in _REST_COUNTS:
+        raise InputError(path, f"has {len(rest_names)} f_rest properties", "export 0, 9, 24 or 45 (degree 0 to 3)")
+    if len(scale_names) not in (2, 3):
+        raise InputError(path, f"has {len(scale_names)} scale properties", "export three, or two for 2DGS disks")
     count = vertex.shape[0]
     base = _columns(vertex, _BASE_COLOUR)[:, None, :]
-    higher = _columns(vertex, rest).reshape(count, 3, len(rest) // 3).transpose(0, 2, 1)
+    higher = _columns(vertex, rest_names).reshape(count, 3, len(rest_names) // 3).transpose(0, 2, 1)
     gaussians = Gaussians(
         means=_tensor(_columns(vertex, _POSITION)),
-        log_scales=_tensor(_columns(vertex, scales)),
+        log_scales=_tensor(_columns(vertex, scale_names)),
         quaternions=_tensor(_columns(vertex, _ROTATION)),
         opacity_logits=_tensor(_columns(vertex, ("opacity",))[:, 0]),
         sh=_tensor(np.concatenate([base, higher], axis=1)),
@@ -65,10 +65,10 @@ def read_ply(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 
 
 def write_ply(path: str | Path, gaussians: Gaussians) -> None:
-    """Write a splat in the original 3DGS layout, binary little-endian, whole or not at all.
+    """Write a splat in the original 3DGS layout, binary little-endian; it is written completely or not at all.
 
     Args:
-        path: the file to write; parent folders are made.
+        path: the file to write; parent folders are created.
         gaussians: the splat; two scale axes give a 2DGS file, ``smoothing`` gives Mip-Splatting's filter_3D.
 
     Raises:
@@ -90,7 +90,7 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     names = [name for block in blocks for name in block]
     values = torch.cat([block.detach().to("cpu", torch.float32) for block in blocks.values()], dim=1).numpy()
     vertex = np.ascontiguousarray(values).view([(name, "<f4") for name in names])[:, 0]
-    content = io.BytesIO()  # numpy's own writing to a file does not notice a disk that is full at the very end
+    content = io.BytesIO()  # numpy's writing to a file does not report a disk that becomes full at the very end
     PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(content)
     with whole_file(path) as temporary:
         temporary.write_bytes(content.getbuffer())
@@ -100,15 +100,15 @@ def read_elements(path: str | Path) -> dict[str, np.ndarray]:
     """Read the elements of a splat's .ply as structured arrays, by name.
 
     Raises:
-        InputError: if the file is missing, truncated, or no .ply.
+        InputError: if the file is missing, truncated, or not a .ply.
     """
     return read_ply_elements(path, ("vertex", "chunk", "sh"), "give a .ply that a splat trainer wrote")
 
 
 def _numbered(names: tuple[str, ...], prefix: str) -> tuple[str, ...]:
-    """The properties ``prefix0, prefix1, ...`` by number, whatever their order in the file."""
-    found = [name for name in names if re.fullmatch(rf"{prefix}\d+", name)]
-    return tuple(sorted(found, key=lambda name: int(name[len(prefix) :])))
+    """Names of the properties ``prefix0, prefix1, ...``, sorted by number."""
+    matching = [name for name in names if re.fullmatch(rf"{prefix}\d+", name)]
+    return tuple(sorted(matching, key=lambda name: int(name[len(prefix) :])))
 
 
 def _require(path: str | Path, names: tuple[str, ...], wanted: tuple[str, ...]) -> None:

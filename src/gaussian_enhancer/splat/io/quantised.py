@@ -1,4 +1,4 @@
-"""What the compressed formats share: bit fields to [0, 1], opacity bytes to logits, smallest-three rotations.
+"""Decoding for the compressed formats: bit fields to [0, 1], opacity bytes to logits, smallest-three rotations.
 
 Axes: n Gaussians.
 """
@@ -16,23 +16,24 @@ def bit_field(packed: UInt[np.ndarray, " n"], shift: int, bits: int) -> Float[np
 
 
 def opacity_logits(opacity: UInt8[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Opacity bytes as logits. The ends stand for half a step inwards: a logit of 0 or 1 would be infinite."""
+    """Convert opacity bytes to logits; 0 and 255 are moved half a step inwards, where the logit is finite."""
     fraction = np.clip(opacity.astype(np.float64), 0.5, 254.5) / 255.0
     return np.log(fraction / (1.0 - fraction))
 
 
 def completed_rotation(three: Float[np.ndarray, "n 3"], largest: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
-    """Unit quaternions from their three smallest components, in order, and where the largest belongs.
+    """Unit quaternions from their three smallest components, in order, and the index of the largest.
 
-    The largest is the positive root of one minus the others' squares: q and -q are the same rotation.
+    The largest is the root of one minus the sum of the others' squares. It may be taken as positive, since q and -q are
+    the same rotation.
 
     Args:
-        three: the components that were stored, in the format's own order with the largest left out.
-        largest: index of the left-out component, 0 to 3, in that order.
+        three: the stored components, in the format's order without the largest.
+        largest: index of the largest component in that order, 0 to 3.
     """
-    missing = np.sqrt(np.maximum(0.0, 1.0 - (three**2).sum(1)))
-    slots = np.arange(4)[None, :]
-    source = slots - (slots > largest[:, None])
-    full = np.take_along_axis(three, np.minimum(source, 2), axis=1)
-    full[np.arange(len(three)), largest] = missing
-    return full
+    largest_values = np.sqrt(np.maximum(0.0, 1.0 - (three**2).sum(1)))
+    positions = np.arange(4)[None, :]
+    source_columns = positions - (positions > largest[:, None])
+    quaternions = np.take_along_axis(three, np.minimum(source_columns, 2), axis=1)
+    quaternions[np.arange(len(three)), largest] = largest_values
+    return quaternions

@@ -1,8 +1,8 @@
-"""Splats as small files for viewers: PlayCanvas compressed .ply and Niantic's .spz, written by the package gsply.
+"""Writing of small splat files for viewers: PlayCanvas compressed .ply and Niantic's .spz, by the package gsply.
 
-Both store ellipsoids alone. Mip-Splatting's 3D filter has no place in them. It is applied to scales and opacities
-first, as its authors do for viewers. A .spz has axes of its own, into which gsply does not turn a splat. That is done
-here.
+Both formats store ellipsoids only, and neither has a field for Mip-Splatting's 3D filter. The filter is therefore
+applied to scales and opacities before writing, as its authors do for viewers. A .spz has other axes than 3DGS's .ply.
+gsply does not convert between them, so this module does.
 """
 
 import math
@@ -22,17 +22,17 @@ from gaussian_enhancer.splat.io.spz import half_turn
 from gaussian_enhancer.types import Gaussians
 
 ENDINGS: Mapping[str, str] = {"compressed": ".compressed.ply", "spz": ".spz"}
-"""How files of each format end."""
+"""File name ending of each format."""
 MOST_BITS = 20
-"""Of a position in a .spz behind the binary point."""
+"""Largest number of fractional bits of a position in a .spz."""
 
 
 def check_format(name: str, gaussians: Gaussians) -> None:
-    """Refuse a format that is unknown, cannot hold a splat, or cannot be written here.
+    """Raise an error for a format that is unknown, cannot hold a splat, or cannot be written here.
 
     Args:
         name: "compressed" or "spz".
-        gaussians: what would be written.
+        gaussians: the splat to be written.
 
     Raises:
         InputError: the format is unknown, the splat consists of disks, or gsply is not installed.
@@ -45,10 +45,10 @@ def check_format(name: str, gaussians: Gaussians) -> None:
 
 
 def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
-    """Write a splat in a format that rounds it.
+    """Write a splat in a compressed format, which rounds its values.
 
     Args:
-        path: with the ending of the format (`ENDINGS`).
+        path: the file to write, with the ending of the format (`ENDINGS`).
         gaussians: ellipsoids.
         name: "compressed" or "spz".
 
@@ -56,24 +56,24 @@ def write_small(path: Path, gaussians: Gaussians, name: str) -> None:
         InputError: see `check_format`; or the file cannot be written.
     """
     check_format(name, gaussians)
-    shown_gaussians = _apply_filter(gaussians.to("cpu"))
-    shown_gaussians = half_turn(shown_gaussians) if name == "spz" else shown_gaussians
-    parts = {
-        "means": shown_gaussians.means,
-        "scales": shown_gaussians.log_scales,
-        "quats": torch.nn.functional.normalize(shown_gaussians.quaternions, dim=1),
-        "opacities": shown_gaussians.opacity_logits,
-        "sh0": shown_gaussians.sh[:, 0],
-        "shN": shown_gaussians.sh[:, 1:],
+    converted = _apply_filter(gaussians.to("cpu"))
+    converted = half_turn(converted) if name == "spz" else converted
+    fields = {
+        "means": converted.means,
+        "scales": converted.log_scales,
+        "quats": torch.nn.functional.normalize(converted.quaternions, dim=1),
+        "opacities": converted.opacity_logits,
+        "sh0": converted.sh[:, 0],
+        "shN": converted.sh[:, 1:],
     }
-    data = _library().GSData(**{key: value.detach().float().contiguous().numpy() for key, value in parts.items()})
-    with tempfile.TemporaryDirectory() as folder:  # gsply chooses the ending of what it writes
-        made = Path(folder) / f"splat{ENDINGS[name]}"
+    data = _library().GSData(**{key: value.detach().float().contiguous().numpy() for key, value in fields.items()})
+    with tempfile.TemporaryDirectory() as folder:  # gsply chooses the ending of its file itself
+        gsply_file = Path(folder) / f"splat{ENDINGS[name]}"
         if name == "spz":
-            _library().write_spz(made, data, fractional_bits=_fractional_bits(shown_gaussians))
+            _library().write_spz(gsply_file, data, fractional_bits=_fractional_bits(converted))
         else:
-            _library().plywrite(made, data, compressed=True)
-        content = made.read_bytes()
+            _library().plywrite(gsply_file, data, compressed=True)
+        content = gsply_file.read_bytes()
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 
@@ -90,7 +90,7 @@ def _apply_filter(gaussians: Gaussians) -> Gaussians:
 
 
 def _fractional_bits(gaussians: Gaussians) -> int:
-    """As many of a position's 24 bits behind the point as its largest coordinate leaves."""
+    """Number of fractional bits, of 24 in all, that the largest coordinate leaves, up to `MOST_BITS`."""
     largest = float(gaussians.means.abs().max()) if len(gaussians) else 1.0
     return max(1, min(MOST_BITS, 22 - math.floor(math.log2(max(largest, 1e-6)))))
 

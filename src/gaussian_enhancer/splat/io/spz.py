@@ -4,7 +4,7 @@ Attributes in file order: positions (three signed 24-bit fixed-point numbers), o
 0.15 a unit of the harmonic coefficient), log scale (three bytes, 1/16 a step from -10), rotation (version 2: x, y, z as
 bytes; later: 32-bit words, index of the largest of x, y, z, w, then the others as sign and 9 bits over 1/sqrt(2)),
 higher harmonics (bytes around 128, 1/128 a step; colour varies fastest). The axes are right-up-back (OpenGL); they
-are turned half round x into the right-down-forward axes of 3DGS's .ply. Source: the format's own documentation
+are rotated by 180 degrees about x to the right-down-forward axes of 3DGS's .ply. Source: the format's own documentation
 (nianticlabs/spz, MIT).
 
 Axes: n Gaussians, k spherical-harmonics coefficients.
@@ -41,7 +41,7 @@ _HALF_TURN = (-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1)
 
 @dataclass(frozen=True)
 class _Header:
-    """What a file says of itself."""
+    """The values in a file's header."""
 
     version: int
     count: int
@@ -52,10 +52,10 @@ class _Header:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Bytes of each attribute, in file order, none of them empty."""
+        """Size in bytes of each attribute that is not empty, in file order."""
         rotation = 3 if self.version == 2 else 4
-        each = (9, 1, 3, 3, rotation, 3 * _HARMONICS[self.degree])
-        return tuple(self.count * size for size in each if size)
+        bytes_per_gaussian = (9, 1, 3, 3, rotation, 3 * _HARMONICS[self.degree])
+        return tuple(self.count * size for size in bytes_per_gaussian if size)
 
 
 def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
@@ -63,10 +63,11 @@ def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 
     Args:
         path: the file.
-        invalid: what to do with Gaussians that are not finite: "refuse" or "drop".
+        invalid: what to do with Gaussians that cannot be rendered: "refuse" or "drop".
 
     Raises:
-        InputError: if the file is missing, truncated, of another version, or inconsistent.
+        InputError: if the file is missing, truncated, of another version, inconsistent, or holds invalid Gaussians that
+            are refused.
     """
     data = read_bytes(path)
     if data[:4] == MAGIC:
@@ -83,7 +84,7 @@ def read_spz(path: str | Path, *, invalid: str = "refuse") -> Gaussians:
 
 
 def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _Header:
-    """The sixteen bytes that all versions begin with."""
+    """Parse the first sixteen bytes, which have the same layout in all versions."""
     if len(data) < 16:
         raise InputError(path, f"ends within its header, after {len(data)} bytes", _REMEDY)
     magic, version, count, degree, fractional_bits, flags, _ = struct.unpack_from("<4sIIBBBB", data)
@@ -103,24 +104,25 @@ def _parse_header(path: str | Path, data: bytes, versions: tuple[int, ...]) -> _
 
 
 def _read_gzip(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
-    """Versions 2 and 3: header and attributes one after the other within one gzip stream."""
+    """Read versions 2 and 3: the header and the attributes, one after the other, in one gzip stream."""
     try:
         with gzip.open(io.BytesIO(data)) as stream:
             header = _parse_header(path, stream.read(16), (2, 3))
-            need = sum(header.sizes)
-            body = stream.read(need)
-            more = len(stream.read(_LONGEST_EXTENSION + 1 if header.extended else 1))  # the end has the checksum
+            required_size = sum(header.sizes)
+            body = stream.read(required_size)
+            # gzip verifies the checksum when the stream is read to its end.
+            extra = len(stream.read(_LONGEST_EXTENSION + 1 if header.extended else 1))
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(path, f"is truncated or damaged ({error})", _REMEDY) from None
-    if len(body) < need or more > (_LONGEST_EXTENSION if header.extended else 0):
-        found = f"holds {len(body)} bytes" if len(body) < need else f"holds more than {need} bytes"
-        raise InputError(path, f"{found} where {header.count} Gaussians need {need}", _REMEDY)
-    ends = list(itertools.accumulate(header.sizes, initial=0))
-    return header, [body[start:end] for start, end in itertools.pairwise(ends)]
+    if len(body) < required_size or extra > (_LONGEST_EXTENSION if header.extended else 0):
+        received = f"holds {len(body)} bytes" if len(body) < required_size else f"holds more than {required_size} bytes"
+        raise InputError(path, f"{received} where {header.count} Gaussians need {required_size}", _REMEDY)
+    offsets = list(itertools.accumulate(header.sizes, initial=0))
+    return header, [body[start:end] for start, end in itertools.pairwise(offsets)]
 
 
 def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
-    """Version 4: a header of 32 bytes, a table of (compressed, full) sizes, and the streams themselves."""
+    """Read version 4: a header of 32 bytes, a table of (compressed, full) sizes, and the zstd streams."""
     import zstandard
 
     header = _parse_header(path, data, (4,))
@@ -132,54 +134,56 @@ def _read_zstd(path: str | Path, data: bytes) -> tuple[_Header, list[bytes]]:
         raise InputError(path, f"ends within its table of streams, after {len(data)} bytes", _REMEDY)
     sizes = [struct.unpack_from("<QQ", data, table + 16 * i) for i in range(stream_count)]
     sizes = [size for size in sizes if size[1]]
-    if tuple(full for _, full in sizes) != header.sizes:
-        found = f"has streams of {[full for _, full in sizes]} bytes where {header.count} Gaussians need"
-        raise InputError(path, f"{found} {list(header.sizes)}", _REMEDY)
-    if len(data) < start + sum(packed for packed, _ in sizes):
-        need = start + sum(packed for packed, _ in sizes)
-        raise InputError(path, f"is truncated after {len(data)} of {need} bytes", _REMEDY)
+    if tuple(full_size for _, full_size in sizes) != header.sizes:
+        received = f"has streams of {[full_size for _, full_size in sizes]} bytes where {header.count} Gaussians need"
+        raise InputError(path, f"{received} {list(header.sizes)}", _REMEDY)
+    if len(data) < start + sum(packed_size for packed_size, _ in sizes):
+        required_size = start + sum(packed_size for packed_size, _ in sizes)
+        raise InputError(path, f"is truncated after {len(data)} of {required_size} bytes", _REMEDY)
     streams = []
-    for packed, full in sizes:
+    for packed_size, full_size in sizes:
         try:
-            frame = data[start : start + packed]
-            claimed = zstandard.get_frame_parameters(frame).content_size
-            if claimed not in (full, zstandard.CONTENTSIZE_UNKNOWN):
-                raise InputError(path, f"has a stream of {claimed} bytes instead of {full}", _REMEDY)
-            stream = zstandard.ZstdDecompressor(max_window_size=_WIDEST_WINDOW).decompress(frame, max_output_size=full)
+            frame = data[start : start + packed_size]
+            claimed_size = zstandard.get_frame_parameters(frame).content_size
+            if claimed_size not in (full_size, zstandard.CONTENTSIZE_UNKNOWN):
+                raise InputError(path, f"has a stream of {claimed_size} bytes instead of {full_size}", _REMEDY)
+            stream = zstandard.ZstdDecompressor(max_window_size=_WIDEST_WINDOW).decompress(
+                frame, max_output_size=full_size
+            )
         except zstandard.ZstdError as error:
             raise InputError(path, f"is damaged ({error})", _REMEDY) from None
-        if len(stream) != full:
-            raise InputError(path, f"has a stream of {len(stream)} bytes instead of {full}", _REMEDY)
+        if len(stream) != full_size:
+            raise InputError(path, f"has a stream of {len(stream)} bytes instead of {full_size}", _REMEDY)
         streams.append(stream)
-        start += packed
+        start += packed_size
     return header, streams
 
 
 def _decode(header: _Header, streams: list[bytes]) -> Gaussians:
-    """Bytes as numbers, in the axes of 3DGS's .ply."""
-    count, higher = header.count, _HARMONICS[header.degree]
+    """Decode the attributes to numbers in the axes of 3DGS's .ply."""
+    count, higher_count = header.count, _HARMONICS[header.degree]
     position, opacity, colour, scale, rotation = (np.frombuffer(stream, np.uint8) for stream in streams[:5])
     sh = ((colour.reshape(count, 1, 3) / 255.0) - 0.5) / 0.15
-    if higher:
-        stored = np.frombuffer(streams[5], np.uint8).reshape(count, higher, 3)
-        sh = np.concatenate([sh.astype(np.float32), (stored.astype(np.float32) - 128.0) / 128.0], axis=1)
+    if higher_count:
+        stored_harmonics = np.frombuffer(streams[5], np.uint8).reshape(count, higher_count, 3)
+        sh = np.concatenate([sh.astype(np.float32), (stored_harmonics.astype(np.float32) - 128.0) / 128.0], axis=1)
     means = _fixed_point(position.reshape(count, 3, 3)) / float(1 << header.fractional_bits)
     quaternions = _rotations(header.version, rotation.reshape(count, -1))
-    stored_axes = Gaussians(
+    file_gaussians = Gaussians(
         means=_tensor(means),
         log_scales=_tensor(scale.reshape(count, 3) / 16.0 - 10.0),
         quaternions=_tensor(quaternions),
         opacity_logits=_tensor(opacity_logits(opacity)),
         sh=_tensor(sh),
     )
-    return half_turn(stored_axes)
+    return half_turn(file_gaussians)
 
 
 def half_turn(gaussians: Gaussians) -> Gaussians:
-    """A splat turned half round x: from the axes of .spz to those of 3DGS's .ply, and back.
+    """Rotate a splat by 180 degrees about x: from the axes of .spz to those of 3DGS's .ply, or back.
 
     Args:
-        gaussians: of degree 3 at most.
+        gaussians: the splat, of degree 3 at most.
     """
     signs = gaussians.sh.new_tensor((1, *_HALF_TURN))[: gaussians.sh.shape[1], None]
     return replace(
@@ -191,22 +195,22 @@ def half_turn(gaussians: Gaussians) -> Gaussians:
 
 
 def _fixed_point(stored: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """Signed 24-bit little-endian integers, shape (n, 3, 3 bytes)."""
-    wide = np.zeros((*stored.shape[:2], 4), np.uint8)
-    wide[..., 1:] = stored  # the upper three bytes of 32 bits, so that the shift back extends the sign
-    return (wide.view("<i4")[..., 0] >> 8).astype(np.float64)
+    """Decode signed 24-bit little-endian integers from bytes of shape (n, 3, 3)."""
+    padded = np.zeros((*stored.shape[:2], 4), np.uint8)
+    padded[..., 1:] = stored  # the upper three bytes of 32 bits, so that the right shift extends the sign
+    return (padded.view("<i4")[..., 0] >> 8).astype(np.float64)
 
 
 def _rotations(version: int, stored: np.ndarray) -> Float[np.ndarray, "n 4"]:
     """Quaternions (w, x, y, z) in the file's axes."""
     if version == 2:
-        three = stored / 127.5 - 1.0
-        return completed_rotation(three, np.zeros(len(stored), np.int64))
+        components = stored / 127.5 - 1.0
+        return completed_rotation(components, np.zeros(len(stored), np.int64))
     packed = np.ascontiguousarray(stored).view("<u4")[:, 0]
     fields = np.stack([(packed >> np.uint32(shift)) & np.uint32(1023) for shift in (20, 10, 0)], axis=1)
     magnitude = (fields & np.uint32(511)) / 511.0 * np.sqrt(0.5)
-    three = np.where(fields & np.uint32(512), -magnitude, magnitude)
-    xyzw = completed_rotation(three, (packed >> np.uint32(30)).astype(np.int64))
+    components = np.where(fields & np.uint32(512), -magnitude, magnitude)
+    xyzw = completed_rotation(components, (packed >> np.uint32(30)).astype(np.int64))
     return xyzw[:, [3, 0, 1, 2]]
 
 

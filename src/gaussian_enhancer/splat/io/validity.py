@@ -1,4 +1,4 @@
-"""What every splat file must hold to be rendered, whatever its format.
+"""Checks that the Gaussians of a splat can be rendered, for all file formats.
 
 Axes: n Gaussians, k spherical-harmonics coefficients, s scale axes.
 """
@@ -21,14 +21,14 @@ LIMITS: dict[str, tuple[float, float]] = {
     "sh": (-1e9, 1e9),
     "smoothing": (0.0, 1e15),
 }
-"""Within which every value of a splat lies; beyond, colours, depths or gradients overflow in single precision.
+"""Range of valid values of each tensor; beyond it, colours, depths or gradients overflow in single precision.
 
 Measured: gradients stop being finite at log scales of 60 and -1000 and at harmonics of 1e20.
 """
 
 
 def renderable_mask(gaussians: Gaussians) -> Bool[Tensor, " n"]:
-    """Which Gaussians have values within `LIMITS` throughout, NaN being none, and a rotation of non-zero length."""
+    """Mask of Gaussians whose values all lie within `LIMITS` (NaN does not) and whose quaternion is not zero."""
     mask = gaussians.quaternions.detach().double().square().sum(1) > 0
     for name, (low, high) in LIMITS.items():
         values = getattr(gaussians, name)
@@ -39,26 +39,26 @@ def renderable_mask(gaussians: Gaussians) -> Bool[Tensor, " n"]:
 
 
 def hide_unrenderable(gaussians: Gaussians) -> Gaussians:
-    """The same splat with every Gaussian that cannot be rendered transparent, at the origin and of unit size.
+    """Make every Gaussian that cannot be rendered transparent, at the origin and of unit size.
 
-    Its count stays, and its tensors' gradients are 0 there.
+    The number of Gaussians does not change. Gradients with respect to the original values are 0 for these Gaussians.
     """
     if _is_plainly_valid(gaussians):
         return gaussians
-    good = renderable_mask(gaussians)
-    neutral = {"opacity_logits": -1e4, "quaternions": 1.0}
+    renderable = renderable_mask(gaussians)
+    neutral_values = {"opacity_logits": -1e4, "quaternions": 1.0}
 
     def kept(name: str) -> Tensor | None:
         values = getattr(gaussians, name)
         if values is None:
             return None
-        return torch.where(good.view(-1, *[1] * (values.dim() - 1)), values, neutral.get(name, 0.0))
+        return torch.where(renderable.view(-1, *[1] * (values.dim() - 1)), values, neutral_values.get(name, 0.0))
 
     return Gaussians(**{name: kept(name) for name in LIMITS})  # type: ignore[arg-type]
 
 
 def _is_plainly_valid(gaussians: Gaussians) -> bool:
-    """Whether the extremes alone, which cost little, show that every Gaussian can be rendered."""
+    """Quick test: whether the smallest and largest values alone show that every Gaussian can be rendered."""
     if len(gaussians) == 0:
         return True
     for name, (low, high) in LIMITS.items():
@@ -71,30 +71,32 @@ def _is_plainly_valid(gaussians: Gaussians) -> bool:
 
 
 def refuse_or_drop_invalid(path: str | Path, gaussians: Gaussians, invalid: str = "refuse") -> Gaussians:
-    """Return the Gaussians if all can be rendered; else refuse them, or drop the bad ones with a warning.
+    """Return the Gaussians if all can be rendered; otherwise raise an error, or drop the invalid ones with a warning.
 
     Args:
-        path: the file they came from, named in errors.
-        gaussians: what was read.
-        invalid: "refuse" raises on the first bad Gaussian, "drop" leaves the bad ones out.
+        path: the file that they were read from, named in errors.
+        gaussians: the Gaussians of the file.
+        invalid: "refuse" raises if any Gaussian is invalid, "drop" leaves the invalid ones out.
 
     Raises:
-        InputError: if there are no Gaussians, or some cannot be rendered and ``invalid`` is "refuse".
+        InputError: if there are no Gaussians, some cannot be rendered and ``invalid`` is "refuse", none can be
+            rendered, or ``invalid`` is another word.
     """
     if invalid not in ("refuse", "drop"):
         raise InputError("invalid", f"is {invalid!r}", 'use "refuse" or "drop"')
     if len(gaussians) == 0:
         raise InputError(path, "holds no Gaussians", "export the splat again")
-    good = renderable_mask(gaussians)
-    if bool(good.all()):
+    renderable = renderable_mask(gaussians)
+    if bool(renderable.all()):
         return gaussians
-    bad = (~good).nonzero().flatten()
-    found = (
-        f"{len(bad)} of {len(gaussians)} Gaussians are not finite, too large or lack a rotation (first: {int(bad[0])})"
+    invalid_rows = (~renderable).nonzero().flatten()
+    received = (
+        f"{len(invalid_rows)} of {len(gaussians)} Gaussians are not finite, too large or lack a rotation "
+        f"(first: {int(invalid_rows[0])})"
     )
     if invalid == "refuse":
-        raise InputError(path, found, "repair the file or pass invalid=drop to leave them out")
-    if len(bad) == len(gaussians):
-        raise InputError(path, found, "export the splat again")
-    warnings.warn(f"{path}: {found}; they were dropped", stacklevel=2)
-    return gaussians[good]
+        raise InputError(path, received, "repair the file or pass invalid=drop to leave them out")
+    if len(invalid_rows) == len(gaussians):
+        raise InputError(path, received, "export the splat again")
+    warnings.warn(f"{path}: {received}; they were dropped", stacklevel=2)
+    return gaussians[renderable]
