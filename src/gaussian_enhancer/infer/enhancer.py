@@ -79,7 +79,7 @@ class SetEnhancer:
         halo: width in pixels of the border of a tile that is computed and discarded, a multiple of 16.
         strength: share of the network's change that is applied, in [0, 1]; 0 returns the render.
         temporal_smoothing: for frames of a path: share of the change that each target takes over from the previous
-            one, in [0, 1) (`smoothed_over_time`). Super-resolution does not support it.
+            one, in [0, 1) (`smooth_change`). Super-resolution does not support it.
         colour_clamping: side in pixels of a window; each enhanced pixel is clamped to the colours of the render and of
             the warped references in the window around it (`clamp_to_references`). 0 turns clamping off. It has no
             effect on super-resolution, or where references are not warped.

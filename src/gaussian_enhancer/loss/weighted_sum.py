@@ -36,10 +36,10 @@ class WeightedLoss:
     def __init__(self, terms: Mapping[str, Weighted | None]) -> None:
         self.terms = {name: entry for name, entry in terms.items() if entry is not None}
         if not self.terms:
-            raise InputError("objective", "has no term", "give at least one term with a weight")
+            raise InputError("loss", "has no term", "give at least one term with a weight")
         for name, entry in self.terms.items():
             if entry.weight < 0:
-                raise InputError(f"objective.{name}.weight", f"is {entry.weight}", "use a weight of 0 or more")
+                raise InputError(f"loss.{name}.weight", f"is {entry.weight}", "use a weight of 0 or more")
 
     def __call__(
         self,
