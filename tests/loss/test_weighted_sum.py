@@ -102,6 +102,6 @@ def test_total_is_the_weighted_sum(images):
 
 
 @pytest.mark.parametrize("terms", [{}, {"a": None}, {"a": Weighted(Charbonnier(), -1.0)}])
-def test_useless_objectives_are_refused(terms):
-    with pytest.raises(InputError, match="objective"):
+def test_useless_losses_are_refused(terms):
+    with pytest.raises(InputError, match="loss"):
         WeightedLoss(terms)
